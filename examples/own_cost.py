@@ -1,0 +1,33 @@
+"""Plan on a cost of one's own: here, keep away from walls, with localizability on top.
+
+Run: python examples/own_cost.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import locplan
+
+
+def main(folder: str = "own_cost") -> None:
+    grid = locplan.environments.make("office", resolution=0.1)
+    ends = locplan.environments.landmarks("office")
+    field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
+    aware = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+    near_walls = np.clip(1.0 - grid.clearance / 0.8, 0.0, 1.0)
+    both = locplan.Costmap.from_density(grid, aware.density + 3.0 * near_walls, robot_radius=0.25)
+    for label, costs in (("localizability", aware), ("and clearance", both)):
+        plan = locplan.plan(costs, ends["start"], ends["goal"])
+        metrics = plan.measured_on(aware).metrics
+        print(f"{label:>15}: {metrics.length:.1f} m, at least {metrics.clearance:.2f} m from walls")
+        target = Path(folder) / f"{label.replace(' ', '_')}.csv"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(target, plan.path.xy, "%.3f", delimiter=",", header="x_m,y_m", comments="")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])

@@ -1,0 +1,35 @@
+"""A short featureless corridor or a longer one with landmarks: which one does the robot take?
+
+Run: python examples/two_corridors.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import locplan
+
+MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
+
+
+def main(folder: str = "two_corridors") -> None:
+    grid = locplan.load_map(MAP)
+    field = locplan.load_or_compute(grid, locplan.FieldConfig())
+    costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+    start, goal = (2.0, 3.0), (38.0, 3.0)
+    plans = {"shortest": locplan.plan(costs.with_weight(0.0), start, goal).measured_on(costs)}
+    for weight in (1.0, 4.0):
+        plans[f"weight {weight:g}"] = locplan.plan(costs.with_weight(weight), start, goal)
+    for label, plan in plans.items():
+        metrics = plan.metrics
+        print(f"{label:>10}: {metrics.length:5.1f} m long, {metrics.integrated_u:4.1f} m blind")
+
+    picture = Path(folder) / "plan.png"
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    locplan.plotting.save_figure(locplan.plotting.plan_figure(costs, field, plans), picture)
+    print(f"wrote {picture}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])

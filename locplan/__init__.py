@@ -1,0 +1,79 @@
+"""Plan paths along which a robot with a 2D lidar can still localize itself.
+
+>>> import locplan
+>>> grid = locplan.environments.make("two_corridors", resolution=0.1)
+>>> field = locplan.covariance_field(grid, locplan.FieldConfig())
+>>> costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+>>> plan = locplan.plan(costs, start=(2.0, 3.0), goal=(38.0, 3.0))
+>>> plan.status
+'solved'
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from locplan import environments, plotting, template_matching
+    from locplan.config import FieldConfig
+    from locplan.costmap import Costmap
+    from locplan.errors import LocplanError
+    from locplan.field import CovarianceField, covariance_field
+    from locplan.grid import OccupancyGrid
+    from locplan.map_files import load_map, save_map
+    from locplan.metrics import PathMetrics
+    from locplan.path import Path
+    from locplan.planners import Plan, plan
+    from locplan.store import load_or_compute
+
+__version__ = "0.1.0"
+
+# Imported when first used, so that the command line answers before NumPy has loaded.
+_HOME = {
+    "FieldConfig": "config",
+    "Costmap": "costmap",
+    "PathMetrics": "metrics",
+    "LocplanError": "errors",
+    "CovarianceField": "field",
+    "covariance_field": "field",
+    "OccupancyGrid": "grid",
+    "load_map": "map_files",
+    "save_map": "map_files",
+    "Path": "path",
+    "Plan": "planners",
+    "plan": "planners",
+    "load_or_compute": "store",
+}
+_SUBMODULES = ("environments", "plotting", "template_matching")
+
+__all__ = [
+    "Costmap",
+    "CovarianceField",
+    "FieldConfig",
+    "LocplanError",
+    "OccupancyGrid",
+    "Path",
+    "PathMetrics",
+    "Plan",
+    "covariance_field",
+    "environments",
+    "load_map",
+    "load_or_compute",
+    "plan",
+    "plotting",
+    "save_map",
+    "template_matching",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _SUBMODULES:
+        return import_module(f"locplan.{name}")
+    if name in _HOME:
+        return getattr(import_module(f"locplan.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'locplan' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

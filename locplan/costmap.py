@@ -1,0 +1,222 @@
+"""From localizability to the cost of travel."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan.covariance import scalar
+from locplan.errors import ConfigError, FieldError, PoseError
+from locplan.field import CovarianceField
+from locplan.grid import OCCUPIED, UNKNOWN, OccupancyGrid
+
+COST_LAWS = ("logarithmic", "linear", "cube-root")
+CRITERIA = ("e", "position_std", "position_rms", "heading_std")
+
+
+@dataclass(frozen=True, eq=False)
+class Costmap:
+    """Cost of travel for every cell: J(path) = integral of density ds.
+
+    Made by `from_field` or `from_density`.
+    """
+
+    grid: OccupancyGrid
+    """The map."""
+    density: NDArray[np.float64]
+    """Cost per metre, at least 1; infinite where the robot cannot be, (H, W)."""
+    weight: float
+    """Metres of detour accepted per metre of blind travel (lambda)."""
+    robot_radius: float
+    """Least distance from the robot's centre to an occupied cell [m]."""
+    u: NDArray[np.float64]
+    """How blind a cell is, 0..1, (H, W); NaN where there is no field."""
+    e: NDArray[np.float64]
+    """The field's e [m^2 rad], (H, W); NaN where there is no field."""
+
+    @classmethod
+    def from_field(
+        cls,
+        grid: OccupancyGrid,
+        field: CovarianceField,
+        *,
+        weight: float = 4.0,
+        robot_radius: float = 0.0,
+        law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
+        criterion: str = "e",
+    ) -> Costmap:
+        """1 + weight * u on free cells, with u between absolute anchors of the field's config.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map that the field was computed for.
+        field : CovarianceField
+            The field; its Sigma + Q counts, whatever its config adds itself.
+        weight : float
+            Metres of detour accepted per metre of blind travel, >= 0.
+        robot_radius : float
+            Cells whose centre is closer to an occupied cell are blocked [m], >= 0.
+        law : str
+            "logarithmic": u = ln(e/e_min) / ln(e_max/e_min); "linear": e / e_max; "cube-root":
+            its cube root. All clipped to 0..1.
+        criterion : str
+            The scalar that u is made of, see `locplan.covariance.scalar`.
+
+        Raises
+        ------
+        FieldError
+            If the field belongs to another map.
+        ConfigError
+            If weight or radius is negative or not finite, or a name is unknown.
+        """
+        if field.grid.digest != grid.digest:
+            raise FieldError(
+                f"the field of {field.grid.name or 'another map'} does not belong to"
+                f" {grid.name or 'this map'}; compute it for this map"
+            )
+        _at_least_zero("weight", weight)
+        if law not in COST_LAWS:
+            raise ConfigError(f"law must be one of {', '.join(COST_LAWS)}, not {law!r}")
+        if criterion not in CRITERIA:
+            raise ConfigError(f"criterion must be one of {', '.join(CRITERIA)}, not {criterion!r}")
+        values = field.on_map(scalar(field.quantised_covariance, criterion))
+        u = _blindness(values, *field.anchors(criterion), law)
+        density = np.where(np.isnan(u), np.inf, 1 + weight * u)
+        return cls(
+            grid=grid,
+            density=_blocked(density, grid, robot_radius),
+            weight=float(weight),
+            robot_radius=float(robot_radius),
+            u=u,
+            e=field.e_map(),
+        )
+
+    @classmethod
+    def from_density(
+        cls, grid: OccupancyGrid, density: ArrayLike, *, robot_radius: float = 0.0
+    ) -> Costmap:
+        """A cost of one's own: (H, W) of at least 1 per metre, inf where blocked.
+
+        Cells that are not free, or closer to an occupied one than `robot_radius` [m], are
+        blocked as well. Without a field a path's `integrated_e` and `integrated_u` are NaN.
+
+        Raises
+        ------
+        ConfigError
+            If the array has another shape than the map, or holds NaN or values below 1.
+        """
+        values = np.array(density, dtype=np.float64)
+        if values.shape != grid.shape:
+            raise ConfigError(f"density has shape {values.shape}, but the map {grid.shape}")
+        if not (values >= 1).all():
+            raise ConfigError("density must be at least 1 everywhere (inf blocks), and never NaN")
+        values[~grid.free] = np.inf
+        nothing = np.full(grid.shape, np.nan)
+        return cls(
+            grid=grid,
+            density=_blocked(values, grid, robot_radius),
+            weight=math.nan,
+            robot_radius=float(robot_radius),
+            u=nothing,
+            e=nothing,
+        )
+
+    @classmethod
+    def blank(cls, grid: OccupancyGrid, *, robot_radius: float = 0.0) -> Costmap:
+        """A cost of 1 wherever the robot can be: shortest paths, no field."""
+        return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
+
+    def with_weight(self, weight: float) -> Costmap:
+        """The same costmap, made from its u with another weight; 0 finds shortest paths.
+
+        Raises
+        ------
+        ConfigError
+            If the costmap has no field, or the weight is negative or not finite.
+        """
+        _at_least_zero("weight", weight)
+        if math.isnan(self.weight):
+            raise ConfigError("a costmap from a density has no weight; make another one instead")
+        density = np.where(np.isfinite(self.density), 1 + weight * self.u, np.inf)
+        return dataclasses.replace(self, density=density, weight=float(weight))
+
+    def cell_of(self, xy: tuple[float, float], role: str = "position") -> tuple[int, int]:
+        """The cell at a world position [m] where the robot can stand.
+
+        Raises
+        ------
+        PoseError
+            If it cannot: says why, and names the nearest position where it can.
+        """
+        x, y = _pair(xy, role)
+        row, col = self.grid.world_to_cell(x, y)
+        fault = self._fault(row, col)
+        if fault is None:
+            return row, col
+        nearest = self._nearest_free(x, y)
+        remedy = (
+            f"the nearest free position is {nearest[0]:.2f},{nearest[1]:.2f}"
+            if nearest
+            else f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
+        )
+        raise PoseError(f"{role} {x:g},{y:g} {fault}; {remedy}")
+
+    def _fault(self, row: int, col: int) -> str | None:
+        if not self.grid.contains(row, col):
+            return "lies outside the map"
+        if np.isfinite(self.density[row, col]):
+            return None
+        if self.grid.cells[row, col] == OCCUPIED:
+            return "lies in a wall"
+        if self.grid.cells[row, col] == UNKNOWN:
+            return "lies in unknown space"
+        clearance = self.grid.clearance[row, col]
+        if clearance < self.robot_radius:
+            return (
+                f"is {clearance:.2f} m from a wall, closer than the robot's radius"
+                f" of {self.robot_radius:g} m"
+            )
+        return "lies in a blocked cell"
+
+    def _nearest_free(self, x: float, y: float) -> tuple[float, float] | None:
+        rows, cols = np.nonzero(np.isfinite(self.density))
+        if rows.size == 0:
+            return None
+        row, col = self.grid.world_to_grid(x, y)
+        nearest = np.argmin((rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2)
+        return self.grid.cell_to_world(int(rows[nearest]), int(cols[nearest]))
+
+
+def _blindness(values: NDArray, least: float, greatest: float, law: str) -> NDArray:
+    if law == "logarithmic":
+        u = np.log(values / least) / math.log(greatest / least)
+    else:
+        u = values / greatest
+        u = np.cbrt(u) if law == "cube-root" else u
+    return np.clip(u, 0.0, 1.0)
+
+
+def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:
+    _at_least_zero("robot_radius", robot_radius)
+    return np.where(grid.clearance < robot_radius, np.inf, density)
+
+
+def _pair(xy: tuple[float, float], role: str) -> tuple[float, float]:
+    try:
+        x, y = (float(v) for v in xy)
+    except (TypeError, ValueError):
+        raise PoseError(f"{role} must be two numbers x, y in metres, not {xy!r}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise PoseError(f"{role} must be finite metres, not {x:g},{y:g}")
+    return x, y
+
+
+def _at_least_zero(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value >= 0):
+        raise ConfigError(f"{name} must be a finite number >= 0, not {value!r}")

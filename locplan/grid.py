@@ -1,0 +1,144 @@
+"""The occupancy grid: its cells, where they lie in the world, and what stands around them."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan.errors import MapError
+
+OCCUPIED, UNKNOWN, FREE = 0, 127, 254
+"""The three levels of a cell (the paper's values)."""
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """A three-level occupancy grid with its place in the world.
+
+    Row 0 lies at the lowest y and column 0 at the lowest x (before yaw), as in
+    nav_msgs/OccupancyGrid. Cell ``(row, col)`` covers ``[row, row + 1) x [col, col + 1)`` cells
+    from the origin. Everything outside the grid is unknown.
+
+    Parameters
+    ----------
+    cells : (H, W) array of uint8
+        ``FREE`` (254), ``UNKNOWN`` (127) or ``OCCUPIED`` (0). Copied, and read-only afterwards.
+    resolution : float
+        Edge of a cell [m].
+    origin : (x, y, yaw)
+        World pose of the outer corner of cell (0, 0) [m, m, rad].
+    name : str
+        What to call the map in tables and titles.
+
+    Raises
+    ------
+    MapError
+        If the array is not two-dimensional, is empty or holds another level, or if the
+        resolution or the origin is not finite, or the resolution is not positive.
+
+    Examples
+    --------
+    >>> grid = OccupancyGrid(np.full((20, 40), FREE), resolution=0.05, origin=(1.0, 2.0, 0.0))
+    >>> grid.world_to_cell(1.12, 2.01)
+    (0, 2)
+    >>> [round(v, 3) for v in grid.cell_to_world(0, 2)]
+    [1.125, 2.025]
+    """
+
+    cells: NDArray[np.uint8]
+    resolution: float
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        cells = np.asarray(self.cells)
+        if cells.ndim != 2 or cells.size == 0:
+            raise MapError(f"cells must be a non-empty (rows, cols) array, not {cells.shape}")
+        if not np.isin(cells, (OCCUPIED, UNKNOWN, FREE)).all():
+            raise MapError("cells may only hold 0 (occupied), 127 (unknown) and 254 (free)")
+        if not (math.isfinite(self.resolution) and self.resolution > 0):
+            raise MapError(f"resolution must be positive metres per cell, not {self.resolution}")
+        origin = tuple(float(v) for v in self.origin)
+        if len(origin) != 3 or not all(map(math.isfinite, origin)):
+            raise MapError(f"origin must be three finite numbers (x, y, yaw), not {self.origin}")
+        cells = np.array(cells, dtype=np.uint8, order="C")
+        cells.setflags(write=False)
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "resolution", float(self.resolution))
+        object.__setattr__(self, "origin", origin)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        rows, cols = self.cells.shape
+        return rows, cols
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which cells are free, (H, W)."""
+        return self.cells == FREE
+
+    @cached_property
+    def clearance(self) -> NDArray[np.float32]:
+        """Distance from each cell's centre to the nearest occupied cell's edge, (H, W) [m].
+
+        Zero in occupied cells, infinite where the map has none. Unknown space is no wall.
+        """
+        import cv2
+
+        occupied = self.cells == OCCUPIED
+        if not occupied.any():
+            return np.full(self.shape, np.inf, np.float32)
+        # On a lattice of half cells both the centres and the nearest edge or corner of a
+        # square are lattice positions, so that the transform gives the distance exactly.
+        rows, cols = self.shape
+        solid = np.zeros((2 * rows + 1, 2 * cols + 1), np.uint8)
+        solid[1::2, 1::2] = occupied
+        solid = cv2.dilate(solid, np.ones((3, 3), np.uint8))
+        half_cells = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return np.asarray(half_cells)[1::2, 1::2] * np.float32(self.resolution / 2)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 over cells, resolution and origin: equal for equal maps, whatever the name."""
+        content = hashlib.sha256()
+        content.update(repr((self.shape, self.resolution, self.origin)).encode())
+        content.update(self.cells.tobytes())
+        return content.hexdigest()
+
+    def world_to_grid(
+        self, x: ArrayLike, y: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """World coordinates [m] as continuous (row, col) in cells; a cell's centre ends in .5."""
+        x0, y0, yaw = self.origin
+        dx, dy = np.asarray(x, float) - x0, np.asarray(y, float) - y0
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        return (cos * dy - sin * dx) / self.resolution, (cos * dx + sin * dy) / self.resolution
+
+    def grid_to_world(
+        self, row: ArrayLike, col: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Continuous (row, col) in cells as world coordinates [m]."""
+        x0, y0, yaw = self.origin
+        u, v = np.asarray(col, float) * self.resolution, np.asarray(row, float) * self.resolution
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        return x0 + cos * u - sin * v, y0 + sin * u + cos * v
+
+    def world_to_cell(self, x: float, y: float) -> tuple[int, int]:
+        """(row, col) of the cell at x, y [m]; it may lie outside the grid (see `contains`)."""
+        row, col = self.world_to_grid(x, y)
+        return math.floor(row), math.floor(col)
+
+    def cell_to_world(self, row: int, col: int) -> tuple[float, float]:
+        """World x, y [m] of a cell's centre."""
+        x, y = self.grid_to_world(row + 0.5, col + 0.5)
+        return float(x), float(y)
+
+    def contains(self, row: int, col: int) -> bool:
+        """Whether (row, col) is a cell of the grid."""
+        return 0 <= row < self.shape[0] and 0 <= col < self.shape[1]

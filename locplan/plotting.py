@@ -1,0 +1,205 @@
+"""Pictures of maps, fields and paths.
+
+The functions that begin with ``draw_`` draw on given Axes; the others make a whole figure.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.patheffects as effects
+import numpy as np
+from matplotlib.colors import ListedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Affine2D
+from numpy.typing import NDArray
+
+from locplan.costmap import Costmap
+from locplan.covariance import UNITS, scalar
+from locplan.errors import LocplanError
+from locplan.field import CovarianceField
+from locplan.files import replacing
+from locplan.grid import FREE, UNKNOWN, OccupancyGrid
+from locplan.metrics import DEGRADED, profile
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+
+    from locplan.path import Path
+    from locplan.planners import Plan
+
+FIELD_COLOURS = "YlOrRd"
+PATH_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": "black", "linestyle": (0, (4, 1.5))},
+    {"color": "#0072b2", "linestyle": "-"},
+    {"color": "#009e73", "linestyle": (0, (1, 1))},
+    {"color": "#cc79a7", "linestyle": (0, (6, 1, 1, 1))},
+)
+"""In the order of the plans; told apart by dash as well as by colour."""
+LABELS = {
+    "e": "localizability e",
+    "position_std": "largest position std. deviation",
+    "position_rms": "rms position deviation",
+    "heading_std": "heading std. deviation",
+}
+
+
+def field_figure(field: CovarianceField, name: str = "e") -> Figure:
+    """The map with one scalar of its field as a heat map.
+
+    Parameters
+    ----------
+    field : CovarianceField
+        The field.
+    name : str
+        "e", "position_std", "position_rms" or "heading_std", see `locplan.covariance.scalar`.
+    """
+    figure = Figure(figsize=_map_size(field.grid), layout="constrained")
+    axes = figure.add_subplot()
+    image = draw_field(axes, field, name)
+    unit = field.e_unit if name == "e" else UNITS[name]
+    figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit}]", shrink=0.9)
+    config = field.config
+    axes.set_title(
+        f"{field.grid.name or 'map'}: {config.estimator}, {config.weight_law},"
+        f" range {config.sensor_range:g} m; {field.saturated_share:.0%} saturated",
+        fontsize="medium",
+    )
+    return figure
+
+
+def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
+    """Paths over the e field of the map and, below, u along each of them.
+
+    Parameters
+    ----------
+    costs : Costmap
+        What the paths were planned on.
+    field : CovarianceField
+        The field behind it.
+    plans : mapping of str to Plan
+        At most four, by the name to show; unreachable ones are only named.
+    """
+    width, height = _map_size(costs.grid)
+    figure = Figure(figsize=(width, height + 2.4), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
+    image = draw_field(upper, field)
+    figure.colorbar(image, ax=upper, label=f"{LABELS['e']} [{field.e_unit}]", shrink=0.9)
+    solved = {label: plan for label, plan in plans.items() if plan.path is not None}
+    handles = []
+    for (label, plan), style in zip(solved.items(), PATH_STYLES, strict=False):
+        assert plan.path is not None
+        assert plan.metrics is not None
+        metrics = plan.metrics
+        text = (
+            f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m blind,"
+            f" \u222be ds = {metrics.integrated_e:.3g} {field.e_unit} m"
+        )
+        draw_path(upper, plan.path, **style)
+        distance, u = profile(costs, plan.path, costs.u)
+        lower.step(distance, u, where="post", linewidth=1.8, **style)
+        handles.append(Line2D([], [], path_effects=_outline(), linewidth=2, label=text, **style))
+    handles += [
+        Line2D([], [], linestyle="none", label=f"{label}: unreachable")
+        for label in plans
+        if label not in solved
+    ]
+    lower.axhline(DEGRADED, color="0.6", linewidth=0.8, zorder=0)
+    lower.set(xlabel="distance along the path [m]", ylabel="blindness u", ylim=(-0.03, 1.03))
+    lower.margins(x=0.01)
+    figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize="medium")
+    upper.set_title(
+        f"{costs.grid.name or 'map'}: weight {costs.weight:g}, robot radius"
+        f" {costs.robot_radius:g} m",
+        fontsize="medium",
+    )
+    return figure
+
+
+def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
+    """The occupancy grid in world coordinates: walls black, unknown space grey, free white."""
+    shades = np.zeros(grid.shape, np.uint8)
+    shades[grid.cells == UNKNOWN] = 1
+    shades[grid.cells == FREE] = 2
+    _draw_cells(axes, grid, shades, cmap=ListedColormap(["black", "0.82", "white"]), vmin=0, vmax=2)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    _limit_to(axes, grid)
+
+
+def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage:
+    """A scalar of the field over its map, on a logarithmic scale between its anchors."""
+    draw_map(axes, field.grid)
+    values = field.on_map(scalar(field.covariance, name))
+    low, high = field.anchors(name)
+    if not field.config.quantisation and field.evaluated.any():
+        low, high = np.nanmin(values), np.nanmax(values)
+    low = max(low, np.finfo(float).tiny)
+    norm = LogNorm(low, max(high, low * 1.001))
+    return _draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=norm)
+
+
+def draw_path(axes: Axes, path: Path, **style: Any) -> None:
+    """A path with its start (circle) and goal (star)."""
+    axes.plot(*path.xy.T, linewidth=2.2, path_effects=_outline(), **style)
+    ends: dict[str, Any] = {
+        "color": "white",
+        "markeredgecolor": "black",
+        "linestyle": "none",
+        "zorder": 3,
+    }
+    axes.plot(*path.xy[0], marker="o", markersize=7, **ends)
+    axes.plot(*path.xy[-1], marker="*", markersize=13, **ends)
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
+    """Write a figure, whole or not at all; the suffix chooses the format (.png, .pdf, .svg)."""
+    suffix = FilePath(path).suffix.lower().lstrip(".")
+    if suffix not in ("png", "pdf", "svg", "jpg"):
+        raise LocplanError(f"{path}: pictures are written as .png, .pdf, .svg or .jpg")
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
+
+
+def _draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray, **options: Any) -> AxesImage:
+    height, width = (size * grid.resolution for size in grid.shape)
+    x, y, yaw = grid.origin
+    image = axes.imshow(
+        values,
+        origin="lower",
+        extent=(0, width, 0, height),
+        interpolation="antialiased" if values.dtype == np.uint8 else "nearest",
+        **options,
+    )
+    image.set_transform(Affine2D().rotate(yaw).translate(x, y) + axes.transData)
+    return image
+
+
+def _limit_to(axes: Axes, grid: OccupancyGrid) -> None:
+    """Show the cells that are known, with a margin."""
+    rows, cols = np.nonzero(grid.cells != UNKNOWN)
+    if rows.size == 0:
+        rows, cols = np.array([0, grid.shape[0] - 1]), np.array([0, grid.shape[1] - 1])
+    corner_rows = np.array([rows.min(), rows.min(), rows.max() + 1, rows.max() + 1])
+    corner_cols = np.array([cols.min(), cols.max() + 1, cols.min(), cols.max() + 1])
+    x, y = grid.grid_to_world(corner_rows, corner_cols)
+    margin = 0.02 * max(np.ptp(x), np.ptp(y)) + grid.resolution
+    axes.set(xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin))
+
+
+def _map_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Figure size [inch] for the known part of a map with a colour bar at its side."""
+    rows, cols = np.nonzero(grid.cells != UNKNOWN)
+    height, width = (np.ptp(rows) + 1, np.ptp(cols) + 1) if rows.size else grid.shape
+    cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
+    height, width = sin * width + cos * height, cos * width + sin * height
+    drawn_width = min(9.0, 8.0 * width / height)
+    return max(drawn_width, 5.0) + 1.6, max(drawn_width * height / width, 2.0) + 0.8
+
+
+def _outline() -> list[Any]:
+    return [effects.Stroke(linewidth=4, foreground="white"), effects.Normal()]

@@ -1,0 +1,142 @@
+"""Fields and plans as tables, as JSON, and as a folder of files."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan.costmap import Costmap
+from locplan.field import CovarianceField
+from locplan.files import make_folder, replacing
+from locplan.planners import Plan
+
+_METRICS = (
+    ("length", "m", ".2f"),
+    ("cost", "m", ".2f"),
+    ("integrated_u", "m", ".2f"),
+    ("integrated_e", "m² rad m", ".3g"),
+    ("mean_e", "m² rad", ".3g"),
+    ("max_e", "m² rad", ".3g"),
+    ("degraded_share", "", ".0%"),
+    ("longest_degraded", "m", ".2f"),
+    ("clearance", "m", ".2f"),
+)
+"""Rows of a table of plans: a field of `PathMetrics`, its unit and its format."""
+
+
+def field_summary(field: CovarianceField) -> dict[str, Any]:
+    """How many cells were evaluated, and how e is distributed over them [m^2 rad]."""
+    e = field.e[field.evaluated]
+    low, median, high = np.percentile(e, (10, 50, 90)) if e.size else (math.nan,) * 3
+    return _finite(
+        {
+            "map": field.grid.name,
+            "config": dataclasses.asdict(field.config),
+            "cells_evaluated": int(e.size),
+            "e_percentile_10": float(low),
+            "e_median": float(median),
+            "e_percentile_90": float(high),
+            "saturated_share": field.saturated_share,
+        }
+    )
+
+
+def field_table(field: CovarianceField) -> str:
+    """The summary of a field for people."""
+    about = field_summary(field)
+    keys = "e_percentile_10", "e_median", "e_percentile_90"
+    e = " / ".join("–" if about[key] is None else f"{about[key]:.3g}" for key in keys)
+    return _table(
+        [],
+        [
+            ["map", field.grid.name],
+            ["cells evaluated", f"{about['cells_evaluated']:,}"],
+            ["e, 10 % / median / 90 %", f"{e} {field.e_unit}"],
+            ["saturated", f"{about['saturated_share']:.0%} of the cells"],
+        ],
+    )
+
+
+def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
+    """Plans by name with their metrics and positions [m], fit for JSON."""
+    return {
+        label: {
+            "status": plan.status,
+            "planner": plan.planner,
+            "solve_time_s": plan.solve_time,
+            "metrics": _finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
+            "xy": plan.path.xy.tolist() if plan.path else None,
+        }
+        for label, plan in plans.items()
+    }
+
+
+def plans_table(plans: Mapping[str, Plan]) -> str:
+    """The metrics of plans side by side."""
+    rows = [["status", *(plan.status for plan in plans.values())]]
+    for name, unit, spec in _METRICS:
+        values = [getattr(plan.metrics, name, None) for plan in plans.values()]
+        texts = ["–" if value is None else f"{value:{spec}} {unit}" for value in values]
+        rows.append([name.replace("_", " "), *texts])
+    return _table(["", *plans], rows)
+
+
+def write_plans(
+    folder: Path, costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]
+) -> None:
+    """Write plan.json, plan.png, and a CSV of positions [m] for each plan that has a path.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan import plotting
+
+    make_folder(folder)
+    for label, plan in plans.items():
+        if plan.path:
+            with replacing(folder / f"{label}.csv") as temporary:
+                np.savetxt(
+                    temporary, plan.path.xy, "%.4f", delimiter=",", header="x_m,y_m", comments=""
+                )
+        else:
+            (folder / f"{label}.csv").unlink(missing_ok=True)
+    about = {
+        "map": {"name": costs.grid.name, "digest": costs.grid.digest},
+        "config": dataclasses.asdict(field.config),
+        "weight": costs.weight,
+        "robot_radius": costs.robot_radius,
+        "plans": plans_summary(plans),
+    }
+    with replacing(folder / "plan.json") as temporary:
+        temporary.write_text(json.dumps(about, indent=2) + "\n")
+    plotting.save_figure(plotting.plan_figure(costs, field, plans), folder / "plan.png")
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """JSON knows neither NaN nor infinity: null stands for both."""
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in values.items()
+    }
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*columns, box=box.SIMPLE if columns else None, show_header=bool(columns))
+    for row in rows:
+        table.add_row(*row)
+    console = Console()
+    with console.capture() as capture:
+        console.print(table)
+    return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())

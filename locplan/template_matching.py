@@ -1,0 +1,126 @@
+"""Template matching at one pose, by the formulas: readable, slow, the reference for the kernels.
+
+Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
+(2023), doi 10.1186/s40648-023-00256-w.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.grid import UNKNOWN
+from locplan.search_window import SearchWindow
+
+
+def disc(radius: int) -> NDArray[np.bool_]:
+    """The template's shape: cells at most `radius` cells from the centre, (2r + 1, 2r + 1).
+
+    Examples
+    --------
+    >>> disc(1).astype(int)
+    array([[0, 1, 0],
+           [1, 1, 1],
+           [0, 1, 0]])
+    """
+    offset = np.arange(-radius, radius + 1)
+    return offset[:, None] ** 2 + offset[None, :] ** 2 <= radius**2
+
+
+def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDArray[np.uint8]:
+    """The square of the map around a cell, (2r + 1, 2r + 1); outside the map is unknown."""
+    return cells_at(
+        cells,
+        np.arange(row - radius, row + radius + 1)[:, None],
+        np.arange(col - radius, col + radius + 1)[None, :],
+    )
+
+
+def rotated_template(
+    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
+) -> NDArray[np.uint8]:
+    """The square around a cell on the map turned counter-clockwise by `theta` [rad].
+
+    The whole map turns about its centre, sampled at the nearest cell, and is cropped around the
+    cell's turned and rounded position, (2r + 1, 2r + 1). Turned maps share the map's lattice.
+    """
+    centre_row, centre_col = map_centre(cells.shape)
+    cos, sin = math.cos(theta), math.sin(theta)
+    dy, dx = row - centre_row, col - centre_col
+    turned_row = math.floor(sin * dx + cos * dy + centre_row + 0.5)
+    turned_col = math.floor(cos * dx - sin * dy + centre_col + 0.5)
+    v = np.arange(turned_row - radius, turned_row + radius + 1)[:, None] - centre_row
+    u = np.arange(turned_col - radius, turned_col + radius + 1)[None, :] - centre_col
+    source_row = np.floor(cos * v - sin * u + centre_row + 0.5).astype(np.int64)
+    source_col = np.floor(sin * v + cos * u + centre_col + 0.5).astype(np.int64)
+    return cells_at(cells, source_row, source_col)
+
+
+def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
+    """(row, col) about which a map of this shape is turned."""
+    return (shape[0] - 1) / 2, (shape[1] - 1) / 2
+
+
+def cells_at(
+    cells: NDArray[np.uint8], rows: NDArray[np.int64], cols: NDArray[np.int64]
+) -> NDArray[np.uint8]:
+    """Levels at (row, col) of any shape that broadcasts; outside the map is unknown."""
+    height, width = cells.shape
+    inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+    levels = cells[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
+    return np.where(inside, levels, np.uint8(UNKNOWN))
+
+
+def sad_distribution(
+    cells: NDArray[np.uint8], row: int, col: int, radius: int, window: SearchWindow
+) -> NDArray[np.int64]:
+    """Sums of absolute differences over the search window at one cell (Eq. 2).
+
+    S(c; dx, dy, theta) = sum over the disc of ``|T_theta(u) - M(c + d + u)|``, where T_theta is
+    the template around c on the map turned by theta.
+
+    Parameters
+    ----------
+    cells : (H, W) array of uint8
+        Levels of the map.
+    row, col : int
+        The cell c.
+    radius : int
+        Radius of the disc [cells].
+    window : SearchWindow
+        The offsets d and the headings theta.
+
+    Returns
+    -------
+    (dx, dy, theta) array of int64
+        In units of the levels: 254 for a free cell on an occupied one. Zero at zero lag.
+
+    Examples
+    --------
+    >>> from locplan.config import FieldConfig
+    >>> cells = np.full((9, 9), 254, np.uint8)
+    >>> cells[:, 6] = 0
+    >>> config = FieldConfig(window=1, step=1, rotation_window_deg=0)
+    >>> window = SearchWindow.from_config(config, resolution=1.0)
+    >>> sad_distribution(cells, 4, 4, 2, window)[:, :, 0]
+    array([[ 254,  254,  254],
+           [   0,    0,    0],
+           [1016, 1016, 1016]])
+    """
+    import cv2
+
+    mask = disc(radius).astype(np.uint8)
+    size = 2 * radius + 1
+    reach = window.half_steps * window.step_cells
+    around = local_map(cells, row, col, radius + reach)
+    shifts = range(0, 2 * reach + 1, window.step_cells)
+    mismatch = np.empty((len(shifts), len(shifts), len(window.angles)), np.int64)
+    for k, theta in enumerate(window.angles):
+        template = rotated_template(cells, row, col, radius, theta)
+        for j, dy in enumerate(shifts):
+            for i, dx in enumerate(shifts):
+                shifted = around[dy : dy + size, dx : dx + size]
+                mismatch[i, j, k] = cv2.norm(template, shifted, cv2.NORM_L1, mask)
+    return mismatch

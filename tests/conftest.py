@@ -1,0 +1,58 @@
+"""What several tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path_factory, monkeypatch):
+    """No test reads or writes the user's cache."""
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+@pytest.fixture
+def real_maps() -> Path:
+    folder = SHARED_DATA / "rosmaps"
+    if not folder.is_dir():
+        pytest.skip("the collection of real maps (../shared/data/rosmaps) is not here")
+    return folder
+
+
+def drawn(*lines: str, resolution: float = 1.0, origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
+    """A grid from a drawing, its first line at the top: '.' free, '#' occupied, ' ' unknown."""
+    levels = {".": FREE, "#": OCCUPIED, " ": UNKNOWN}
+    cells = [[levels[character] for character in line] for line in reversed(lines)]
+    return OccupancyGrid(np.array(cells, np.uint8), resolution, origin)
+
+
+def random_rooms(shape: tuple[int, int], seed: int, *, blocks: int = 14) -> np.ndarray:
+    """Levels of a map with random boxes of all three levels, deterministic."""
+    rng = np.random.default_rng(seed)
+    cells = np.full(shape, FREE, np.uint8)
+    for _ in range(blocks):
+        top, left = rng.integers(0, shape[0]), rng.integers(0, shape[1])
+        height, width = rng.integers(2, max(3, min(shape) // 4), 2)
+        cells[top : top + height, left : left + width] = rng.choice([OCCUPIED, UNKNOWN, FREE])
+    return cells
+
+
+def corridor(
+    length: float, width: float, *, angle: float = 0.0, resolution: float = 0.05
+) -> OccupancyGrid:
+    """A straight corridor with walls, unknown beyond, its axis turned by `angle` [rad]."""
+    half = int((length / 2 + 1) / resolution)
+    y, x = np.mgrid[-half:half, -half:half] + 0.5
+    along = (np.cos(angle) * x + np.sin(angle) * y) * resolution
+    across = (np.cos(angle) * y - np.sin(angle) * x) * resolution
+    cells = np.full(x.shape, UNKNOWN, np.uint8)
+    cells[(abs(across) < width / 2 + 0.15) & (abs(along) < length / 2)] = OCCUPIED
+    cells[(abs(across) < width / 2) & (abs(along) < length / 2)] = FREE
+    return OccupancyGrid(cells, resolution, (-half * resolution, -half * resolution, 0.0))

@@ -1,0 +1,136 @@
+"""Plain-loop oracles: what the kernels compute, written as slowly and plainly as possible."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+
+
+def level_at(cells, row, col):
+    if 0 <= row < cells.shape[0] and 0 <= col < cells.shape[1]:
+        return int(cells[row, col])
+    return 127
+
+
+def mismatch_counts(cells, row, col, radius, step, half_steps, angles):
+    """S / 127 for every offset, (dx, theta, dy)."""
+    centre_row, centre_col = (cells.shape[0] - 1) / 2, (cells.shape[1] - 1) / 2
+    offsets = range(-half_steps, half_steps + 1)
+    result = np.zeros((len(offsets), len(angles), len(offsets)), np.int64)
+    for k, theta in enumerate(angles):
+        cos, sin = math.cos(theta), math.sin(theta)
+        y, x = row - centre_row, col - centre_col
+        turned_row = math.floor(sin * x + cos * y + centre_row + 0.5)
+        turned_col = math.floor(cos * x - sin * y + centre_col + 0.5)
+        for u in range(-radius, radius + 1):
+            for v in range(-radius, radius + 1):
+                if u * u + v * v > radius * radius:
+                    continue
+                y, x = turned_row + u - centre_row, turned_col + v - centre_col
+                template = level_at(
+                    cells,
+                    math.floor(cos * y - sin * x + centre_row + 0.5),
+                    math.floor(sin * y + cos * x + centre_col + 0.5),
+                )
+                for j, dy in enumerate(offsets):
+                    for i, dx in enumerate(offsets):
+                        level = level_at(cells, row + dy * step + u, col + dx * step + v)
+                        result[i, k, j] += abs(template - level) // 127
+    return result
+
+
+def weighted_covariance(counts, weight_of_count, offsets):
+    """Covariance of (dx, dy, theta) in steps about the weighted mean."""
+    half, half_angles = (offsets - 1) // 2, (counts.shape[1] - 1) // 2
+    poses, weights = [], []
+    for i in range(offsets):
+        for k in range(counts.shape[1]):
+            for j in range(offsets):
+                poses.append((i - half, j - half, k - half_angles))
+                weights.append(weight_of_count[counts[i, k, j]])
+    poses, weights = np.array(poses, float), np.array(weights) / math.fsum(weights)
+    mean = np.array([math.fsum(weights * axis) for axis in poses.T])
+    result = np.zeros((3, 3))
+    for a in range(3):
+        for b in range(3):
+            result[a, b] = math.fsum(weights * (poses[:, a] - mean[a]) * (poses[:, b] - mean[b]))
+    return result
+
+
+def disc_sums(plane, radius, start, unit, rows, cols):
+    """Cells set within the disc around every `unit` cells of one plane, (col, row)."""
+    result = np.zeros((cols, rows), np.int64)
+    for q in range(cols):
+        for p in range(rows):
+            for du in range(-radius, radius + 1):
+                for dv in range(-radius, radius + 1):
+                    if du * du + dv * dv <= radius * radius:
+                        result[q, p] += plane[start + q * unit + du, start + p * unit + dv]
+    return result
+
+
+def cells_along(positions):
+    """(row, col, length) of every cell crossed: cut at all lines, look at the middles."""
+    result = []
+    for (row0, col0), (row1, col1) in itertools.pairwise(positions):
+        cuts = {0.0, 1.0}
+        for a, b in ((row0, row1), (col0, col1)):
+            if a != b:
+                for line in range(math.floor(min(a, b)), math.ceil(max(a, b)) + 1):
+                    cuts.add((line - a) / (b - a))
+        cuts = sorted(t for t in cuts if 0 <= t <= 1)
+        length = math.hypot(row1 - row0, col1 - col0)
+        for low, high in itertools.pairwise(cuts):
+            if (high - low) * length > 1e-9:
+                middle = (low + high) / 2
+                row = math.floor(row0 + middle * (row1 - row0))
+                col = math.floor(col0 + middle * (col1 - col0))
+                result.append((row, col, (high - low) * length))
+    return result
+
+
+def line_integral(density, row0, col0, row1, col1):
+    """Sum of length times density over the cells of one line."""
+    total = 0.0
+    for row, col, length in cells_along([(row0, col0), (row1, col1)]):
+        inside = 0 <= row < density.shape[0] and 0 <= col < density.shape[1]
+        total += length * (density[row, col] if inside else math.inf)
+    return total
+
+
+def shortest_costs(density, start, corner_cutting):
+    """Dijkstra with a heap from (row, col) over 8 neighbours, (H, W)."""
+    rows, cols = density.shape
+    cost = np.full(density.shape, np.inf)
+    if not np.isfinite(density[start]):
+        return cost
+    cost[start] = 0.0
+    heap = [(0.0, start)]
+
+    def blocked(row, col):
+        return not (0 <= row < rows and 0 <= col < cols) or density[row, col] == np.inf
+
+    while heap:
+        reached, (row, col) = heapq.heappop(heap)
+        if reached > cost[row, col]:
+            continue
+        for drow in (-1, 0, 1):
+            for dcol in (-1, 0, 1):
+                there = row + drow, col + dcol
+                if (drow, dcol) == (0, 0) or blocked(*there):
+                    continue
+                diagonal = drow != 0 and dcol != 0
+                if (
+                    diagonal
+                    and not corner_cutting
+                    and (blocked(row + drow, col) or blocked(row, col + dcol))
+                ):
+                    continue
+                step = math.hypot(drow, dcol) * (density[row, col] + density[there]) / 2
+                if reached + step < cost[there]:
+                    cost[there] = reached + step
+                    heapq.heappush(heap, (cost[there], there))
+    return cost

@@ -1,0 +1,183 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import SHARED_DATA, drawn
+
+from locplan import CovarianceField, load_map, save_map
+from locplan.cli import main
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["locplan", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+@pytest.fixture
+def room(tmp_path):
+    lines = ["##########", *["#........#"] * 6, "#...#    #", "##########"]
+    grid = drawn(*(line for line in lines for _ in range(1)), resolution=0.5)
+    save_map(grid, tmp_path / "room.yaml")
+    return tmp_path / "room.yaml"
+
+
+def refused(result) -> str:
+    code, out, err = result
+    assert code == 2
+    assert out == ""
+    assert err.startswith("locplan: error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
+    code, out, err = run("field", room, "-o", tmp_path / "f.npz", "--picture", tmp_path / "f.png")
+    assert code == 0
+    assert "cells evaluated" in out
+    assert "saturated" in out
+    assert "f.png" in err
+    assert CovarianceField.load(tmp_path / "f.npz").grid.digest == load_map(room).digest
+    assert (tmp_path / "f.png").stat().st_size > 1000
+
+
+def test_json_is_json(run, room):
+    code, out, _ = run("field", room, "--json", "--preset", "paper")
+    assert code == 0
+    about = json.loads(out)
+    assert about["cells_evaluated"] == load_map(room).free.sum()
+    assert about["config"]["weight_law"] == "inverse-square"
+
+
+def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
+    out_dir = tmp_path / "out"
+    ends = "--start", "1,2", "--goal", "4,3.5"
+    code, out, _ = run("plan", room, *ends, "-o", out_dir)
+    assert code == 0
+    assert "integrated e" in out
+    assert sorted(path.name for path in out_dir.iterdir()) == [
+        "localizability-aware.csv",
+        "plan.json",
+        "plan.png",
+        "shortest.csv",
+    ]
+    xy = np.loadtxt(out_dir / "shortest.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(xy[[0, -1]], [[1, 2], [4, 3.5]])
+    about = json.loads((out_dir / "plan.json").read_text())
+    assert about["plans"]["shortest"]["metrics"]["length"] > 3
+    assert about["config"]["sensor_range"] == 6.0
+    assert about["map"]["digest"] == load_map(room).digest
+
+
+def test_an_unreachable_goal_is_a_result(run, tmp_path):
+    save_map(drawn("...#...", resolution=1.0), tmp_path / "parted.yaml")
+    ends = "--start", "0.5,0.5", "--goal", "6.5,0.5"
+    code, out, _ = run("plan", tmp_path / "parted.yaml", *ends, "-o", tmp_path / "out")
+    assert code == 0
+    assert "unreachable" in out
+    assert (tmp_path / "out" / "plan.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        ("0.2,2", "lies in a wall; the nearest free position is"),
+        ("9,9", "lies outside the map; the nearest free position is"),
+        ("3.7,0.7", "lies in unknown space; the nearest free position is"),
+        ("0.75,2", "closer than the robot's radius"),
+        ("1;2", "must be X,Y in metres"),
+        ("1,2,3", "must be X,Y in metres"),
+        ("nan,2", "finite"),
+    ],
+)
+def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, message):
+    arguments = "--start", start, "--goal", "4,3.5", "--robot-radius", "0.4", "-o", tmp_path / "o"
+    assert message in refused(run("plan", room, *arguments))
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--range", "-1"), "sensor_range"),
+        (("--preset", "best"), "--preset must be one of"),
+        (("--stride", "nan"), "stride"),
+        (("--threads", "0"), "--threads"),
+        (("-o", "field.txt"), ".npz"),
+        (("--picture", "field.txt"), ".png"),
+        (("--picture", "nowhere/field.png"), "nowhere"),
+    ],
+)
+def test_bad_options_are_refused_in_one_line(run, room, arguments, message):
+    assert message in refused(run("field", room, *arguments))
+
+
+def test_bad_planner_and_weight_are_refused(run, room):
+    ends = "--start", "1,2", "--goal", "4,3.5"
+    assert "planner" in refused(run("plan", room, *ends, "--planner", "magic"))
+    assert "weight" in refused(run("plan", room, *ends, "--weight", "-2"))
+
+
+def test_maps_writes_the_generated_maps(run, tmp_path):
+    code, _, err = run("maps", tmp_path / "maps", "--name", "two_corridors", "--resolution", "0.1")
+    assert code == 0
+    assert "two_corridors.yaml" in err
+    assert load_map(tmp_path / "maps" / "two_corridors.yaml").resolution == 0.1
+    assert "two_corridors" in refused(run("maps", tmp_path, "--name", "moon"))
+
+
+def test_plot_draws_any_scalar(run, room, tmp_path):
+    for scalar in ("e", "position_std", "position_rms", "heading_std"):
+        assert run("plot", room, "-o", tmp_path / f"{scalar}.png", "--scalar", scalar)[0] == 0
+        assert (tmp_path / f"{scalar}.png").stat().st_size > 1000
+    assert "--scalar" in refused(run("plot", room, "-o", "x.png", "--scalar", "mood"))
+
+
+def test_warnings_are_one_line(run, tmp_path):
+    cells = drawn("....", "....")
+    save_map(cells, tmp_path / "grey.yaml")
+    image = tmp_path / "grey.pgm"
+    image.write_bytes(image.read_bytes().replace(b"\xfe", b"\xcd"))
+    text = (tmp_path / "grey.yaml").read_text().replace("0.196", "0.25")
+    (tmp_path / "grey.yaml").write_text(text)
+    code, _, err = run("field", tmp_path / "grey.yaml")
+    assert code == 0
+    assert err.startswith("locplan: warning: ")
+    assert "free_thresh: 0.196" in err
+    assert err.count("\n") == 1
+
+
+def test_malformed_maps_never_end_in_a_traceback(run):
+    folder = SHARED_DATA / "malformed"
+    if not folder.is_dir():
+        pytest.skip("the collection of malformed maps (../shared/data/malformed) is not here")
+    for case in sorted(folder.glob("bad_*")):
+        code, out, err = run("field", case / "map.yaml")
+        if code:
+            refused((code, out, err))
+
+
+def test_version_and_usage_errors():
+    def call(*arguments):
+        return subprocess.run(
+            [sys.executable, "-c", "from locplan.cli import main; main()", *arguments],
+            capture_output=True,
+            text=True,
+        )
+
+    assert call("--version").stdout.startswith("locplan 0.")
+    wrong = call("fly")
+    assert wrong.returncode == 2
+    assert "Traceback" not in wrong.stderr
+    assert call("--help").returncode == 0

@@ -1,0 +1,204 @@
+import dataclasses
+import math
+
+import naive
+import numpy as np
+import pytest
+from conftest import corridor, drawn
+
+from locplan._kernels import rays
+from locplan.config import FieldConfig
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, FieldError, PoseError
+from locplan.field import covariance_field
+from locplan.grid import FREE, OccupancyGrid
+from locplan.metrics import path_metrics
+from locplan.path import Path
+
+
+@pytest.fixture(scope="module")
+def field():
+    return covariance_field(corridor(14.0, 2.0), FieldConfig(sensor_range=3.0))
+
+
+def random_lines(count: int, size: int):
+    rng = np.random.default_rng(12)
+    ends = rng.uniform(0, size, (count, 4))
+    ends[::5, 2] = ends[::5, 0]  # along a row
+    ends[1::5, 3] = ends[1::5, 1]  # along a column
+    ends[2::5] = np.floor(ends[2::5]) + 0.5  # between centres, often through corners
+    return ends
+
+
+def test_line_integral_equals_the_plain_loops():
+    density = np.random.default_rng(3).uniform(1, 9, (20, 20))
+    for line in random_lines(300, 20):
+        expected = naive.line_integral(density, *line)
+        assert rays.line_integral(density, *line) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_cells_along_equal_the_plain_loops():
+    for line in random_lines(300, 20):
+        rows, cols, lengths = rays.cells_along(line.reshape(2, 2))
+        expected = [cell for cell in naive.cells_along(line.reshape(2, 2)) if cell[2] > 1e-7]
+        keep = lengths > 1e-7
+        assert list(zip(rows[keep], cols[keep], strict=True)) == [cell[:2] for cell in expected]
+        np.testing.assert_allclose(lengths[keep], [cell[2] for cell in expected], atol=1e-9)
+
+
+def test_line_integral_does_not_depend_on_the_direction():
+    density = np.random.default_rng(5).uniform(1, 9, (20, 20))
+    for row0, col0, row1, col1 in random_lines(100, 20):
+        forth = rays.line_integral(density, row0, col0, row1, col1)
+        if not {row0, col0} & {math.floor(row0), math.floor(col0)}:
+            assert rays.line_integral(density, row1, col1, row0, col0) == pytest.approx(forth)
+
+
+def test_a_line_through_a_blocked_cell_or_its_corner_is_infinite():
+    density = np.ones((3, 3))
+    density[1, 1] = np.inf
+    assert rays.line_integral(density, 0.5, 0.5, 2.5, 2.5) == np.inf
+    assert rays.line_integral(density, 0.5, 1.5, 1.5, 2.5) == np.inf  # through its corner
+    assert rays.line_integral(density, 0.4, 1.5, 1.4, 2.5) == pytest.approx(math.sqrt(2))
+    assert rays.line_integral(density, 0.5, 0.5, 0.5, 3.5) == np.inf  # leaves the grid
+
+
+def test_u_is_clipped_between_the_absolute_anchors(field):
+    costs = Costmap.from_field(field.grid, field, weight=4.0)
+    low, high = field.anchors()
+    expected = np.clip(np.log(costs.e / low) / np.log(high / low), 0, 1)
+    np.testing.assert_allclose(costs.u, expected)
+    free = field.grid.free
+    np.testing.assert_allclose(costs.density[free], 1 + 4 * costs.u[free])
+    assert np.isinf(costs.density[~free]).all()
+
+
+def test_the_papers_preset_is_costed_with_q_all_the_same():
+    grid = corridor(12.0, 2.0)
+    field = covariance_field(grid, dataclasses.replace(FieldConfig.paper(), stride=0.4))
+    u = Costmap.from_field(grid, field).u[grid.free]
+    assert np.isfinite(u).all()
+    assert 0 <= u.min() < u.max() <= 1
+    assert field.anchors()[0] == pytest.approx(
+        covariance_field(corridor(1.0, 1.0), FieldConfig()).anchors()[0]
+    )
+
+
+@pytest.mark.parametrize("law", ["linear", "cube-root"])
+def test_other_laws_are_monotone_in_e(field, law):
+    costs = Costmap.from_field(field.grid, field, law=law)
+    free = field.grid.free
+    order = np.argsort(costs.e[free])
+    assert (np.diff(costs.u[free][order]) >= 0).all()
+
+
+@pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])
+def test_u_can_be_made_of_another_scalar(field, criterion):
+    u = Costmap.from_field(field.grid, field, criterion=criterion).u[field.grid.free]
+    assert 0 <= u.min() <= u.max() <= 1
+
+
+def test_the_robots_radius_blocks_cells_near_walls(field):
+    costs = Costmap.from_field(field.grid, field, robot_radius=0.4)
+    free = field.grid.free
+    np.testing.assert_array_equal(np.isfinite(costs.density), free & (field.grid.clearance >= 0.4))
+
+
+def test_a_field_of_another_map_is_refused(field):
+    with pytest.raises(FieldError, match="does not belong"):
+        Costmap.from_field(drawn("..", ".."), field)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"weight": -1.0}, "weight"),
+        ({"weight": math.nan}, "weight"),
+        ({"robot_radius": -0.1}, "robot_radius"),
+        ({"law": "square"}, "law"),
+        ({"criterion": "volume"}, "criterion"),
+    ],
+)
+def test_bad_options_are_named(field, option, message):
+    with pytest.raises(ConfigError, match=message):
+        Costmap.from_field(field.grid, field, **option)
+
+
+@pytest.mark.parametrize("density", [np.zeros((2, 2)), np.full((2, 2), np.nan), np.ones((3, 2))])
+def test_bad_densities_are_refused(density):
+    with pytest.raises(ConfigError, match="density"):
+        Costmap.from_density(drawn("..", ".."), density)
+
+
+@pytest.mark.parametrize(
+    ("xy", "message"),
+    [
+        ((9.0, 0.5), "start 9,0.5 lies outside the map; the nearest free position is 3.50,0.50"),
+        ((0.5, 1.5), "lies in a wall; the nearest"),
+        ((1.5, 1.5), "lies in unknown space; the nearest"),
+        ((math.nan, 0.0), "finite"),
+        ((1.0,), "two numbers"),
+    ],
+)
+def test_impossible_positions_are_refused_with_the_nearest_possible(xy, message):
+    costs = Costmap.from_density(drawn("# ..", "...."), np.ones((2, 4)))
+    with pytest.raises(PoseError, match=message):
+        costs.cell_of(xy, "start")
+
+
+def test_a_position_within_the_robots_radius_of_a_wall_is_refused():
+    costs = Costmap.from_density(drawn("#....", "....."), np.ones((2, 5)), robot_radius=1.2)
+    with pytest.raises(PoseError, match=r"0\.50 m from a wall, closer than the robot's radius"):
+        costs.cell_of((1.5, 1.5), "goal")
+
+
+def test_a_map_without_room_says_so():
+    costs = Costmap.from_density(drawn("##", "##"), np.ones((2, 2)))
+    with pytest.raises(PoseError, match="no cell of the map is free"):
+        costs.cell_of((0.5, 0.5))
+
+
+def test_metrics_are_the_integrals_of_the_layers():
+    grid = OccupancyGrid(np.full((1, 4), FREE), 0.5)
+    costs = Costmap(
+        grid=grid,
+        density=np.array([[1.0, 2.0, 3.0, 1.0]]),
+        weight=4.0,
+        robot_radius=0.0,
+        u=np.array([[0.0, 0.6, 0.7, 0.1]]),
+        e=np.array([[0.1, 0.2, 0.3, 0.4]]),
+    )
+    metrics = path_metrics(costs, Path(np.array([[0.25, 0.25], [1.75, 0.25]])))
+    assert metrics.length == pytest.approx(1.5)
+    assert metrics.cost == pytest.approx(0.25 * 1 + 0.5 * 2 + 0.5 * 3 + 0.25 * 1)
+    assert metrics.integrated_e == pytest.approx(0.25 * 0.1 + 0.5 * 0.2 + 0.5 * 0.3 + 0.25 * 0.4)
+    assert metrics.mean_e == pytest.approx(metrics.integrated_e / 1.5)
+    assert metrics.integrated_u == pytest.approx(0.5 * 0.6 + 0.5 * 0.7 + 0.25 * 0.1)
+    assert metrics.max_e == 0.4
+    assert metrics.degraded_share == pytest.approx(1.0 / 1.5)
+    assert metrics.longest_degraded == pytest.approx(1.0)
+    assert metrics.clearance == np.inf
+
+
+def test_a_path_of_one_position_costs_nothing(field):
+    costs = Costmap.from_field(field.grid, field)
+    metrics = path_metrics(costs, Path(np.array([[0.0, 0.0], [0.0, 0.0]])))
+    assert metrics.length == metrics.cost == metrics.integrated_e == 0.0
+    assert metrics.mean_e == metrics.max_e > 0
+
+
+def test_a_path_outside_costs_infinitely_much():
+    costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
+    metrics = path_metrics(costs, Path(np.array([[0.5, 0.5], [5.0, 0.5]])))
+    assert metrics.cost == np.inf
+    assert metrics.clearance == 0.0
+
+
+def test_another_weight_keeps_what_is_blocked(field):
+    costs = Costmap.from_field(field.grid, field, weight=4.0, robot_radius=0.3)
+    shortest = costs.with_weight(0.0)
+    np.testing.assert_array_equal(np.isinf(shortest.density), np.isinf(costs.density))
+    assert set(np.unique(shortest.density)) == {1.0, np.inf}
+    np.testing.assert_allclose(shortest.with_weight(4.0).density, costs.density)
+    with pytest.raises(ConfigError, match="no weight"):
+        Costmap.from_density(field.grid, np.ones(field.grid.shape)).with_weight(1.0)

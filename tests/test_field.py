@@ -1,0 +1,226 @@
+import dataclasses
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+import pytest
+from conftest import corridor, drawn, random_rooms
+
+from locplan.config import FieldConfig
+from locplan.covariance import log_euclidean_mean, position_axes, scalar
+from locplan.errors import FieldError
+from locplan.estimators import sad
+from locplan.field import CovarianceField, covariance_field, evaluated_points
+from locplan.grid import FREE, UNKNOWN, OccupancyGrid
+from locplan.search_window import SearchWindow
+
+QUICK = FieldConfig(sensor_range=1.0, window=0.6, step=0.2)
+"""A small disc and window: the physics are the same."""
+
+
+@pytest.fixture(scope="module")
+def rooms() -> OccupancyGrid:
+    return OccupancyGrid(random_rooms((120, 140), seed=8), 0.05, (-1.0, 2.0, 0.0), name="rooms")
+
+
+@pytest.fixture(scope="module")
+def field(rooms) -> CovarianceField:
+    return covariance_field(rooms, QUICK)
+
+
+def covariance_at(grid: OccupancyGrid, row: int, col: int, config=QUICK):
+    return sad.covariances(grid.cells, np.array([row]), np.array([col]), grid.resolution, config)[0]
+
+
+def test_a_quarter_turn_of_the_map_turns_the_covariance(rooms):
+    turned = OccupancyGrid(rooms.cells.T[:, ::-1], rooms.resolution)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for row, col in np.argwhere(rooms.free)[::1500]:
+        expected = turn @ covariance_at(rooms, row, col) @ turn.T
+        result = covariance_at(turned, col, rooms.shape[0] - 1 - row)
+        np.testing.assert_allclose(result, expected, atol=1e-9)
+
+
+def test_a_padded_map_shifts_the_field(rooms):
+    pad = 8  # two lattice points on each side: the map's centre stays where it is
+    padded = OccupancyGrid(
+        np.pad(rooms.cells, pad, constant_values=UNKNOWN),
+        rooms.resolution,
+        (rooms.origin[0] - pad * 0.05, rooms.origin[1] - pad * 0.05, 0.0),
+    )
+    inner, outer = covariance_field(rooms, QUICK), covariance_field(padded, QUICK)
+    np.testing.assert_array_equal(outer.covariance[2:-2, 2:-2], inner.covariance)
+
+
+def test_a_shift_of_the_drawing_hardly_changes_the_field(rooms):
+    # The map turns about its centre, so that only the rounding of turned cells differs.
+    shifted = OccupancyGrid(
+        np.pad(rooms.cells, ((4, 0), (12, 0)), constant_values=UNKNOWN), rooms.resolution
+    )
+    near = np.log(covariance_field(rooms, QUICK).e) - np.log(
+        covariance_field(shifted, QUICK).e[1:, 3:]
+    )
+    assert np.nanmedian(np.abs(near)) < 0.05
+    still = dataclasses.replace(QUICK, rotation_window_deg=0)
+    np.testing.assert_array_equal(
+        covariance_field(shifted, still).covariance[1:, 3:],
+        covariance_field(rooms, still).covariance,
+    )
+
+
+def test_covariances_are_symmetric_and_positive(field):
+    matrices = field.covariance[field.evaluated]
+    np.testing.assert_array_equal(matrices, matrices.transpose(0, 2, 1))
+    assert np.linalg.eigvalsh(matrices).min() > 0
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, np.pi / 2])
+@pytest.mark.parametrize(("preset", "ratio"), [(FieldConfig, 3.0), (FieldConfig.paper, 1.8)])
+def test_a_corridor_is_least_certain_along_its_axis(angle, preset, ratio):
+    # Sampled walls that run obliquely are not quite featureless, and 1/S^2 notices it.
+    grid = corridor(24.0, 2.0, angle=angle)
+    row, col = grid.world_to_cell(0.0, 0.0)
+    major, minor, direction = position_axes(covariance_at(grid, row, col, preset()))
+    assert major > ratio * minor
+    assert abs(np.angle(np.exp(2j * (direction - angle)))) / 2 < 0.03
+
+
+def test_a_featureless_place_has_the_uniform_windows_variance():
+    config = FieldConfig()
+    window = SearchWindow.from_config(config, 0.1)
+    grid = OccupancyGrid(np.full((200, 200), FREE), 0.1)
+    covariance = covariance_at(grid, 100, 100, config)
+    expected = window.uniform_covariance + window.quantisation
+    np.testing.assert_allclose(covariance, expected, rtol=1e-13, atol=1e-15)
+    assert covariance[0, 0] == pytest.approx(0.2**2 * (21**2 - 1) / 12 + 0.2**2 / 12)
+
+
+def test_yaw_turns_the_covariance_into_the_world_frame():
+    cells = corridor(16.0, 2.0).cells
+    config = FieldConfig(sensor_range=3.0, stride=1.0)
+    plain = covariance_field(OccupancyGrid(cells, 0.05), config)
+    turned = covariance_field(OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.7)), config)
+    middle = tuple(size // 2 for size in plain.covariance.shape[:2])
+    _, _, direction = position_axes(turned.covariance[middle])
+    assert direction == pytest.approx(0.7, abs=0.05)
+    np.testing.assert_allclose(turned.e, plain.e, rtol=1e-9)
+
+
+def test_parallel_equals_serial(rooms):
+    serial = covariance_field(rooms, QUICK, threads=1)
+    np.testing.assert_array_equal(covariance_field(rooms, QUICK, threads=3).e, serial.e)
+    with ProcessPoolExecutor(1) as executor:
+        apart = covariance_field(rooms, QUICK, executor=executor)
+    np.testing.assert_array_equal(apart.covariance, serial.covariance)
+
+
+def test_progress_counts_every_cell_once(rooms):
+    seen = []
+    field = covariance_field(rooms, QUICK, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (field.evaluated.sum(), field.evaluated.sum())
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_evaluated_cells_do_not_depend_on_the_tiles(rooms, monkeypatch):
+    whole = covariance_field(rooms, QUICK)
+    monkeypatch.setattr("locplan.field.TILE", 7)
+    np.testing.assert_array_equal(covariance_field(rooms, QUICK).covariance, whole.covariance)
+
+
+def test_every_free_cell_can_be_read(field):
+    e = field.e_map()
+    np.testing.assert_array_equal(np.isfinite(e), field.grid.free)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("stride", [1, 3, 4, 50])
+def test_every_free_cell_has_a_lattice_point(seed, stride):
+    free = np.random.default_rng(seed).random((23, 31)) < 0.05
+    wanted = evaluated_points(free, stride)
+    for row, col in np.argwhere(free):
+        i, j = row // stride, col // stride
+        i1 = min(i + (row % stride > 0), wanted.shape[0] - 1)
+        j1 = min(j + (col % stride > 0), wanted.shape[1] - 1)
+        assert wanted[[i, i, i1, i1], [j, j1, j, j1]].any()
+
+
+def test_stride_of_one_cell_evaluates_the_free_cells_only():
+    grid = drawn("..#", " .#", resolution=0.05)
+    field = covariance_field(grid, FieldConfig(sensor_range=0.2, stride=0.05))
+    np.testing.assert_array_equal(field.evaluated, grid.free)
+    np.testing.assert_allclose(field.e_map()[grid.free], field.e[grid.free])
+
+
+def test_a_map_without_free_cells_has_an_empty_field():
+    field = covariance_field(drawn("##", "  "), FieldConfig())
+    assert not field.evaluated.any()
+    assert np.isnan(field.e_map()).all()
+    assert field.saturated_share == 0.0
+
+
+def test_interpolation_agrees_with_the_lattice_and_is_bilinear_in_log_e(field):
+    i, j = np.argwhere(field.evaluated & field.grid.free[::4, ::4])[100]
+    x, y = field.grid.cell_to_world(int(i) * 4, int(j) * 4)
+    np.testing.assert_allclose(field.at(x, y), field.covariance[i, j], rtol=1e-9)
+    e_map = field.e_map()
+    for row, col in np.argwhere(field.grid.free)[::997]:
+        matrix = field.at(*field.grid.cell_to_world(int(row), int(col)))
+        assert float(scalar(matrix, "e")) == pytest.approx(e_map[row, col], rel=1e-6)
+
+
+def test_walls_and_outside_have_no_covariance(field):
+    row, col = np.argwhere(~field.grid.free)[0]
+    assert np.isnan(field.at(*field.grid.cell_to_world(int(row), int(col)))).all()
+    assert np.isnan(field.at(1e6, 0.0)).all()
+
+
+def test_log_euclidean_mean_of_equal_matrices_is_the_matrix():
+    matrix = np.array([[2.0, 0.5], [0.5, 1.0]])
+    mean = log_euclidean_mean(np.array([matrix, matrix]), np.array([0.25, 0.75]))
+    np.testing.assert_allclose(mean, matrix)
+
+
+def test_anchors_bound_e(field):
+    low, high = field.anchors()
+    assert low * 0.999 <= np.nanmin(field.e) <= np.nanmax(field.e) <= high * 1.001
+
+
+def test_without_rotation_the_covariance_is_positional(rooms):
+    field = covariance_field(rooms, dataclasses.replace(QUICK, rotation_window_deg=0))
+    assert field.covariance.shape[2:] == (2, 2)
+    expected = np.sqrt(np.linalg.det(field.covariance[field.evaluated]))
+    np.testing.assert_allclose(field.e[field.evaluated], expected)
+
+
+def test_saved_fields_come_back_whole(field, tmp_path):
+    field.save(tmp_path / "rooms.npz")
+    loaded = CovarianceField.load(tmp_path / "rooms.npz")
+    np.testing.assert_array_equal(loaded.covariance, field.covariance)
+    assert loaded.config == field.config
+    assert loaded.grid.digest == field.grid.digest
+    assert loaded.grid.name == "rooms"
+    assert [path.name for path in tmp_path.iterdir()] == ["rooms.npz"]
+
+
+@pytest.mark.parametrize("damage", ["cut", "text", "empty", "flip", "missing"])
+def test_damaged_fields_are_refused_in_one_line(field, tmp_path, damage):
+    path = tmp_path / "field.npz"
+    field.save(path)
+    data = bytearray(path.read_bytes())
+    if damage == "flip":
+        for at in range(len(data) // 4, len(data) // 2, 97):
+            data[at] ^= 255
+    replaced = {"cut": data[: len(data) // 2], "text": b"not a field", "empty": b"", "flip": data}
+    path.unlink() if damage == "missing" else path.write_bytes(replaced[damage])
+    with pytest.raises(FieldError, match=r"field\.npz") as error:
+        CovarianceField.load(path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_failed_save_leaves_the_old_file(field, tmp_path, monkeypatch):
+    path = tmp_path / "field.npz"
+    path.write_bytes(b"old")
+    monkeypatch.setattr(np, "savez_compressed", lambda *_, **__: (_ for _ in ()).throw(OSError(28)))
+    with pytest.raises(Exception, match=r"field\.npz"):
+        field.save(path)
+    assert path.read_bytes() == b"old"
+    assert len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+from conftest import drawn
+
+from locplan.errors import MapError
+from locplan.grid import FREE, OCCUPIED, OccupancyGrid
+
+
+def test_row_zero_is_the_lowest_y():
+    grid = drawn(
+        "#..",
+        "...",
+        resolution=0.5,
+        origin=(10.0, 20.0, 0.0),
+    )
+    assert grid.cells[1, 0] == OCCUPIED
+    assert grid.world_to_cell(10.1, 20.9) == (1, 0)
+    assert grid.cell_to_world(1, 0) == (10.25, 20.75)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, -2.0, np.pi / 2])
+def test_world_and_cells_are_inverse(yaw):
+    grid = OccupancyGrid(np.full((7, 9), FREE), 0.1, (3.0, -4.0, yaw))
+    for row, col in np.ndindex(grid.shape):
+        assert grid.world_to_cell(*grid.cell_to_world(row, col)) == (row, col)
+    x, y = grid.grid_to_world(2.25, 3.75)
+    np.testing.assert_allclose(grid.world_to_grid(x, y), (2.25, 3.75))
+
+
+def test_yaw_turns_the_axes_counter_clockwise():
+    grid = OccupancyGrid(np.full((4, 4), FREE), 1.0, (0.0, 0.0, np.pi / 2))
+    np.testing.assert_allclose(grid.grid_to_world(0.0, 2.0), (0.0, 2.0), atol=1e-12)
+
+
+def test_positions_outside_have_no_cell_of_the_grid():
+    grid = OccupancyGrid(np.full((4, 4), FREE), 1.0)
+    assert grid.world_to_cell(-0.1, 5.0) == (5, -1)
+    assert not grid.contains(5, -1)
+
+
+def test_clearance_is_the_distance_to_the_nearest_square():
+    rng = np.random.default_rng(1)
+    cells = np.where(rng.random((20, 23)) < 0.04, OCCUPIED, FREE).astype(np.uint8)
+    grid = OccupancyGrid(cells, 0.05)
+    rows, cols = np.nonzero(cells == OCCUPIED)
+    for row, col in np.ndindex(cells.shape):
+        gap_row = np.maximum(np.abs(rows - row) - 0.5, 0)
+        gap_col = np.maximum(np.abs(cols - col) - 0.5, 0)
+        expected = 0.05 * np.hypot(gap_row, gap_col).min()
+        assert grid.clearance[row, col] == pytest.approx(expected, rel=1e-5)
+
+
+def test_without_walls_clearance_is_infinite():
+    assert np.isinf(drawn("..", "..").clearance).all()
+
+
+def test_digest_depends_on_content_not_on_the_name():
+    grid = OccupancyGrid(np.full((4, 4), FREE), 0.1, name="a")
+    assert grid.digest == OccupancyGrid(grid.cells, 0.1, name="b").digest
+    assert grid.digest != OccupancyGrid(grid.cells, 0.2).digest
+    assert grid.digest != OccupancyGrid(grid.cells.reshape(2, 8), 0.1).digest
+
+
+def test_cells_are_copied_and_read_only():
+    cells = np.full((3, 3), FREE, np.uint8)
+    grid = OccupancyGrid(cells, 0.1)
+    cells[0, 0] = OCCUPIED
+    assert grid.cells[0, 0] == FREE
+    with pytest.raises(ValueError, match="read-only"):
+        grid.cells[0, 0] = OCCUPIED
+
+
+@pytest.mark.parametrize(
+    ("cells", "resolution", "origin", "message"),
+    [
+        (np.zeros(4), 0.1, (0, 0, 0), "non-empty"),
+        (np.zeros((0, 4)), 0.1, (0, 0, 0), "non-empty"),
+        (np.full((2, 2), 100), 0.1, (0, 0, 0), "may only hold"),
+        (np.full((2, 2), np.nan), 0.1, (0, 0, 0), "may only hold"),
+        (np.zeros((2, 2)), 0.0, (0, 0, 0), "resolution"),
+        (np.zeros((2, 2)), np.inf, (0, 0, 0), "resolution"),
+        (np.zeros((2, 2)), 0.1, (0, np.nan, 0), "origin"),
+        (np.zeros((2, 2)), 0.1, (0, 0), "origin"),
+    ],
+)
+def test_unusable_grids_are_refused(cells, resolution, origin, message):
+    with pytest.raises(MapError, match=message):
+        OccupancyGrid(cells, resolution, origin)

@@ -1,0 +1,79 @@
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "locplan"
+FLOORS = (
+    {"errors", "_kernels.simd", "_kernels.search", "_kernels.rays"},
+    {"_kernels.bitplanes"},
+    {"_kernels.sad", "files", "progress", "covariance", "grid", "path", "config"},
+    {"search_window", "map_files", "drawing"},
+    {"template_matching", "environments"},
+    {"estimators.sad"},
+    {"field"},
+    {"store", "costmap"},
+    {"metrics"},
+    {"planners"},
+    {"planners.grid"},
+    {"plotting"},
+    {"reporting"},
+    {"cli"},
+)
+FLOOR_OF = {name: number for number, floor in enumerate(FLOORS) for name in floor}
+ONLY_IN = {"matplotlib": {"plotting"}, "ompl": {"planners.sampling"}, "yaml": {"map_files"}}
+
+
+def modules() -> dict[str, Path]:
+    result = {}
+    for path in PACKAGE.rglob("*.py"):
+        name = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        name = name.removesuffix(".__init__")
+        if name not in ("__init__", "_kernels", "estimators"):
+            result[name] = path
+    return result
+
+
+def imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def test_every_module_has_a_floor():
+    assert set(modules()) == set(FLOOR_OF)
+
+
+@pytest.mark.parametrize("name", sorted(FLOOR_OF))
+def test_modules_import_from_lower_floors_only(name):
+    own = {i.removeprefix("locplan.") for i in imported(modules()[name]) if "locplan." in i}
+    for other in own & set(FLOOR_OF):
+        assert FLOOR_OF[other] < FLOOR_OF[name], f"{name} imports {other}"
+
+
+@pytest.mark.parametrize("library", sorted(ONLY_IN))
+def test_some_libraries_have_one_home(library):
+    for name, path in modules().items():
+        if name not in ONLY_IN[library]:
+            assert not any(i.split(".")[0] == library for i in imported(path)), name
+
+
+def test_modules_stay_readable():
+    for path in modules().values():
+        assert len(path.read_text().splitlines()) <= 350, path.name
+
+
+def test_the_command_line_starts_without_the_heavy_libraries():
+    code = (
+        "import sys, locplan.cli;"
+        "heavy = {'numpy', 'numba', 'matplotlib', 'cv2', 'ompl', 'scipy'};"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.strip() == "[]"

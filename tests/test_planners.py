@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+from naive import shortest_costs as naive_shortest_costs
+from skimage.graph import MCP_Geometric
+
+from locplan._kernels import search
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, PoseError
+from locplan.grid import FREE, OccupancyGrid
+from locplan.metrics import path_metrics
+from locplan.planners import names, plan
+
+
+def random_density(shape, seed, *, blocked=0.25, greatest=9.0):
+    rng = np.random.default_rng(seed)
+    density = rng.uniform(1.0, greatest, shape)
+    density[rng.random(shape) < blocked] = np.inf
+    density[0, 0] = density[-1, -1] = 1.0
+    return density
+
+
+def costs_from(density) -> Costmap:
+    return Costmap.from_density(OccupancyGrid(np.full(density.shape, FREE), 1.0), density)
+
+
+def bordered(cost, shape):
+    return cost.reshape(shape[0] + 2, shape[1] + 2)[1:-1, 1:-1]
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_costs_equal_the_plain_search(seed, corner_cutting):
+    density = random_density((23, 31), seed)
+    cost = search.shortest_costs(density, 1 * 33 + 1, -1, corner_cutting)
+    expected = naive_shortest_costs(density, (0, 0), corner_cutting)
+    np.testing.assert_allclose(bordered(cost, density.shape), expected)
+
+
+@pytest.mark.parametrize("greatest", [1.0, 1e4, 1e9])
+def test_costs_are_exact_at_any_contrast(greatest):
+    density = np.exp(np.random.default_rng(1).uniform(0, np.log(greatest), (25, 25)))
+    cost = search.shortest_costs(density, 1 * 27 + 1, -1, False)
+    expected = naive_shortest_costs(density, (0, 0), False)
+    np.testing.assert_allclose(bordered(cost, density.shape), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("blocked", [0.0, 0.2])
+def test_costs_equal_scikit_images(seed, blocked):
+    density = random_density((40, 55), seed, blocked=blocked)
+    expected, _ = MCP_Geometric(np.where(np.isinf(density), -1, density)).find_costs([(0, 0)])
+    cost = search.shortest_costs(density, 1 * 57 + 1, -1, True)
+    np.testing.assert_allclose(bordered(cost, density.shape), expected)
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_path_costs_what_the_search_found(seed, corner_cutting):
+    density = random_density((30, 40), seed, blocked=0.3)
+    expected = naive_shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
+    result = plan(
+        costs_from(density), (0.5, 0.5), (39.5, 29.5), allow_corner_cutting=corner_cutting
+    )
+    if np.isinf(expected):
+        assert result.status == "unreachable"
+        assert result.path is None
+    else:
+        assert result.metrics.cost == pytest.approx(expected)
+
+
+def test_weight_0_is_the_shortest_path_around_a_wall():
+    grid = drawn(
+        ".....",
+        ".###.",
+        ".....",
+        resolution=2.0,
+    )
+    result = plan(Costmap.from_density(grid, np.ones(grid.shape)), (1.0, 3.0), (9.0, 3.0))
+    assert result.metrics.length == pytest.approx(12.0)
+    cut = plan(
+        Costmap.from_density(grid, np.ones(grid.shape)),
+        (1.0, 3.0),
+        (9.0, 3.0),
+        allow_corner_cutting=True,
+    )
+    assert cut.metrics.length == pytest.approx(4 + 4 * np.sqrt(2))
+
+
+def test_corners_are_not_cut_unless_allowed():
+    grid = drawn(".#", "..")
+    costs = Costmap.from_density(grid, np.ones((2, 2)))
+    assert plan(costs, (0.5, 1.5), (1.5, 0.5)).metrics.length == pytest.approx(2.0)
+    cut = plan(costs, (0.5, 1.5), (1.5, 0.5), allow_corner_cutting=True)
+    assert cut.metrics.length == pytest.approx(np.sqrt(2))
+
+
+def test_the_path_begins_and_ends_exactly_at_start_and_goal():
+    cells = random_rooms((60, 60), seed=21, blocks=4)
+    grid = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.4))
+    free = np.argwhere(grid.free)
+    start, goal = (grid.cell_to_world(*map(int, cell)) for cell in free[[0, -1]])
+    start = (start[0] + 0.02, start[1] - 0.03)
+    costs = Costmap.from_density(grid, np.ones(grid.shape))
+    result = plan(costs, start, goal)
+    np.testing.assert_allclose(result.path.xy[0], start)
+    np.testing.assert_allclose(result.path.xy[-1], goal)
+    assert np.isfinite(result.metrics.cost)
+    assert result.metrics.cost == path_metrics(costs, result.path).cost
+
+
+def test_start_and_goal_in_one_cell():
+    costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
+    result = plan(costs, (0.2, 0.2), (0.2, 0.2))
+    assert result.status == "solved"
+    assert result.path.length < 1.0
+
+
+def test_an_unreachable_goal_is_a_result():
+    costs = Costmap.from_density(drawn(".#."), np.ones((1, 3)))
+    result = plan(costs, (0.5, 0.5), (2.5, 0.5))
+    assert result.status == "unreachable"
+    assert result.path is result.metrics is None
+    assert result.measured_on(costs) is result
+
+
+def test_impossible_ends_and_unknown_names_are_refused():
+    costs = Costmap.from_density(drawn(".#."), np.ones((1, 3)))
+    with pytest.raises(PoseError, match="goal"):
+        plan(costs, (0.5, 0.5), (1.5, 0.5))
+    with pytest.raises(ConfigError, match="grid"):
+        plan(costs, (0.5, 0.5), (2.5, 0.5), planner="teleport")
+    with pytest.raises(ConfigError, match="allow_corner_cutting"):
+        plan(costs, (0.5, 0.5), (2.5, 0.5), patience=3)
+    assert "grid" in names()
+
+
+def test_paths_have_no_needless_positions():
+    costs = Costmap.from_density(drawn(*["......"] * 6), np.ones((6, 6)))
+    assert len(plan(costs, (0.5, 0.5), (5.5, 5.5)).path.xy) == 2

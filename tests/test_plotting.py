@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+from PIL import Image
+
+from locplan import plotting
+from locplan.config import FieldConfig
+from locplan.costmap import Costmap
+from locplan.errors import LocplanError
+from locplan.field import covariance_field
+from locplan.grid import OccupancyGrid
+from locplan.planners import Plan, plan
+
+
+@pytest.fixture(scope="module")
+def field():
+    grid = OccupancyGrid(random_rooms((80, 120), seed=6), 0.1, (2.0, 1.0, 0.3), name="rooms")
+    return covariance_field(grid, FieldConfig(sensor_range=1.0))
+
+
+def test_field_figure_names_map_scalar_and_unit(field):
+    figure = plotting.field_figure(field, "position_std")
+    axes, bar = figure.axes
+    assert axes.get_title().startswith("rooms: sad, exponential")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+    assert bar.get_ylabel() == "largest position std. deviation [m]"
+
+
+def test_a_field_of_equal_values_can_be_drawn(tmp_path):
+    field = covariance_field(drawn("##", "  ", resolution=0.1), FieldConfig())
+    plotting.save_figure(plotting.field_figure(field), tmp_path / "empty.png")
+    assert (tmp_path / "empty.png").stat().st_size > 0
+
+
+def test_the_map_lies_where_the_world_has_it(field):
+    figure = plotting.field_figure(field)
+    axes = figure.axes[0]
+    x, y = field.grid.grid_to_world([0, 0, 80, 80], [0, 120, 0, 120])
+    low, high = axes.get_xlim()
+    assert low <= x.min() + 1.5
+    assert high >= x.max() - 1.5
+    assert axes.get_ylim()[1] >= y.max() - 1.5
+
+
+def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
+    costs = Costmap.from_field(field.grid, field, weight=3.0)
+    free = np.argwhere(np.isfinite(costs.density))
+    ends = [field.grid.cell_to_world(*map(int, free[n])) for n in (0, -1)]
+    found = plan(costs, *ends)
+    assert found.status == "solved"
+    nothing = Plan("unreachable", "grid", None, None, 0.0)
+    figure = plotting.plan_figure(costs, field, {"aware": found, "other": nothing})
+    lower = figure.axes[1]
+    assert lower.get_xlabel() == "distance along the path [m]"
+    distance, u = lower.lines[0].get_data()
+    assert distance[-1] == pytest.approx(found.metrics.length, abs=0.3)
+    assert 0 <= min(u) <= max(u) <= 1
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert f"{found.metrics.length:.1f} m" in texts[0]
+    assert texts[1] == "other: unreachable"
+    plotting.save_figure(figure, tmp_path / "plan.png")
+    with Image.open(tmp_path / "plan.png") as picture:
+        assert picture.width > 500
+
+
+def test_unknown_picture_formats_are_refused(field, tmp_path):
+    with pytest.raises(LocplanError, match=r"\.png"):
+        plotting.save_figure(plotting.field_figure(field), tmp_path / "field.doc")
+    assert not list(tmp_path.iterdir())

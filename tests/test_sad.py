@@ -1,0 +1,120 @@
+import naive
+import numpy as np
+import pytest
+from conftest import random_rooms
+
+from locplan._kernels import bitplanes
+from locplan._kernels import sad as kernel
+from locplan.config import FieldConfig
+from locplan.estimators import sad
+from locplan.grid import FREE, OCCUPIED, UNKNOWN
+from locplan.map_files import load_map
+from locplan.search_window import SearchWindow
+from locplan.template_matching import sad_distribution
+
+
+def compare(cells, rows, cols, radius, window):
+    rows, cols = np.array(rows), np.array(cols)
+    result = sad.sad_distributions(cells, rows, cols, radius, window)
+    for n in range(len(rows)):
+        expected = sad_distribution(cells, rows[n], cols[n], radius, window)
+        np.testing.assert_array_equal(result[n], expected)
+
+
+@pytest.mark.parametrize("step", [1, 2, 3, 4, 5, 7, 8, 10])
+@pytest.mark.parametrize("radius", [1, 4, 13, 32])
+def test_kernel_is_bit_equal_to_the_reference(step, radius):
+    cells = random_rooms((90, 71), seed=step * 100 + radius)
+    half_steps = 12 // step + 1
+    window = SearchWindow(0.05, step, half_steps, np.radians(20), 2)
+    compare(cells, [45, 0, 89, 20, 46], [30, 0, 70, 69, 31], radius, window)
+
+
+@pytest.mark.parametrize("half_steps", [1, 11, 12, 13])
+def test_any_number_of_offsets_fits_the_vectors(half_steps):
+    window = SearchWindow(0.05, 2, half_steps, np.radians(45), 1)
+    compare(random_rooms((64, 64), seed=7), [30, 34, 38], [10, 14, 22], 9, window)
+
+
+@pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
+def test_uniform_maps_and_discs_larger_than_the_map(level):
+    window = SearchWindow(0.05, 2, 3, np.radians(30), 2)
+    compare(np.full((5, 9), level, np.uint8), [0, 4], [0, 8], 20, window)
+    compare(np.full((1, 1), level, np.uint8), [0], [0], 3, window)
+
+
+def test_levels_may_be_a_part_of_the_map():
+    cells = random_rooms((120, 130), seed=5)
+    config = FieldConfig(sensor_range=0.6, window=0.4, step=0.1)
+    reach = sad.halo(config, 0.05)
+    rows, cols = np.array([60, 64]), np.array([70, 58])
+    whole = sad.covariances(cells, rows, cols, 0.05, config)
+    part = cells[60 - reach : 65 + reach, 58 - reach : 71 + reach]
+    corner = (60 - reach, 58 - reach)
+    cut = sad.covariances(part, rows, cols, 0.05, config, corner=corner, map_shape=cells.shape)
+    np.testing.assert_array_equal(cut, whole)
+
+
+@pytest.mark.parametrize("name", ["nav2_depot", "willow_full_stage", "webots_tb3_example"])
+@pytest.mark.filterwarnings("ignore::locplan.map_files.MapWarning")
+def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
+    grid = load_map(next((real_maps / name).glob("*.yaml")))
+    config = FieldConfig()
+    window = SearchWindow.from_config(config, grid.resolution)
+    free = np.argwhere(grid.free)
+    chosen = free[np.random.default_rng(0).integers(len(free), size=3)]
+    radius = sad.template_radius(config, grid.resolution)
+    compare(grid.cells, *chosen.T, radius, window)
+
+
+def test_weighted_covariance_equals_the_plain_loops():
+    rng = np.random.default_rng(4)
+    counts = rng.integers(0, 50, (5, 3, 24))
+    weights = np.exp(-np.arange(50) / 7.0)
+    np.testing.assert_allclose(
+        kernel.weighted_covariance(counts, weights, 5),
+        naive.weighted_covariance(counts, weights, 5),
+        rtol=1e-12,
+    )
+
+
+def test_covariance_vanishes_where_all_weights_but_the_centre_do():
+    counts = np.ones((5, 3, 24), np.int64)
+    counts[2, 1, 2] = 0
+    covariance = kernel.weighted_covariance(counts, np.array([1.0, 0.0]), 5)
+    assert (covariance == 0).all()
+    tiny = kernel.weighted_covariance(counts, np.array([1.0, 1e-200]), 5)
+    np.testing.assert_allclose(
+        tiny, naive.weighted_covariance(counts, [1.0, 1e-200], 5), rtol=1e-12, atol=1e-300
+    )
+
+
+def test_disc_sums_equal_the_plain_loops():
+    plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
+    octets = np.stack([plane, 1 - plane])
+    result = bitplanes.disc_sums(octets, 6, 8, 3, 10, 11)
+    np.testing.assert_array_equal(result[0], naive.disc_sums(plane, 6, 8, 3, 10, 11))
+    np.testing.assert_array_equal(result[1], naive.disc_sums(1 - plane, 6, 8, 3, 10, 11))
+
+
+def test_covariance_is_the_papers_formula_on_the_reference():
+    cells = random_rooms((80, 80), seed=11, blocks=5)
+    for config in (
+        FieldConfig(sensor_range=1.0, window=0.5, step=0.1, noise_level=2.0),
+        FieldConfig.paper(sensor_range=1.0),
+        FieldConfig(sensor_range=1.0, window=0.5, step=0.1, rotation_window_deg=0),
+    ):
+        window = SearchWindow.from_config(config, 0.05)
+        mismatch = sad_distribution(cells, 40, 36, 20, window)
+        area = mismatch / 254 * 0.05**2
+        if config.weight_law == "exponential":
+            weights = np.exp(-area / config.tau)
+        else:
+            weights = 1 / np.maximum(area, 0.05**2 / 2) ** 2
+        axes = np.meshgrid(window.offsets, window.offsets, window.angles, indexing="ij")
+        poses = np.stack(axes[: window.dimension]).reshape(window.dimension, -1)
+        expected = config.noise_level * np.cov(poses, aweights=weights.ravel(), ddof=0)
+        if config.quantisation:
+            expected = expected + window.quantisation
+        result = sad.covariances(cells, np.array([40]), np.array([36]), 0.05, config)[0]
+        np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-12)
