@@ -7,17 +7,20 @@ indices of the whole map's lattice, also beyond its edges, where everything is u
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.simd import load_word
+from locplan._kernels.simd import load_word, popcount
 
 SQUARE = 8
 """Edge of a word's square of cells."""
 PLANES = 2
+ALL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
+"""A square that is set throughout."""
 
 
 class Strips(NamedTuple):
@@ -32,12 +35,13 @@ class Window(NamedTuple):
     """The map around a tile, laid out so that the offsets in y of a square are contiguous."""
 
     words: NDArray[np.uint64]  # (plane, col, row mod step, row div step), flat
+    below: NDArray[np.int64]  # the same: cells set in the strip's rows below the square
     disc_sums: NDArray[np.int64]  # (plane, col, row): cells set within the disc there
     first_row: int  # of words: rows and columns are counted in `unit` cells from here
     first_col: int
     unit: int
-    cols: int
     lanes: int  # rows of the same remainder
+    plane_stride: int  # words of a plane
     sum_unit: int  # disc_sums start `radius` cells further in and are this many cells apart
 
 
@@ -81,17 +85,59 @@ def cut_strips(
 
 
 @njit(nogil=True, cache=True)
-def window_words(
-    octets: NDArray[np.uint8], unit: int, step_units: int, cols: int, lanes: int
-) -> NDArray:
-    """Words at every `unit` cells of the strips, those a step apart side by side."""
+def lay_out_window(
+    levels: NDArray[np.uint8],
+    row0: int,
+    col0: int,
+    first_row: int,
+    first_col: int,
+    row_span: int,
+    col_span: int,
+    radius: int,
+    diameter: int,
+    step: int,
+    sum_unit: int,
+    lanes: int,
+) -> Window:
+    """The window around a tile whose discs start up to `row_span`, `col_span` cells further on.
+
+    `sum_unit` divides the step and the distances of the tile's cells. `diameter` is that of the
+    disc in whole squares, and `lanes` how many of them may be read from any position.
+    """
+    unit = math.gcd(sum_unit, SQUARE)
+    rows, cols = (row_span + diameter) // unit + 1, (col_span + diameter) // unit + 1
+    still = np.ones(1), np.zeros(1), np.full(1, first_row), np.full(1, first_col)
+    octets = cut_strips(
+        levels, row0, col0, 0.0, 0.0, *still, rows * unit + SQUARE, cols * unit + SQUARE
+    ).octets[0]
+    step_units = step // unit
+    lanes += -(-rows // step_units)
     words = np.zeros((PLANES, cols, step_units, lanes), np.uint64)
+    below = np.zeros((PLANES, cols, step_units, lanes), np.int64)
     for plane in range(PLANES):
         for q in range(cols):
             strip = octets[plane, q * unit]
-            for p in range((strip.size - SQUARE) // unit + 1):
-                words[plane, q, p % step_units, p // step_units] = load_word(strip, p * unit)
-    return words.reshape(-1)
+            ones = 0
+            for p in range(rows):
+                place = plane, q, p % step_units, p // step_units
+                words[place] = load_word(strip, p * unit)
+                below[place] = ones
+                for row in range(p * unit, (p + 1) * unit):
+                    ones += popcount(np.uint64(strip[row]))
+    sums = disc_sums(
+        octets, radius, radius, sum_unit, row_span // sum_unit + 1, col_span // sum_unit + 1
+    )
+    return Window(
+        words.reshape(-1),
+        below.reshape(-1),
+        sums,
+        first_row,
+        first_col,
+        unit,
+        lanes,
+        cols * step_units * lanes,
+        sum_unit,
+    )
 
 
 @njit(nogil=True, cache=True)

@@ -4,12 +4,12 @@ Two bit planes, *free* and *occupied*, hold the three levels, and ``|T - M|`` is
 number of planes in which template and map differ. Over the disc, for each plane,
 
     |T xor M| = |T| + |M| - 2 |T and M|        (or, with N = disc and not T,
-    |T xor M| = |T| - |M| + 2 |N and M|        whichever of T and N is sparser)
+    |T xor M| = |T| - |M| + 2 |N and M|        whichever of T and N is less work)
 
 ``|M|`` is a disc sum of the map, the same for all headings; ``|T|`` is one number a heading. What
 remains, the popcount of an AND, is done on words of 8 x 8 cells, because a wall crosses far fewer
-squares than rows of 64 cells: only squares in which T (or N) has a cell are listed and visited,
-and the offsets in y are the lanes of the vectors.
+squares than rows of 64 cells, and only on those that `templates` lists. The offsets in y are the
+lanes of the vectors.
 """
 
 from __future__ import annotations
@@ -19,61 +19,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.bitplanes import PLANES, SQUARE, Strips, Window
-from locplan._kernels.simd import add_matches, load_word, popcount, store, subtract, zeros
+from locplan._kernels.simd import LANES, add_difference, add_matches, store_difference, zeros
+from locplan._kernels.templates import Disc, Template, empty_template, list_templates
 
-GROUP = 24
-"""Offsets in y that are counted together: three vectors."""
-
-
-@njit(nogil=True, cache=True)
-def list_squares(
-    octets: NDArray[np.uint8],
-    first_row: int,
-    first_col: int,
-    disc_words: NDArray[np.uint64],
-    row_addresses: NDArray[np.int64],
-    col_stride: int,
-    plane_stride: int,
-    words: NDArray[np.uint64],
-    addresses: NDArray[np.int64],
-    start: int,
-) -> tuple[int, int, int, int, int]:
-    """Append the template's squares that must be visited, those to be added before the others.
-
-    Returns where the added ones and where the subtracted ones end, the number of cells set in
-    both planes, and for each plane the sign of its disc sum.
-    """
-    blocks = disc_words.shape[0]
-    ones = 0
-    sparse = np.empty(PLANES, np.bool_)
-    for plane in range(PLANES):
-        set_squares = unset_squares = 0
-        for j in range(blocks):
-            strip = octets[plane, first_col + SQUARE * j]
-            for i in range(blocks):
-                word = load_word(strip, first_row + SQUARE * i) & disc_words[j, i]
-                ones += popcount(word)
-                set_squares += word != 0
-                unset_squares += word != disc_words[j, i]
-        sparse[plane] = set_squares <= unset_squares
-    end = start
-    middle = start
-    for wanted in (True, False):
-        for plane in range(PLANES):
-            if sparse[plane] != wanted:
-                continue
-            for j in range(blocks):
-                strip = octets[plane, first_col + SQUARE * j]
-                address = plane * plane_stride + j * col_stride
-                for i in range(blocks):
-                    word = load_word(strip, first_row + SQUARE * i)
-                    word = (word if wanted else ~word) & disc_words[j, i]
-                    words[end] = word
-                    addresses[end] = address + row_addresses[i]
-                    end += word != 0
-        if wanted:
-            middle = end
-    return middle, end, ones, 1 if sparse[0] else -1, 1 if sparse[1] else -1
+GROUP = 3 * LANES
+"""Offsets in y that are counted together."""
 
 
 @njit(nogil=True, cache=True)
@@ -87,84 +37,90 @@ def mismatch_counts(
     radius: int,
     step: int,
     half_steps: int,
-    disc_words: NDArray[np.uint64],
+    disc: Disc,
     counts: NDArray[np.int64],
-    words: NDArray[np.uint64],
-    addresses: NDArray[np.int64],
+    template: Template,
 ) -> None:
-    """S / 127 at one cell for all offsets, into ``counts`` (dx, theta, dy rounded up).
+    """S / 127 at one cell for all offsets, into ``counts`` (dx, theta, dy rounded up), flat.
 
     `turned` holds the strips of the map at each heading, `turned_rows` and `turned_cols` where
-    the cell lies in the map turned so. `words` and `addresses` are scratch space for the squares
-    of all headings.
+    the cell lies in the map turned so. `template` is scratch space.
     """
-    blocks = disc_words.shape[0]
+    headings, offsets = turned_rows.size, 2 * half_steps + 1
     step_units = step // window.unit
-    col_words = step_units * window.lanes
+    col_words, plane_stride = step_units * window.lanes, window.plane_stride
     square_units = SQUARE // window.unit
     p0 = (row - radius - half_steps * step - window.first_row) // window.unit
     q0 = (col - radius - half_steps * step - window.first_col) // window.unit
-    row_addresses = np.empty(blocks, np.int64)
-    for i in range(blocks):
+    row_addresses = np.empty(disc.rows + 1, np.int64)
+    for i in range(row_addresses.size):
         p = p0 + i * square_units
         row_addresses[i] = (p % step_units) * window.lanes + p // step_units
+    strip_rows = turned.octets.shape[3]
+    plane_octets = turned.octets.shape[2] * strip_rows
+    corners = np.empty(headings, np.int64)
+    for k in range(headings):
+        top = turned_rows[k] - radius - turned.first_rows[k]
+        left = turned_cols[k] - radius - turned.first_cols[k]
+        corners[k] = k * PLANES * plane_octets + left * strip_rows + top
+    list_templates(
+        template,
+        turned.octets.reshape(-1),
+        corners,
+        strip_rows,
+        plane_octets,
+        disc,
+        row_addresses,
+        square_units * col_words,
+        plane_stride,
+    )
 
-    angles = turned_rows.size
-    bounds = np.empty((angles, 3), np.int64)
-    ones = np.empty(angles, np.int64)
-    signs = np.empty((angles, PLANES), np.int64)
-    end = 0
-    for k in range(angles):
-        bounds[k, 0] = end
-        middle, end, ones[k], signs[k, 0], signs[k, 1] = list_squares(
-            turned.octets[k],
-            turned_rows[k] - radius - turned.first_rows[k],
-            turned_cols[k] - radius - turned.first_cols[k],
-            disc_words,
-            row_addresses,
-            square_units * col_words,
-            window.cols * col_words,
-            words,
-            addresses,
-            end,
-        )
-        bounds[k, 1] = middle
-        bounds[k, 2] = end
-
-    offsets = 2 * half_steps + 1
+    words, below = window.words, window.below
+    squares, addresses, run_starts, run_ends, bounds, ones, signs = template
     sum_row = p0 * window.unit // window.sum_unit
     sum_col = q0 * window.unit // window.sum_unit
     sum_step = step // window.sum_unit
+    line_size = counts.size // (offsets * headings)
+    free_sums, occupied_sums = np.empty(offsets, np.int64), np.empty(offsets, np.int64)
     for i in range(offsets):
         base = (q0 + i * step_units) * col_words
-        sums = window.disc_sums[:, sum_col + i * sum_step]
-        for k in range(angles):
-            for group in range(0, counts.shape[2], GROUP):
+        for v in range(offsets):
+            place = sum_col + i * sum_step, sum_row + v * sum_step
+            free_sums[v] = window.disc_sums[0, place[0], place[1]]
+            occupied_sums[v] = window.disc_sums[1, place[0], place[1]]
+        for k in range(headings):
+            line = (i * headings + k) * line_size
+            for group in range(0, line_size, GROUP):
                 at = base + group
                 a = b = c = zeros()
-                for m in range(bounds[k, 0], bounds[k, 1]):
-                    word, here = words[m], at + addresses[m]
-                    a = add_matches(a, word, window.words, here)
-                    b = add_matches(b, word, window.words, here + 8)
-                    c = add_matches(c, word, window.words, here + 16)
+                for n in range(bounds[k, 0, 0], bounds[k, 0, 1]):
+                    word, here = squares[n], at + addresses[n]
+                    a = add_matches(a, word, words, here)
+                    b = add_matches(b, word, words, here + 8)
+                    c = add_matches(c, word, words, here + 16)
+                for n in range(bounds[k, 0, 2], bounds[k, 0, 3]):
+                    here, there = at + run_starts[n], at + run_ends[n]
+                    a = add_difference(a, below, there, here)
+                    b = add_difference(b, below, there + 8, here + 8)
+                    c = add_difference(c, below, there + 16, here + 16)
                 d = e = f = zeros()
-                for m in range(bounds[k, 1], bounds[k, 2]):
-                    word, here = words[m], at + addresses[m]
-                    d = add_matches(d, word, window.words, here)
-                    e = add_matches(e, word, window.words, here + 8)
-                    f = add_matches(f, word, window.words, here + 16)
-                line = counts[i, k]
-                store(subtract(d, a), line, group)
-                store(subtract(e, b), line, group + 8)
-                store(subtract(f, c), line, group + 16)
-            for v in range(offsets):
-                p = sum_row + v * sum_step
-                counts[i, k, v] = (
-                    ones[k]
-                    + signs[k, 0] * sums[0, p]
-                    + signs[k, 1] * sums[1, p]
-                    + 2 * counts[i, k, v]
-                )
+                for n in range(bounds[k, 1, 0], bounds[k, 1, 1]):
+                    word, here = squares[n], at + addresses[n]
+                    d = add_matches(d, word, words, here)
+                    e = add_matches(e, word, words, here + 8)
+                    f = add_matches(f, word, words, here + 16)
+                for n in range(bounds[k, 1, 2], bounds[k, 1, 3]):
+                    here, there = at + run_starts[n], at + run_ends[n]
+                    d = add_difference(d, below, there, here)
+                    e = add_difference(e, below, there + 8, here + 8)
+                    f = add_difference(f, below, there + 16, here + 16)
+                store_difference(d, a, counts, line + group)
+                store_difference(e, b, counts, line + group + 8)
+                store_difference(f, c, counts, line + group + 16)
+            free_sign, occupied_sign, cells = signs[k, 0], signs[k, 1], ones[k]
+            for v in range(np.uint64(offsets)):
+                differing = free_sign * free_sums[v] + occupied_sign * occupied_sums[v] + cells
+                counts[np.uint64(line) + v] = differing + 2 * counts[np.uint64(line) + v]
 
 
 @njit(nogil=True, cache=True)
@@ -220,11 +176,12 @@ def tile_mismatch_counts(
     radius: int,
     step: int,
     half_steps: int,
-    disc_words: NDArray[np.uint64],
+    disc: Disc,
 ) -> NDArray:
     """S / 127 at many cells, (n, dx, theta, dy)."""
     offsets, angles = 2 * half_steps + 1, turned.first_rows.size
-    counts, words, addresses = scratch(offsets, angles, disc_words.size)
+    counts = empty_counts(offsets, angles)
+    template = empty_template(angles, disc)
     result = np.empty((rows.size, offsets, angles, offsets), np.int64)
     for n in range(rows.size):
         mismatch_counts(
@@ -237,12 +194,11 @@ def tile_mismatch_counts(
             radius,
             step,
             half_steps,
-            disc_words,
+            disc,
             counts,
-            words,
-            addresses,
+            template,
         )
-        result[n] = counts[:, :, :offsets]
+        result[n] = counts.reshape(offsets, angles, -1)[:, :, :offsets]
     return result
 
 
@@ -257,12 +213,13 @@ def tile_covariances(
     radius: int,
     step: int,
     half_steps: int,
-    disc_words: NDArray[np.uint64],
+    disc: Disc,
     weight_of_count: NDArray[np.float64],
 ) -> NDArray:
     """Weighted covariances in steps of the lattice at many cells, (n, 3, 3)."""
     offsets, angles = 2 * half_steps + 1, turned.first_rows.size
-    counts, words, addresses = scratch(offsets, angles, disc_words.size)
+    counts = empty_counts(offsets, angles)
+    template = empty_template(angles, disc)
     result = np.empty((rows.size, 3, 3))
     for n in range(rows.size):
         mismatch_counts(
@@ -275,22 +232,17 @@ def tile_covariances(
             radius,
             step,
             half_steps,
-            disc_words,
+            disc,
             counts,
-            words,
-            addresses,
+            template,
         )
-        result[n] = weighted_covariance(counts, weight_of_count, offsets)
+        result[n] = weighted_covariance(
+            counts.reshape(offsets, angles, -1), weight_of_count, offsets
+        )
     return result
 
 
 @njit(nogil=True, cache=True)
-def scratch(offsets: int, angles: int, squares: int) -> tuple[NDArray, NDArray, NDArray]:
-    """Space for one cell: counts (dx, theta, dy rounded up to a group), words, addresses."""
-    groups = -(-offsets // GROUP)
-    room = angles * PLANES * squares + 1
-    return (
-        np.zeros((offsets, angles, groups * GROUP), np.int64),
-        np.empty(room, np.uint64),
-        np.empty(room, np.int64),
-    )
+def empty_counts(offsets: int, headings: int) -> NDArray:
+    """Room for the counts of one cell, (dx, theta, dy rounded up to whole groups), flat."""
+    return np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)

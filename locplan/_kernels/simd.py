@@ -7,6 +7,7 @@ them stays plain Python; LLVM lowers `ctpop` to what the processor has (AVX-512,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -43,6 +44,12 @@ def _popcount(builder: Any, value: Any) -> Any:
     return builder.call(function, [value])
 
 
+def _spread(builder: Any, word: Any) -> Any:
+    lane = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), word, ir.IntType(32)(0))
+    first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(lane, ir.Constant(_VECTOR, ir.Undefined), first)
+
+
 @intrinsic
 def zeros(typingctx: Any) -> Any:
     """Eight zeros."""
@@ -61,36 +68,36 @@ def add_matches(typingctx: Any, counts: Any, word: Any, words: Any, index: Any) 
         counts_value, word_value, array, start = args
         pointer = _pointer(context, builder, signature.args[2], array, start, _VECTOR)
         window = builder.load(pointer, align=8)
-        lane = builder.insert_element(
-            ir.Constant(_VECTOR, ir.Undefined), word_value, ir.IntType(32)(0)
-        )
-        mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-        spread = builder.shuffle_vector(lane, ir.Constant(_VECTOR, ir.Undefined), mask)
-        return builder.add(counts_value, _popcount(builder, builder.and_(spread, window)))
+        both = builder.and_(_spread(builder, word_value), window)
+        return builder.add(counts_value, _popcount(builder, both))
 
     return _u64x8(_u64x8, types.uint64, words, types.intp), codegen
 
 
 @intrinsic
-def subtract(typingctx: Any, a: Any, b: Any) -> Any:
-    """``a - b``, lane by lane, modulo 2^64."""
+def add_difference(typingctx: Any, counts: Any, values: Any, index: Any, less: Any) -> Any:
+    """``counts + values[index : index + 8] - values[less : less + 8]`` of an array of int64."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.sub(*args)
+        counts_value, array, at, less_at = args
+        plus = _pointer(context, builder, signature.args[1], array, at, _VECTOR)
+        minus = _pointer(context, builder, signature.args[1], array, less_at, _VECTOR)
+        total = builder.add(counts_value, builder.load(plus, align=8))
+        return builder.sub(total, builder.load(minus, align=8))
 
-    return _u64x8(_u64x8, _u64x8), codegen
+    return _u64x8(_u64x8, values, types.intp, types.intp), codegen
 
 
 @intrinsic
-def store(typingctx: Any, counts: Any, target: Any, index: Any) -> Any:
-    """``target[index : index + 8] = counts`` for an array of int64."""
+def store_difference(typingctx: Any, a: Any, b: Any, target: Any, index: Any) -> Any:
+    """``target[index : index + 8] = a - b`` for an array of int64."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[1], args[1], args[2], _VECTOR)
-        builder.store(args[0], pointer, align=8)
+        pointer = _pointer(context, builder, signature.args[2], args[2], args[3], _VECTOR)
+        builder.store(builder.sub(args[0], args[1]), pointer, align=8)
         return context.get_dummy_value()
 
-    return types.void(_u64x8, target, types.intp), codegen
+    return types.void(_u64x8, _u64x8, target, types.intp), codegen
 
 
 @intrinsic
@@ -100,7 +107,7 @@ def popcount(typingctx: Any, word: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return _popcount(builder, args[0])
 
-    return types.uint64(types.uint64), codegen
+    return types.int64(types.uint64), codegen
 
 
 @intrinsic
@@ -113,3 +120,36 @@ def load_word(typingctx: Any, octets: Any, index: Any) -> Any:
         return builder.load(pointer, align=1)
 
     return types.uint64(octets, types.intp), codegen
+
+
+@intrinsic
+def lowest_bit(typingctx: Any, word: Any) -> Any:
+    """Number of the lowest bit that is set in a 64-bit word, which must not be 0."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.cttz(args[0], ir.IntType(1)(1))
+
+    return types.int64(types.uint64), codegen
+
+
+def _lanes_where(predicate: str, against: int) -> Callable[..., Any]:
+    def lanes(typingctx: Any, octets: Any, at: Any, flip: Any, masks: Any, first: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            words_at = _pointer(context, builder, signature.args[0], args[0], args[1], _VECTOR)
+            masks_at = _pointer(context, builder, signature.args[3], args[3], args[4], _VECTOR)
+            words = builder.xor(builder.load(words_at, align=1), _spread(builder, args[2]))
+            words = builder.and_(words, builder.load(masks_at, align=8))
+            constant = ir.Constant(_VECTOR, [against] * LANES)
+            chosen = builder.icmp_unsigned(predicate, words, constant)
+            return builder.zext(builder.bitcast(chosen, ir.IntType(LANES)), ir.IntType(64))
+
+        return types.uint64(octets, types.intp, types.uint64, masks, types.intp), codegen
+
+    return lanes
+
+
+set_lanes = intrinsic(_lanes_where("!=", 0))
+"""``set_lanes(octets, at, flip, masks, first)``: one bit for each of the eight words from byte
+`at` on of an array of uint8 for which ``(word ^ flip) & masks[first:]`` is not zero."""
+full_lanes = intrinsic(_lanes_where("==", 2**64 - 1))
+"""As `set_lanes`, for the words for which that is all ones."""

@@ -121,68 +121,48 @@ def _tile_tables(
     map_shape: tuple[int, int],
 ) -> tuple[Any, ...]:
     """Lay out the map and its turned copies for the kernel, for all cells of a tile at once."""
-    from locplan._kernels import bitplanes, sad
+    from locplan._kernels import bitplanes, sad, templates
 
     step, half_steps = window.step_cells, window.half_steps
     reach = half_steps * step
-    size = 2 * radius + 1
-    blocks = -(-size // bitplanes.SQUARE)
+    disc_squares = templates.disc_squares(disc(radius))
+    diameter = disc_squares.rows * bitplanes.SQUARE
     centre_row, centre_col = map_centre(map_shape)
     cos, sin = np.cos(window.angles), np.sin(window.angles)
     cos[window.half_rotations], sin[window.half_rotations] = 1.0, 0.0
-
-    def cut(
-        turn: slice, first_rows: Any, first_cols: Any, height: int, width: int
-    ) -> bitplanes.Strips:
-        places = np.atleast_1d(first_rows), np.atleast_1d(first_cols)
-        centre = centre_row, centre_col
-        return bitplanes.cut_strips(
-            levels, *corner, *centre, cos[turn], sin[turn], *places, height, width
-        )
-
-    # The map: rows and columns that any square of any offset of any cell starts at.
-    spread = math.gcd(*(int(v) for v in rows - rows[0]), *(int(v) for v in cols - cols[0]))
-    sum_unit = math.gcd(spread, step)
-    unit = math.gcd(sum_unit, bitplanes.SQUARE)
-    row_span, col_span = int(np.ptp(rows)) + 2 * reach, int(np.ptp(cols)) + 2 * reach
-    first_row, first_col = int(rows.min()) - radius - reach, int(cols.min()) - radius - reach
-    row_units = (row_span + (blocks - 1) * bitplanes.SQUARE) // unit + 1
-    col_units = (col_span + (blocks - 1) * bitplanes.SQUARE) // unit + 1
-    untouched = slice(window.half_rotations, window.half_rotations + 1)
-    plain = cut(
-        untouched,
-        first_row,
-        first_col,
-        (row_units - 1) * unit + bitplanes.SQUARE,
-        (col_units - 1) * unit + bitplanes.SQUARE,
-    ).octets[0]
-    groups = -(-(2 * half_steps + 1) // sad.GROUP)
-    lanes = -(-row_units // (step // unit)) + groups * sad.GROUP
-    around = bitplanes.Window(
-        words=bitplanes.window_words(plain, unit, step // unit, col_units, lanes),
-        disc_sums=bitplanes.disc_sums(
-            plain, radius, radius, sum_unit, row_span // sum_unit + 1, col_span // sum_unit + 1
-        ),
-        first_row=first_row,
-        first_col=first_col,
-        unit=unit,
-        cols=col_units,
-        lanes=lanes,
-        sum_unit=sum_unit,
-    )
 
     # The templates: the turned maps around the cells' turned and rounded places.
     dy, dx = (rows - centre_row)[:, None], (cols - centre_col)[:, None]
     turned_rows = np.floor(sin * dx + cos * dy + centre_row + 0.5).astype(np.int64)
     turned_cols = np.floor(cos * dx - sin * dy + centre_col + 0.5).astype(np.int64)
-    turned = cut(
-        slice(None),
+    turned = bitplanes.cut_strips(
+        levels,
+        *corner,
+        centre_row,
+        centre_col,
+        cos,
+        sin,
         turned_rows.min(axis=0) - radius,
         turned_cols.min(axis=0) - radius,
-        int(np.ptp(turned_rows, axis=0).max()) + blocks * bitplanes.SQUARE,
-        int(np.ptp(turned_cols, axis=0).max()) + blocks * bitplanes.SQUARE,
+        int(np.ptp(turned_rows, axis=0).max()) + diameter,
+        int(np.ptp(turned_cols, axis=0).max()) + diameter,
     )
-    disc_words = _disc_words(radius, blocks)
+
+    # The map: the rows and columns that a square starts at, of any cell and any offset.
+    spread = math.gcd(*(int(v) for v in rows - rows[0]), *(int(v) for v in cols - cols[0]))
+    around = bitplanes.lay_out_window(
+        levels,
+        *corner,
+        int(rows.min()) - radius - reach,
+        int(cols.min()) - radius - reach,
+        int(np.ptp(rows)) + 2 * reach,
+        int(np.ptp(cols)) + 2 * reach,
+        radius,
+        diameter,
+        step,
+        math.gcd(spread, step),
+        -(-(2 * half_steps + 1) // sad.GROUP) * sad.GROUP,
+    )
     return (
         around,
         turned,
@@ -193,13 +173,5 @@ def _tile_tables(
         radius,
         step,
         half_steps,
-        disc_words,
+        disc_squares,
     )
-
-
-def _disc_words(radius: int, blocks: int) -> NDArray[np.uint64]:
-    """The disc in squares of 8 x 8 cells, (block of columns, block of rows)."""
-    square = np.zeros((8 * blocks, 8 * blocks), np.uint8)
-    square[: 2 * radius + 1, : 2 * radius + 1] = disc(radius)
-    octets = np.packbits(square.reshape(8 * blocks, blocks, 8), axis=2, bitorder="little")[..., 0]
-    return np.ascontiguousarray(octets.T).view(np.uint64)

@@ -1,0 +1,160 @@
+"""What of a template has to be compared: its squares of 8 x 8 cells, sorted by what they hold.
+
+The kernel needs |T and M| over the disc, for each plane T of a template. Squares in which T has
+no cell add nothing, and a run of squares that are set throughout, one above the other, adds the
+difference of two prefix sums of the map. What remains are the squares along walls and along the
+disc's rim. Where N, the disc less T, leaves fewer of them it is listed instead, since
+|T and M| = |M| - |N and M|.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.bitplanes import ALL, PLANES, SQUARE
+from locplan._kernels.simd import LANES, full_lanes, load_word, lowest_bit, popcount, set_lanes
+
+LANE_BITS = np.uint64((1 << LANES) - 1)
+RUN_COST = 2
+"""A run takes about as long to compare as this many squares."""
+
+
+class Disc(NamedTuple):
+    """The disc in squares, flat (col, row); columns are rounded up to whole vectors."""
+
+    words: NDArray[np.uint64]
+    cols: int
+    rows: int
+    cells: int
+
+
+class Template(NamedTuple):
+    """Squares and runs of one cell's templates, for all headings one after the other.
+
+    Addresses are into the window's words, for the offsets that are first in x and y.
+    """
+
+    squares: NDArray[np.uint64]
+    addresses: NDArray[np.int64]
+    run_starts: NDArray[np.int64]
+    run_ends: NDArray[np.int64]
+    bounds: NDArray[np.uint64]  # (heading, by T or by N, squares from, to, runs from, to)
+    ones: NDArray[np.int64]  # (heading,): |T| of both planes together
+    signs: NDArray[np.int64]  # (heading, plane): 1 where T is listed, -1 where N is
+
+
+def disc_squares(mask: NDArray[np.bool_]) -> Disc:
+    """A disc of (2r + 1, 2r + 1) cells in squares."""
+    cols = -(-len(mask) // SQUARE)
+    rows = -(-cols // LANES) * LANES
+    cells = np.zeros((SQUARE * rows, SQUARE * cols), np.uint8)
+    cells[: len(mask), : len(mask)] = mask
+    octets = np.packbits(cells.reshape(-1, cols, SQUARE), axis=2, bitorder="little")[..., 0]
+    words = np.ascontiguousarray(octets.T).view(np.uint64)
+    return Disc(words.reshape(-1), cols, rows, int(np.count_nonzero(mask)))
+
+
+@njit(nogil=True, cache=True)
+def empty_template(headings: int, disc: Disc) -> Template:
+    """Room for the templates of one cell."""
+    room = headings * PLANES * disc.words.size + 1
+    return Template(
+        np.empty(room, np.uint64),
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+        np.empty((headings, 2, 4), np.uint64),
+        np.empty(headings, np.int64),
+        np.empty((headings, PLANES), np.int64),
+    )
+
+
+@njit(nogil=True, cache=True)
+def list_templates(
+    template: Template,
+    octets: NDArray[np.uint8],
+    corners: NDArray[np.int64],
+    strip_rows: int,
+    plane_octets: int,
+    disc: Disc,
+    row_addresses: NDArray[np.int64],
+    col_stride: int,
+    plane_stride: int,
+) -> None:
+    """List the squares and runs of all headings.
+
+    `octets` are the strips of the turned maps, flat, and `corners` (heading,) where in them the
+    disc's first square begins; the next column is `strip_rows` further on, the next plane
+    `plane_octets`. A square's address in the window is ``row_addresses[row] + col * col_stride``,
+    plus `plane_stride` for the second plane.
+    """
+    # All in one function with local names: numba counts references to arrays passed on.
+    squares, addresses, run_starts, run_ends, bounds, all_ones, signs = template
+    disc_words, cols, rows = disc.words, disc.cols, disc.rows
+    square = run = 0
+    for k in range(corners.size):
+        all_ones[k] = 0
+        for plane in range(PLANES):
+            balance = 0
+            for j in range(cols):
+                strip = corners[k] + plane * plane_octets + SQUARE * j * strip_rows
+                before, before_n = np.uint64(0), np.uint64(0)
+                for i in range(0, rows, LANES):
+                    at, here = strip + SQUARE * i, j * rows + i
+                    some = set_lanes(octets, at, np.uint64(0), disc_words, here)
+                    full = full_lanes(octets, at, np.uint64(0), disc_words, here)
+                    some_n = set_lanes(octets, at, ALL, disc_words, here)
+                    full_n = full_lanes(octets, at, ALL, disc_words, here)
+                    starts = full & ~(full << np.uint64(1) | before)
+                    starts_n = full_n & ~(full_n << np.uint64(1) | before_n)
+                    before = full >> np.uint64(LANES - 1)
+                    before_n = full_n >> np.uint64(LANES - 1)
+                    balance += popcount(some & ~full) + RUN_COST * popcount(starts)
+                    balance -= popcount(some_n & ~full_n) + RUN_COST * popcount(starts_n)
+            signs[k, plane] = 1 if balance <= 0 else -1
+        for side in range(2):
+            bounds[k, side, 0], bounds[k, side, 2] = square, run
+            for plane in range(PLANES):
+                if signs[k, plane] != 1 - 2 * side:
+                    continue
+                flip = ALL if side else np.uint64(0)
+                ones = 0
+                for j in range(cols):
+                    strip = corners[k] + plane * plane_octets + SQUARE * j * strip_rows
+                    address = j * col_stride + plane * plane_stride
+                    before, first = np.uint64(0), 0
+                    for i in range(0, rows, LANES):
+                        at, here = strip + SQUARE * i, j * rows + i
+                        full = full_lanes(octets, at, flip, disc_words, here)
+                        partly = set_lanes(octets, at, flip, disc_words, here) & ~full
+                        while partly:
+                            row = i + lowest_bit(partly)
+                            word = load_word(octets, strip + SQUARE * row) ^ flip
+                            word &= disc_words[j * rows + row]
+                            squares[square] = word
+                            addresses[square] = address + row_addresses[row]
+                            ones += popcount(word)
+                            square += 1
+                            partly &= partly - np.uint64(1)
+                        changes = (full ^ (full << np.uint64(1) | before)) & LANE_BITS
+                        before = full >> np.uint64(LANES - 1)
+                        while changes:  # a run begins or ends where `full` changes
+                            lane = lowest_bit(changes)
+                            if full >> np.uint64(lane) & np.uint64(1):
+                                first = i + lane
+                                run_starts[run] = address + row_addresses[first]
+                            else:
+                                run_ends[run] = address + row_addresses[i + lane]
+                                ones += SQUARE * SQUARE * (i + lane - first)
+                                run += 1
+                            changes &= changes - np.uint64(1)
+                    if before:
+                        run_ends[run] = address + row_addresses[rows]
+                        ones += SQUARE * SQUARE * (rows - first)
+                        run += 1
+                all_ones[k] += disc.cells - ones if side else ones
+            bounds[k, side, 1], bounds[k, side, 3] = square, run
