@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,11 +30,14 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+_UsageError: type[Any] = typer.BadParameter.__bases__[0]
+
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML file.")]
 Preset = Annotated[str, typer.Option(help="default | paper (Eq. 8-10 as printed).")]
 Range = Annotated[float, typer.Option("--range", help="Sensor range [m].")]
+Template = Annotated[str, typer.Option(help="disc (the paper's) | visible (what a ray sees).")]
 Stride = Annotated[float, typer.Option(help="Spacing of the evaluated cells [m].")]
-Threads = Annotated[int | None, typer.Option(help="Threads; all cores by default.")]
+Threads = Annotated[int | None, typer.Option(min=1, help="Threads; all cores by default.")]
 CacheDir = Annotated[
     Path | None, typer.Option(help="Where fields are cached; LOCPLAN_CACHE does the same.")
 ]
@@ -42,16 +46,28 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a ta
 
 def main() -> None:
     """Run the command line; a user's error ends in one line on stderr and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
     try:
         with _warnings_as_lines():
-            app(standalone_mode=True)
+            code = app(standalone_mode=False)
+        sys.stdout.flush()
     except LocplanError as error:
-        sys.exit(_complain(f"error: {error}", 2))
-    except KeyboardInterrupt:
-        sys.exit(_complain("interrupted", 130))
+        code = _complain(f"error: {error}", 2)
+    except _UsageError as error:
+        message = error.format_message()
+        helps = "\n" in message  # of a command without any arguments
+        code = _complain(message if helps else f"error: {message} (--help shows how)", 2)
+    except (KeyboardInterrupt, typer.Abort):
+        code = _complain("interrupted", 130)
     except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(1)
+        sys.stdout = sys.stderr = None
+        code = 1
+    except OSError as error:
+        code = _complain(f"error: the output cannot be written ({error.strerror})", 1)
+        sys.stdout = None
+    sys.exit(code or 0)
 
 
 @app.callback(invoke_without_command=True)
@@ -75,6 +91,7 @@ def field(
     ] = None,
     preset: Preset = "default",
     sensor_range: Range = 6.0,
+    template: Template = "disc",
     stride: Stride = 0.2,
     threads: Threads = None,
     cache_dir: CacheDir = None,
@@ -82,11 +99,14 @@ def field(
 ) -> None:
     """Compute how uncertain a pose match is all over a map."""
     from locplan import reporting
+    from locplan.files import PICTURES, check_target
 
     grid = _load(map_file)
-    if output and output.suffix != ".npz":
-        raise LocplanError(f"{output}: fields are written as .npz")
-    computed = _field(grid, _config(preset, sensor_range, stride), threads, cache_dir)
+    if output:
+        check_target(output, ".npz")
+    if picture:
+        check_target(picture, *PICTURES)
+    computed = _field(grid, _config(preset, sensor_range, template, stride), threads, cache_dir)
     if output:
         computed.save(output)
     if picture:
@@ -113,6 +133,7 @@ def plan(
     ] = None,
     preset: Preset = "default",
     sensor_range: Range = 6.0,
+    template: Template = "disc",
     stride: Stride = 0.2,
     threads: Threads = None,
     cache_dir: CacheDir = None,
@@ -120,21 +141,32 @@ def plan(
 ) -> None:
     """Plan a path that the robot can localize on, beside the shortest one."""
     from locplan import planners, reporting
-    from locplan.costmap import Costmap
+    from locplan.costmap import Costmap, check_weight
+    from locplan.files import make_folder
 
     ends = _position("start", start), _position("goal", goal)
     grid = _load(map_file)
+    config = _config(preset, sensor_range, template, stride)
+    planners.check_planner(planner)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends)
-    computed = _field(grid, _config(preset, sensor_range, stride), threads, cache_dir)
+    check_weight(weight)
+    if output:
+        make_folder(output)
+    computed = _field(grid, config, threads, cache_dir)
     costs = Costmap.from_field(grid, computed, weight=weight, robot_radius=robot_radius)
-    shortest = planners.plan(costs.with_weight(0.0), *ends, planner=planner)
+    # Of the many shortest paths on a grid, the one that sees most: the comparison is fair.
+    shortest = planners.plan(costs.with_weight(1e-6), *ends, planner=planner)
     plans = {
         "shortest": shortest.measured_on(costs),
         "localizability-aware": planners.plan(costs, *ends, planner=planner),
     }
     if output:
         reporting.write_plans(output, costs, computed, plans)
-    print(_json(reporting.plans_summary(plans)) if as_json else reporting.plans_table(plans))
+    print(
+        _json(reporting.plans_summary(plans))
+        if as_json
+        else reporting.plans_table(plans, computed.e_unit)
+    )
     _say_written(output)
 
 
@@ -147,6 +179,7 @@ def plot(
     ] = "e",
     preset: Preset = "default",
     sensor_range: Range = 6.0,
+    template: Template = "disc",
     stride: Stride = 0.2,
     threads: Threads = None,
     cache_dir: CacheDir = None,
@@ -154,11 +187,13 @@ def plot(
     """Draw the map with its field as a heat map."""
     from locplan import plotting
     from locplan.covariance import SCALARS
+    from locplan.files import PICTURES, check_target
 
     if scalar not in SCALARS:
         raise ConfigError(f"--scalar must be one of {', '.join(SCALARS)}, not {scalar!r}")
+    check_target(output, *PICTURES)
     grid = _load(map_file)
-    computed = _field(grid, _config(preset, sensor_range, stride), threads, cache_dir)
+    computed = _field(grid, _config(preset, sensor_range, template, stride), threads, cache_dir)
     plotting.save_figure(plotting.field_figure(computed, scalar), output)
     _say_written(output)
 
@@ -182,8 +217,9 @@ def maps(
         grid = environments.make(
             each, resolution=resolution, boundary_noise=boundary_noise, seed=seed
         )
-        save_map(grid, folder / f"{each}.yaml")
-        _say_written(folder / f"{each}.yaml")
+        stem = f"{each}_noise{boundary_noise:g}_seed{seed}" if boundary_noise else each
+        save_map(grid, folder / f"{stem}.yaml")
+        _say_written(folder / f"{stem}.yaml")
 
 
 def _load(map_file: Path) -> OccupancyGrid:
@@ -192,14 +228,15 @@ def _load(map_file: Path) -> OccupancyGrid:
     return load_map(map_file)
 
 
-def _config(preset: str, sensor_range: float, stride: float) -> FieldConfig:
+def _config(preset: str, sensor_range: float, template: str, stride: float) -> FieldConfig:
     from locplan.config import FieldConfig
 
     presets = {"default": FieldConfig, "paper": FieldConfig.paper}
     if preset not in presets:
         raise ConfigError(f"--preset must be one of {', '.join(presets)}, not {preset!r}")
     config = presets[preset](sensor_range=sensor_range)
-    return dataclasses.replace(config, stride=stride)
+    tau = None if preset == "default" else config.tau
+    return dataclasses.replace(config, stride=stride, template=template, tau=tau)
 
 
 def _field(
@@ -208,8 +245,6 @@ def _field(
     from locplan.progress import progress_bar
     from locplan.store import load_or_compute
 
-    if threads is not None and threads < 1:
-        raise ConfigError(f"--threads must be at least 1, not {threads}")
     with progress_bar(f"field of {grid.name}", "cells") as progress:
         return load_or_compute(
             grid, config, cache_dir=cache_dir, threads=threads, progress=progress

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Real
+from typing import Any, Literal
 
 from locplan.errors import ConfigError
 
 ESTIMATORS = ("sad",)
-TEMPLATES = ("disc",)
+TEMPLATES = ("disc", "visible")
+TAU = {"disc": 0.57, "visible": 0.23}
 WEIGHT_LAWS = ("exponential", "inverse-square")
 
 
@@ -38,8 +40,8 @@ class FieldConfig:
     """What fills the field: "sad" is the paper's correlation of sums of absolute differences."""
     sensor_range: float = 6.0
     """Radius of the template disc [m]."""
-    template: Literal["disc"] = "disc"
-    """What of the disc is compared: "disc" is all of it, as in the paper."""
+    template: Literal["disc", "visible"] = "disc"
+    """What of the disc is compared: all of it as in the paper, or what a ray from the cell sees."""
     window: float = 2.0
     """Half width of the search window in x and in y [m]."""
     step: float = 0.2
@@ -50,8 +52,8 @@ class FieldConfig:
     """Spacing of the search window's headings [deg]."""
     weight_law: Literal["exponential", "inverse-square"] = "exponential"
     """Weight of an offset with mismatch area S: exp(-S / tau), or 1 / max(S, floor)^2 (Eq. 9)."""
-    tau: float = 0.57
-    """Scale of the exponential weight law [m^2 of mismatch]."""
+    tau: float | None = None
+    """Scale of the exponential weight law [m^2 of mismatch]; None is 0.57, or 0.23 if visible."""
     floor: float | None = None
     """Least mismatch in the inverse-square law [m^2]; None is half a cell's area."""
     noise_level: float = 1.0
@@ -65,6 +67,8 @@ class FieldConfig:
         _one_of("estimator", self.estimator, ESTIMATORS)
         _one_of("template", self.template, TEMPLATES)
         _one_of("weight_law", self.weight_law, WEIGHT_LAWS)
+        if self.tau is None:
+            self._keep("tau", TAU[self.template])
         for name, unit in (
             ("sensor_range", "m"),
             ("window", "m"),
@@ -73,16 +77,21 @@ class FieldConfig:
             ("tau", "m^2"),
             ("stride", "m"),
         ):
-            _positive(name, getattr(self, name), unit)
-        _positive("noise_level", self.noise_level, "times the covariance")
+            self._keep(name, _positive(name, getattr(self, name), unit))
+        self._keep("noise_level", _positive("noise_level", self.noise_level, "times Sigma"))
         if self.floor is not None:
-            _positive("floor", self.floor, "m^2")
+            self._keep("floor", _positive("floor", self.floor, "m^2"))
+        if self.stride > self.sensor_range:
+            raise ConfigError(
+                f"stride ({self.stride} m) must not exceed sensor_range ({self.sensor_range} m)"
+            )
         if self.step > self.window:
             raise ConfigError(f"step ({self.step} m) must not exceed window ({self.window} m)")
         if not (_is_number(self.rotation_window_deg) and 0 <= self.rotation_window_deg <= 180):
             raise ConfigError(
                 f"rotation_window_deg must lie in 0..180 deg, not {self.rotation_window_deg!r}"
             )
+        self._keep("rotation_window_deg", float(self.rotation_window_deg))
         if 0 < self.rotation_window_deg < self.rotation_step_deg:
             raise ConfigError(
                 f"rotation_step_deg ({self.rotation_step_deg}) must not exceed"
@@ -90,6 +99,10 @@ class FieldConfig:
             )
         if not isinstance(self.quantisation, bool):
             raise ConfigError(f"quantisation must be true or false, not {self.quantisation!r}")
+
+    def _keep(self, name: str, value: float) -> None:
+        """Store a number as a float, so that 6 and 6.0 make one and the same config."""
+        object.__setattr__(self, name, value)
 
     @classmethod
     def paper(cls, *, sensor_range: float = 6.0, noise_level: float = 1.0) -> FieldConfig:
@@ -102,13 +115,14 @@ class FieldConfig:
         )
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _positive(name: str, value: object, unit: str) -> None:
-    if not (_is_number(value) and value > 0):  # type: ignore[operator]
+def _positive(name: str, value: Any, unit: str) -> float:
+    if not (_is_number(value) and value > 0):
         raise ConfigError(f"{name} must be a positive number of {unit}, not {value!r}")
+    return float(value)
 
 
 def _one_of(name: str, value: object, choices: tuple[str, ...]) -> None:

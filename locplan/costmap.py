@@ -5,18 +5,20 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Real
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan.covariance import scalar
+from locplan.covariance import SCALARS, scalar
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField
 from locplan.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 
 COST_LAWS = ("logarithmic", "linear", "cube-root")
-CRITERIA = ("e", "position_std", "position_rms", "heading_std")
+GREATEST = 1e9
+"""Greatest finite density: beyond it the steps of a long path would be lost in rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +82,16 @@ class Costmap:
                 f"the field of {field.grid.name or 'another map'} does not belong to"
                 f" {grid.name or 'this map'}; compute it for this map"
             )
-        _at_least_zero("weight", weight)
+        check_weight(weight)
         if law not in COST_LAWS:
             raise ConfigError(f"law must be one of {', '.join(COST_LAWS)}, not {law!r}")
-        if criterion not in CRITERIA:
-            raise ConfigError(f"criterion must be one of {', '.join(CRITERIA)}, not {criterion!r}")
+        if criterion not in SCALARS:
+            raise ConfigError(f"criterion must be one of {', '.join(SCALARS)}, not {criterion!r}")
+        least, greatest = field.anchors(criterion)
+        if not greatest > least:
+            raise ConfigError(f"criterion {criterion!r} says nothing in a field without rotation")
         values = field.on_map(scalar(field.quantised_covariance, criterion))
-        u = _blindness(values, *field.anchors(criterion), law)
+        u = _blindness(values, least, greatest, law)
         density = np.where(np.isnan(u), np.inf, 1 + weight * u)
         return cls(
             grid=grid,
@@ -109,13 +114,14 @@ class Costmap:
         Raises
         ------
         ConfigError
-            If the array has another shape than the map, or holds NaN or values below 1.
+            If the array has another shape than the map, or holds NaN, values below 1, or finite
+            ones above 1e9.
         """
         values = np.array(density, dtype=np.float64)
         if values.shape != grid.shape:
             raise ConfigError(f"density has shape {values.shape}, but the map {grid.shape}")
-        if not (values >= 1).all():
-            raise ConfigError("density must be at least 1 everywhere (inf blocks), and never NaN")
+        if not ((values >= 1) & ((values <= GREATEST) | np.isposinf(values))).all():
+            raise ConfigError(f"density must lie in 1..{GREATEST:g} everywhere, or be inf to block")
         values[~grid.free] = np.inf
         nothing = np.full(grid.shape, np.nan)
         return cls(
@@ -140,7 +146,7 @@ class Costmap:
         ConfigError
             If the costmap has no field, or the weight is negative or not finite.
         """
-        _at_least_zero("weight", weight)
+        check_weight(weight)
         if math.isnan(self.weight):
             raise ConfigError("a costmap from a density has no weight; make another one instead")
         density = np.where(np.isfinite(self.density), 1 + weight * self.u, np.inf)
@@ -160,12 +166,13 @@ class Costmap:
         if fault is None:
             return row, col
         nearest = self._nearest_free(x, y)
+        decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
         remedy = (
-            f"the nearest free position is {nearest[0]:.2f},{nearest[1]:.2f}"
+            f"the nearest free position is {nearest[0]:.{decimals}f},{nearest[1]:.{decimals}f}"
             if nearest
             else f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
         )
-        raise PoseError(f"{role} {x:g},{y:g} {fault}; {remedy}")
+        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}")
 
     def _fault(self, row: int, col: int) -> str | None:
         if not self.grid.contains(row, col):
@@ -193,6 +200,11 @@ class Costmap:
         return self.grid.cell_to_world(int(rows[nearest]), int(cols[nearest]))
 
 
+def check_weight(weight: float) -> None:
+    """Raise a ConfigError unless the weight is a number of at least 0."""
+    _at_least_zero("weight", weight)
+
+
 def _blindness(values: NDArray, least: float, greatest: float, law: str) -> NDArray:
     if law == "logarithmic":
         u = np.log(values / least) / math.log(greatest / least)
@@ -204,7 +216,7 @@ def _blindness(values: NDArray, least: float, greatest: float, law: str) -> NDAr
 
 def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:
     _at_least_zero("robot_radius", robot_radius)
-    return np.where(grid.clearance < robot_radius, np.inf, density)
+    return np.where(grid.clearance < robot_radius - 1e-9, np.inf, density)
 
 
 def _pair(xy: tuple[float, float], role: str) -> tuple[float, float]:
@@ -217,6 +229,6 @@ def _pair(xy: tuple[float, float], role: str) -> tuple[float, float]:
     return x, y
 
 
-def _at_least_zero(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value >= 0):
-        raise ConfigError(f"{name} must be a finite number >= 0, not {value!r}")
+def _at_least_zero(name: str, value: Any) -> None:
+    if not (isinstance(value, Real) and 0 <= float(value) <= GREATEST):
+        raise ConfigError(f"{name} must be a number in 0..{GREATEST:g}, not {value!r}")

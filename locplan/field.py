@@ -9,20 +9,22 @@ import os
 import zipfile
 import zlib
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.config import FieldConfig
 from locplan.covariance import log_euclidean_mean, rotated, scalar
-from locplan.errors import FieldError, LocplanError
+from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.estimators import sad
 from locplan.files import replacing
 from locplan.grid import OccupancyGrid
+from locplan.lattice import evaluated_points, neighbours, spread, stride_cells
 from locplan.progress import ProgressCallback
 from locplan.search_window import SearchWindow
 
@@ -39,7 +41,9 @@ _UNREADABLE = (
     LocplanError,
 )
 TILE = 64
-"""Edge of a tile: lattice cells whose covariances share one layout of the map."""
+"""Edge of a tile, whose covariances share one layout of the map [lattice points]."""
+TILE_CELLS = 512
+"""And at most so many cells, which bounds the layout's memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,13 @@ class CovarianceField:
         """sqrt(det Sigma) (Eq. 10) on the lattice, (h, w) [m^2 rad]; NaN where not evaluated."""
         return scalar(self.covariance, "e")
 
+    def scalar(self, name: str) -> NDArray[np.float64]:
+        """A scalar on the lattice, (h, w): "e", "position_std", "position_rms", "heading_std".
+
+        See `locplan.covariance.scalar`.
+        """
+        return scalar(self.covariance, name)
+
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
         """Sigma + Q whether or not `config.quantisation` has added it, (h, w, d, d)."""
@@ -121,8 +132,8 @@ class CovarianceField:
         """
         known = self.evaluated
         logs = np.log(np.maximum(np.where(known, values, 1.0), np.finfo(float).tiny))
-        logs = _spread(np.where(known, logs, 0.0), self.grid.shape, self.stride)
-        weight = _spread(known.astype(float), self.grid.shape, self.stride)
+        logs = spread(np.where(known, logs, 0.0), self.grid.shape, self.stride)
+        weight = spread(known.astype(float), self.grid.shape, self.stride)
         readable = self.grid.free & (weight > 0)
         result = np.full(self.grid.shape, np.nan)
         result[readable] = np.exp(logs[readable] / weight[readable])
@@ -135,13 +146,15 @@ class CovarianceField:
         bilinear in ln e; NaN in cells that are not free or lie outside the map.
         """
         nowhere = np.full(self.covariance.shape[2:], np.nan)
+        if not (math.isfinite(x) and math.isfinite(y)):
+            return nowhere
         row, col = self.grid.world_to_cell(x, y)
         if not (self.grid.contains(row, col) and self.grid.free[row, col]):
             return nowhere
         exact_row, exact_col = (float(v) - 0.5 for v in self.grid.world_to_grid(x, y))
         corners, weights = [], []
-        for i, weight_row in _neighbours(exact_row / self.stride, self.covariance.shape[0]):
-            for j, weight_col in _neighbours(exact_col / self.stride, self.covariance.shape[1]):
+        for i, weight_row in neighbours(exact_row / self.stride, self.covariance.shape[0]):
+            for j, weight_col in neighbours(exact_col / self.stride, self.covariance.shape[1]):
                 if self.evaluated[i, j] and weight_row * weight_col > 0:
                     corners.append(self.covariance[i, j])
                     weights.append(weight_row * weight_col)
@@ -189,7 +202,9 @@ class CovarianceField:
         except FileNotFoundError:
             raise FieldError(f"{path}: no such file") from None
         except _UNREADABLE as error:
-            what = " ".join(str(error).split())[:200]
+            what = " ".join(str(error).split()).split("; ")[0][:120]
+            if isinstance(error, ValueError) and "pickle" in what:
+                what = "it is no NumPy archive"
             raise FieldError(f"{path}: not a covariance field ({what}); compute it anew") from None
 
 
@@ -217,12 +232,12 @@ def covariance_field(
     executor : concurrent.futures.Executor, optional
         Where to run the tiles instead of own threads.
     progress : callable, optional
-        Called with (done, total) cells as tiles are finished.
+        Called with (done, total) cells now and then.
 
     Raises
     ------
     ConfigError
-        If the config does not fit the map's resolution.
+        If the config does not fit the map's resolution, or `threads` is below 1.
 
     Examples
     --------
@@ -233,106 +248,79 @@ def covariance_field(
     (15, 15, 3, 3)
     """
     config = config or FieldConfig()
+    if threads is not None and threads < 1:
+        raise ConfigError(f"threads must be at least 1, not {threads}")
     window = SearchWindow.from_config(config, grid.resolution)
-    stride = stride_cells(config, grid.resolution)
-    wanted = evaluated_points(grid.free, stride)
+    wanted = evaluated_points(grid.free, stride_cells(config, grid.resolution))
     covariance = np.full((*wanted.shape, window.dimension, window.dimension), np.nan)
-    total, done = int(wanted.sum()), 0
-
-    pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
-    try:
-        tiles = {
-            pool.submit(
-                sad.covariances,
-                _around(grid, i, j, stride, config),
-                i * stride,
-                j * stride,
-                grid.resolution,
-                config,
-                corner=_corner(i, j, stride, config, grid.resolution),
-                map_shape=grid.shape,
-            ): (i, j)
-            for i, j in _tiles(wanted)
-        }
-        for tile in as_completed(tiles):
-            i, j = tiles[tile]
-            covariance[i, j] = tile.result()
-            done += len(i)
-            if progress:
-                progress(done, total)
-    finally:
-        if executor is None:
-            pool.shutdown(cancel_futures=True)
-
+    for points, values in _computed_tiles(grid, config, wanted, threads, executor, progress):
+        covariance[points] = values
     yaw = grid.origin[2]
     return CovarianceField(rotated(covariance, yaw) if yaw else covariance, grid, config)
 
 
-def stride_cells(config: FieldConfig, resolution: float) -> int:
-    """Spacing of the lattice in whole cells."""
-    return max(1, round(config.stride / resolution))
+_Points = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
-def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
-    """Lattice points to evaluate, (h, w), so that every free cell can be read from one at least."""
-    wanted = free[::stride, ::stride].copy()
-    covered = _spread(wanted.astype(float), free.shape, stride) > 0
-    rows, cols = np.nonzero(free & ~covered)
-    nearest = [
-        np.minimum((index + stride // 2) // stride, size - 1)
-        for index, size in zip((rows, cols), wanted.shape, strict=True)
-    ]
-    wanted[nearest[0], nearest[1]] = True
-    return wanted
+def _computed_tiles(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    wanted: NDArray[np.bool_],
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
+) -> Iterator[tuple[_Points, NDArray[np.float64]]]:
+    """Lattice points of each tile with their covariances, as the tiles are finished.
+
+    Own threads count their cells as they go and stop at once when the caller does.
+    """
+    controls: list[NDArray[np.int64]] = []
+    total, finished = int(wanted.sum()), 0
+    pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
+    try:
+        tiles: dict[Future[NDArray[np.float64]], _Points] = {}
+        for points in _tiles(wanted, stride_cells(config, grid.resolution)):
+            task = _task(grid, config, points)
+            if executor is None:
+                controls.append(np.zeros(2, np.int64))
+                task["control"] = controls[-1]
+            tiles[pool.submit(sad.covariances, **task)] = points
+        waiting = set(tiles)
+        while waiting:
+            done, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+            for tile in done:
+                yield tiles[tile], tile.result()
+                finished += len(tiles[tile][0])
+            if progress:
+                progress(sum(int(c[1]) for c in controls) if controls else finished, total)
+    finally:
+        for control in controls:
+            control[0] = 1
+        if executor is None:
+            pool.shutdown(cancel_futures=True)
 
 
-def _tiles(wanted: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    for top in range(0, wanted.shape[0], TILE):
-        for left in range(0, wanted.shape[1], TILE):
-            i, j = np.nonzero(wanted[top : top + TILE, left : left + TILE])
+def _tiles(wanted: NDArray[np.bool_], stride: int) -> Iterator[_Points]:
+    edge = min(TILE, max(1, TILE_CELLS // stride))
+    for top in range(0, wanted.shape[0], edge):
+        for left in range(0, wanted.shape[1], edge):
+            i, j = np.nonzero(wanted[top : top + edge, left : left + edge])
             if i.size:
                 yield i + top, j + left
 
 
-def _corner(
-    i: NDArray[np.intp], j: NDArray[np.intp], stride: int, config: FieldConfig, resolution: float
-) -> tuple[int, int]:
-    reach = sad.halo(config, resolution)
-    return max(0, int(i.min()) * stride - reach), max(0, int(j.min()) * stride - reach)
-
-
-def _around(
-    grid: OccupancyGrid,
-    i: NDArray[np.intp],
-    j: NDArray[np.intp],
-    stride: int,
-    config: FieldConfig,
-) -> NDArray[np.uint8]:
-    """The part of the map that the covariances at these lattice points depend on."""
-    reach = sad.halo(config, grid.resolution)
-    top, left = _corner(i, j, stride, config, grid.resolution)
-    bottom, right = int(i.max()) * stride + reach + 1, int(j.max()) * stride + reach + 1
-    return grid.cells[top:bottom, left:right]
-
-
-def _spread(
-    values: NDArray[np.float64], shape: tuple[int, int], stride: int
-) -> NDArray[np.float64]:
-    """Lattice values (h, w) read bilinearly at every cell (H, W); beyond the last, the last."""
-    for axis, size in enumerate(shape):
-        last = values.shape[axis] - 1
-        position = np.minimum(np.arange(size) / stride, last)
-        low = np.floor(position).astype(np.intp)
-        part = position - low
-        part = part[:, None] if axis == 0 else part[None, :]
-        below = np.take(values, low, axis)
-        above = np.take(values, np.minimum(low + 1, last), axis)
-        values = below * (1 - part) + above * part
-    return values
-
-
-def _neighbours(position: float, size: int) -> list[tuple[int, float]]:
-    """Lattice indices on either side of a position, with their bilinear weights."""
-    position = min(max(position, 0.0), size - 1.0)
-    low = math.floor(position)
-    return [(low, 1 - (position - low)), (min(low + 1, size - 1), position - low)]
+def _task(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> dict[str, Any]:
+    """Arguments of the estimator, with the part of the map that these points depend on."""
+    rows, cols = (index * stride_cells(config, grid.resolution) for index in points)
+    reach = sad.halo(config, grid.resolution, grid.shape)
+    top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
+    bottom, right = int(rows.max()) + reach + 1, int(cols.max()) + reach + 1
+    return {
+        "levels": grid.cells[top:bottom, left:right],
+        "rows": rows,
+        "cols": cols,
+        "resolution": grid.resolution,
+        "config": config,
+        "corner": (top, left),
+        "map_shape": grid.shape,
+    }

@@ -10,6 +10,9 @@ from pathlib import Path
 
 from locplan.errors import LocplanError
 
+PICTURES = (".png", ".pdf", ".svg", ".jpg")
+"""Suffixes of the picture formats that can be written."""
+
 
 @contextmanager
 def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
@@ -41,6 +44,19 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
         Path(name).unlink(missing_ok=True)
 
 
+def check_target(path: Path, *suffixes: str) -> None:
+    """Raise a LocplanError unless a file with one of these suffixes can be written there.
+
+    To be called before long work, so that it is not done in vain.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
+    if path.is_dir():
+        raise LocplanError(f"{path}: is a folder; name a file in it")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise LocplanError(f"{path}: {path.parent} is no folder that can be written")
+
+
 def make_folder(folder: Path) -> None:
     """Make a folder and those above it, unless they are there.
 
@@ -49,6 +65,8 @@ def make_folder(folder: Path) -> None:
     LocplanError
         If that is not possible.
     """
+    if folder.exists() and not folder.is_dir():
+        raise LocplanError(f"{folder}: is a file, not a folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

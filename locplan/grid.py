@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan.errors import MapError
+from locplan.errors import MapError, PoseError
 
 OCCUPIED, UNKNOWN, FREE = 0, 127, 254
 """The three levels of a cell (the paper's values)."""
@@ -50,7 +51,7 @@ class OccupancyGrid:
     [1.125, 2.025]
     """
 
-    cells: NDArray[np.uint8]
+    cells: NDArray[np.uint8] = field(repr=False)
     resolution: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = ""
@@ -61,16 +62,36 @@ class OccupancyGrid:
             raise MapError(f"cells must be a non-empty (rows, cols) array, not {cells.shape}")
         if not np.isin(cells, (OCCUPIED, UNKNOWN, FREE)).all():
             raise MapError("cells may only hold 0 (occupied), 127 (unknown) and 254 (free)")
-        if not (math.isfinite(self.resolution) and self.resolution > 0):
-            raise MapError(f"resolution must be positive metres per cell, not {self.resolution}")
-        origin = tuple(float(v) for v in self.origin)
-        if len(origin) != 3 or not all(map(math.isfinite, origin)):
-            raise MapError(f"origin must be three finite numbers (x, y, yaw), not {self.origin}")
+        resolution = _numbers(self.resolution)
+        if len(resolution) != 1 or not resolution[0] > 0:
+            raise MapError(f"resolution must be positive metres per cell, not {self.resolution!r}")
+        origin = _numbers(self.origin)
+        if len(origin) != 3:
+            raise MapError(f"origin must be three finite numbers (x, y, yaw), not {self.origin!r}")
         cells = np.array(cells, dtype=np.uint8, order="C")
         cells.setflags(write=False)
         object.__setattr__(self, "cells", cells)
-        object.__setattr__(self, "resolution", float(self.resolution))
+        object.__setattr__(self, "resolution", resolution[0])
         object.__setattr__(self, "origin", origin)
+
+    @classmethod
+    def from_occupancy(
+        cls,
+        occupancy: ArrayLike,
+        resolution: float,
+        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        name: str = "",
+    ) -> OccupancyGrid:
+        """A grid from the values of a nav_msgs/OccupancyGrid, (H, W).
+
+        0 is free, 100 occupied, -1 unknown; between them, 65 and more is occupied, 19 and less
+        free, and the rest unknown, by map_server's default thresholds.
+        """
+        values = np.asarray(occupancy)
+        cells = np.full(values.shape, UNKNOWN, np.uint8)
+        cells[(values >= 0) & (values <= 19)] = FREE
+        cells[(values >= 65) & (values <= 100)] = OCCUPIED
+        return cls(cells, resolution, origin, name)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -84,7 +105,7 @@ class OccupancyGrid:
         return self.cells == FREE
 
     @cached_property
-    def clearance(self) -> NDArray[np.float32]:
+    def clearance(self) -> NDArray[np.float64]:
         """Distance from each cell's centre to the nearest occupied cell's edge, (H, W) [m].
 
         Zero in occupied cells, infinite where the map has none. Unknown space is no wall.
@@ -93,7 +114,7 @@ class OccupancyGrid:
 
         occupied = self.cells == OCCUPIED
         if not occupied.any():
-            return np.full(self.shape, np.inf, np.float32)
+            return np.full(self.shape, np.inf)
         # On a lattice of half cells both the centres and the nearest edge or corner of a
         # square are lattice positions, so that the transform gives the distance exactly.
         rows, cols = self.shape
@@ -101,7 +122,8 @@ class OccupancyGrid:
         solid[1::2, 1::2] = occupied
         solid = cv2.dilate(solid, np.ones((3, 3), np.uint8))
         half_cells = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        return np.asarray(half_cells)[1::2, 1::2] * np.float32(self.resolution / 2)
+        squared = np.rint(np.asarray(half_cells)[1::2, 1::2].astype(np.float64) ** 2)
+        return np.sqrt(squared) * (self.resolution / 2)
 
     @cached_property
     def digest(self) -> str:
@@ -130,7 +152,15 @@ class OccupancyGrid:
         return x0 + cos * u - sin * v, y0 + sin * u + cos * v
 
     def world_to_cell(self, x: float, y: float) -> tuple[int, int]:
-        """(row, col) of the cell at x, y [m]; it may lie outside the grid (see `contains`)."""
+        """(row, col) of the cell at x, y [m]; it may lie outside the grid (see `contains`).
+
+        Raises
+        ------
+        PoseError
+            If x or y is not finite.
+        """
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise PoseError(f"a position must be finite metres, not {x:g},{y:g}")
         row, col = self.world_to_grid(x, y)
         return math.floor(row), math.floor(col)
 
@@ -142,3 +172,12 @@ class OccupancyGrid:
     def contains(self, row: int, col: int) -> bool:
         """Whether (row, col) is a cell of the grid."""
         return 0 <= row < self.shape[0] and 0 <= col < self.shape[1]
+
+
+def _numbers(values: Any) -> tuple[float, ...]:
+    """Finite numbers as floats; an empty tuple if any is something else."""
+    try:
+        numbers = tuple(float(v) for v in np.atleast_1d(np.asarray(values, dtype=np.float64)))
+    except (TypeError, ValueError):
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()

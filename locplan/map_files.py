@@ -43,7 +43,8 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
 
     Thresholds are compared as in Nav2, ends included. What lies between them is unknown, in
     mode ``scale`` too; in mode ``raw`` they apply to the pixel's per cent. The image's bottom
-    row becomes row 0, the YAML's stem the name; the origin [m, m, rad] keeps its yaw.
+    row becomes row 0, the YAML's stem (of a map.yaml its folder) the name; the origin
+    [m, m, rad] keeps its yaw.
 
     Raises
     ------
@@ -77,7 +78,8 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
         fault = f"{count} pixels ({count / cells.size:.0%}) of map_saver's unknown grey are free"
         remedy = f"if unknown is meant, set free_thresh: 0.196 (it is {header.free_thresh})"
         warnings.warn(MapWarning(_fault(file, fault, remedy)), stacklevel=2)
-    return OccupancyGrid(cells[::-1], header.resolution, header.origin, file.stem)
+    name = file.resolve().parent.name if file.stem == "map" else file.stem
+    return OccupancyGrid(cells[::-1], header.resolution, header.origin, name)
 
 
 def save_map(

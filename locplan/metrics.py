@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costmap import Costmap
+from locplan.grid import OccupancyGrid
 from locplan.path import Path
 
 DEGRADED = 0.5
@@ -47,47 +48,54 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
     integrals of e and u are NaN.
     """
-    from locplan._kernels.rays import cells_along
-
-    grid = costs.grid
-    rows, cols = grid.world_to_grid(*path.xy.T)
-    row, col, lengths = cells_along(np.column_stack([rows, cols]))
-    lengths = lengths * grid.resolution
-    if lengths.size == 0:
-        row, col = np.floor(rows[:1]).astype(int), np.floor(cols[:1]).astype(int)
-        lengths = np.zeros(1)
-    inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-
-    def along(layer: NDArray, outside: float) -> NDArray:
-        values = layer[np.where(inside, row, 0), np.where(inside, col, 0)]
-        return np.where(inside, values, outside)
-
-    e, u = along(costs.e, np.nan), along(costs.u, np.nan)
+    row, col, lengths = _crossed(costs.grid, path)
+    e, u = _along(costs.e, row, col, np.nan), _along(costs.u, row, col, np.nan)
+    density = _along(costs.density, row, col, np.inf)
     integrated_e = float(e @ lengths)
     return PathMetrics(
         length=path.length,
-        cost=float(along(costs.density, np.inf) @ lengths),
+        cost=float(density @ lengths) if np.isfinite(density).all() else np.inf,
         integrated_e=integrated_e,
         integrated_u=float(u @ lengths),
         mean_e=integrated_e / path.length if path.length else float(e[0]),
         max_e=float(e.max()),
         degraded_share=float(_share(u > DEGRADED, lengths)) if np.isfinite(u).all() else np.nan,
         longest_degraded=_longest(u > DEGRADED, lengths) if np.isfinite(u).all() else np.nan,
-        clearance=float(along(grid.clearance, 0.0).min()),
+        clearance=float(_along(costs.grid.clearance, row, col, 0.0).min()),
     )
 
 
 def profile(
     costs: Costmap, path: Path, layer: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A layer (H, W) along a path: where each crossed cell begins [m], and its value, (n,)."""
+    """A layer (H, W) along a path, as steps.
+
+    Returns
+    -------
+    distance : (n + 1,) array
+        Where each crossed cell begins, and the path's length [m].
+    values : (n,) array
+        The layer there; NaN outside the map.
+    """
+    row, col, lengths = _crossed(costs.grid, path)
+    return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layer, row, col, np.nan)
+
+
+def _crossed(grid: OccupancyGrid, path: Path) -> tuple[NDArray, NDArray, NDArray]:
+    """Rows and columns of the cells that a path crosses, and its length in each [m]."""
     from locplan._kernels.rays import cells_along
 
-    row, col, lengths = cells_along(
-        np.column_stack(costs.grid.world_to_grid(*path.xy.T)),
-    )
-    distance = np.concatenate([[0.0], np.cumsum(lengths * costs.grid.resolution)])
-    return distance[:-1], layer[row, col]
+    positions = np.column_stack(grid.world_to_grid(*path.xy.T))
+    row, col, lengths = cells_along(positions)
+    if lengths.size == 0:  # it stays where it is
+        row, col = np.floor(positions[:1]).astype(np.int64).T
+        lengths = np.zeros(1)
+    return row, col, lengths * grid.resolution
+
+
+def _along(layer: NDArray, row: NDArray, col: NDArray, outside: float) -> NDArray[np.float64]:
+    inside = (row >= 0) & (row < layer.shape[0]) & (col >= 0) & (col < layer.shape[1])
+    return np.where(inside, layer[np.where(inside, row, 0), np.where(inside, col, 0)], outside)
 
 
 def _share(where: NDArray[np.bool_], lengths: NDArray) -> float:

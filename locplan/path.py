@@ -32,7 +32,10 @@ class Path:
     xy: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        xy = np.array(self.xy, dtype=np.float64)
+        try:
+            xy = np.array(self.xy, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise LocplanError("a path needs an (n, 2) array of metres") from None
         if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) == 0 or not np.isfinite(xy).all():
             raise LocplanError(f"a path needs an (n, 2) array of finite metres, not {xy.shape}")
         xy.setflags(write=False)

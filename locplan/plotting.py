@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from locplan.costmap import Costmap
 from locplan.covariance import UNITS, scalar
-from locplan.errors import LocplanError
 from locplan.field import CovarianceField
-from locplan.files import replacing
+from locplan.files import PICTURES, check_target, replacing
 from locplan.grid import FREE, UNKNOWN, OccupancyGrid
 from locplan.metrics import DEGRADED, profile
 
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from locplan.path import Path
     from locplan.planners import Plan
 
-FIELD_COLOURS = "YlOrRd"
+FIELD_COLOURS = "magma_r"
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},
     {"color": "#0072b2", "linestyle": "-"},
@@ -41,8 +40,9 @@ PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "#cc79a7", "linestyle": (0, (6, 1, 1, 1))},
 )
 """In the order of the plans; told apart by dash as well as by colour."""
+END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 LABELS = {
-    "e": "localizability e",
+    "e": "pose uncertainty e",
     "position_std": "largest position std. deviation",
     "position_rms": "rms position deviation",
     "heading_std": "heading std. deviation",
@@ -66,8 +66,8 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit}]", shrink=0.9)
     config = field.config
     axes.set_title(
-        f"{field.grid.name or 'map'}: {config.estimator}, {config.weight_law},"
-        f" range {config.sensor_range:g} m; {field.saturated_share:.0%} saturated",
+        f"{field.grid.name or 'map'}: {config.estimator}, {config.weight_law} weights,"
+        f" range {config.sensor_range:g} m, {field.saturated_share:.0%} saturated",
         fontsize="medium",
     )
     return figure
@@ -98,21 +98,32 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         metrics = plan.metrics
         text = (
             f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m blind,"
-            f" \u222be ds = {metrics.integrated_e:.3g} {field.e_unit} m"
+            f" ∫e ds = {metrics.integrated_e:.3g} {field.e_unit} m"
         )
-        draw_path(upper, plan.path, **style)
         distance, u = profile(costs, plan.path, costs.u)
-        lower.step(distance, u, where="post", linewidth=1.8, **style)
+        lower.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
         handles.append(Line2D([], [], path_effects=_outline(), linewidth=2, label=text, **style))
     handles += [
         Line2D([], [], linestyle="none", label=f"{label}: unreachable")
         for label in plans
         if label not in solved
     ]
+    # The first plan comes out on top, with its dashes visible where paths coincide.
+    for plan, style in reversed(list(zip(solved.values(), PATH_STYLES, strict=False))):
+        assert plan.path is not None
+        draw_path(upper, plan.path, **style)
+    for plan in plans.values():
+        draw_ends(upper, plan.start, plan.goal)
+    handles += [
+        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
+        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
+    ]
     lower.axhline(DEGRADED, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="blindness u", ylim=(-0.03, 1.03))
     lower.margins(x=0.01)
-    figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize="medium")
+    figure.legend(
+        handles=handles, loc="outside lower center", frameon=False, fontsize="medium", ncols=2
+    )
     upper.set_title(
         f"{costs.grid.name or 'map'}: weight {costs.weight:g}, robot radius"
         f" {costs.robot_radius:g} m",
@@ -144,23 +155,20 @@ def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage
 
 
 def draw_path(axes: Axes, path: Path, **style: Any) -> None:
-    """A path with its start (circle) and goal (star)."""
-    axes.plot(*path.xy.T, linewidth=2.2, path_effects=_outline(), **style)
-    ends: dict[str, Any] = {
-        "color": "white",
-        "markeredgecolor": "black",
-        "linestyle": "none",
-        "zorder": 3,
-    }
-    axes.plot(*path.xy[0], marker="o", markersize=7, **ends)
-    axes.plot(*path.xy[-1], marker="*", markersize=13, **ends)
+    """A path as a line; the style is matplotlib's."""
+    axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": _outline(), **style})
+
+
+def draw_ends(axes: Axes, start: tuple[float, float], goal: tuple[float, float]) -> None:
+    """Start (circle) and goal (star)."""
+    axes.plot(*start, "o", markersize=7, zorder=4, **END_STYLE)
+    axes.plot(*goal, "*", markersize=13, zorder=4, **END_STYLE)
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
     """Write a figure, whole or not at all; the suffix chooses the format (.png, .pdf, .svg)."""
+    check_target(FilePath(path), *PICTURES)
     suffix = FilePath(path).suffix.lower().lstrip(".")
-    if suffix not in ("png", "pdf", "svg", "jpg"):
-        raise LocplanError(f"{path}: pictures are written as .png, .pdf, .svg or .jpg")
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,12 +15,18 @@ ProgressCallback = Callable[[int, int], None]
 def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[ProgressCallback]:
     """A bar on standard error with the rate and the time left.
 
-    It appears only if the work still has some way to go after `patience` seconds, and vanishes
-    when the work ends.
+    It appears once the work has taken `patience` seconds, also before anything is done (the
+    first run of all compiles the kernels), and vanishes when the work ends. Where standard error
+    is no terminal there is none.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
     console = Console(stderr=True)
     bar = Progress(
@@ -27,24 +34,31 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
         BarColumn(),
         TaskProgressColumn(),
         TextColumn("{task.fields[rate]}"),
-        TimeLeft(),
+        TimeRemainingColumn(),
         TextColumn("left"),
         console=console,
         transient=True,
         disable=not console.is_terminal,
     )
-    started = time.monotonic()
-    task = bar.add_task(label, total=None, rate="")
+    task = bar.add_task(label, total=None, rate="starting (the first run compiles)")
+    beginning = 0.0  # of the first cells: compilation tells nothing about the rate
 
     def update(done: int, total: int) -> None:
-        elapsed = time.monotonic() - started
-        if elapsed > patience and done < total and not bar.live.is_started:
-            bar.start()
-        rate = f"{done / max(elapsed, 1e-9):,.0f} {unit}/s"
-        bar.update(task, completed=done, total=total, rate=rate)
+        nonlocal beginning
+        if done and not beginning:
+            beginning = time.monotonic()
+            bar.reset(task, total=total, rate="")
+        if done:
+            rate = done / max(time.monotonic() - beginning, 1e-3)
+            bar.update(task, completed=done, total=total, rate=f"{rate:,.0f} {unit}/s")
 
+    timer = threading.Timer(patience, bar.start)
+    timer.daemon = True
+    timer.start()
     try:
         yield update
     finally:
+        timer.cancel()
+        timer.join()
         if bar.live.is_started:
             bar.stop()

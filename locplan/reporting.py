@@ -11,23 +11,25 @@ from typing import Any
 
 import numpy as np
 
+from locplan import __version__
 from locplan.costmap import Costmap
 from locplan.field import CovarianceField
 from locplan.files import make_folder, replacing
+from locplan.metrics import DEGRADED
 from locplan.planners import Plan
 
 _METRICS = (
-    ("length", "m", ".2f"),
-    ("cost", "m", ".2f"),
-    ("integrated_u", "m", ".2f"),
-    ("integrated_e", "m² rad m", ".3g"),
-    ("mean_e", "m² rad", ".3g"),
-    ("max_e", "m² rad", ".3g"),
-    ("degraded_share", "", ".0%"),
-    ("longest_degraded", "m", ".2f"),
-    ("clearance", "m", ".2f"),
+    ("length", "length", "m", ".2f"),
+    ("cost J", "cost", "m", ".2f"),
+    ("blind, ∫u ds", "integrated_u", "m", ".2f"),
+    ("∫e ds", "integrated_e", "m² rad m", ".3g"),
+    ("mean e", "mean_e", "m² rad", ".3g"),
+    ("greatest e", "max_e", "m² rad", ".3g"),
+    (f"share with u > {DEGRADED:g}", "degraded_share", "", ".0%"),
+    (f"longest with u > {DEGRADED:g}", "longest_degraded", "m", ".2f"),
+    ("least clearance", "clearance", "m", ".2f"),
 )
-"""Rows of a table of plans: a field of `PathMetrics`, its unit and its format."""
+"""Rows of a table of plans: label, field of `PathMetrics`, unit and format."""
 
 
 def field_summary(field: CovarianceField) -> dict[str, Any]:
@@ -58,7 +60,7 @@ def field_table(field: CovarianceField) -> str:
             ["map", field.grid.name],
             ["cells evaluated", f"{about['cells_evaluated']:,}"],
             ["e, 10 % / median / 90 %", f"{e} {field.e_unit}"],
-            ["saturated", f"{about['saturated_share']:.0%} of the cells"],
+            ["saturated", f"{about['saturated_share']:.0%} of the cells: e at its least value"],
         ],
     )
 
@@ -69,6 +71,8 @@ def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
         label: {
             "status": plan.status,
             "planner": plan.planner,
+            "start": list(plan.start),
+            "goal": list(plan.goal),
             "solve_time_s": plan.solve_time,
             "metrics": _finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
             "xy": plan.path.xy.tolist() if plan.path else None,
@@ -77,13 +81,14 @@ def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
     }
 
 
-def plans_table(plans: Mapping[str, Plan]) -> str:
-    """The metrics of plans side by side."""
+def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
+    """The metrics of plans side by side; `e_unit` is `CovarianceField.e_unit`."""
     rows = [["status", *(plan.status for plan in plans.values())]]
-    for name, unit, spec in _METRICS:
+    for label, name, unit, spec in _METRICS:
+        unit = unit.replace("m² rad", e_unit)
         values = [getattr(plan.metrics, name, None) for plan in plans.values()]
         texts = ["–" if value is None else f"{value:{spec}} {unit}" for value in values]
-        rows.append([name.replace("_", " "), *texts])
+        rows.append([label, *texts])
     return _table(["", *plans], rows)
 
 
@@ -109,6 +114,7 @@ def write_plans(
         else:
             (folder / f"{label}.csv").unlink(missing_ok=True)
     about = {
+        "locplan": __version__,
         "map": {"name": costs.grid.name, "digest": costs.grid.digest},
         "config": dataclasses.asdict(field.config),
         "weight": costs.weight,

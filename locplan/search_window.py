@@ -38,7 +38,7 @@ class SearchWindow:
         Raises
         ------
         ConfigError
-            If a single cell is larger than the window.
+            If cells are so large that the window has no offset but zero.
         """
         step_cells = max(1, round(config.step / resolution))
         half_steps = round(config.window / (step_cells * resolution))

@@ -56,7 +56,8 @@ def load_or_compute(
             field = CovarianceField.load(path)
             return dataclasses.replace(field, grid=grid)
         except FieldError as error:
-            warnings.warn(CacheWarning(str(error)), stacklevel=2)
+            message = str(error).replace("compute it anew", "computed anew")
+            warnings.warn(CacheWarning(message), stacklevel=2)
     field = covariance_field(grid, config, threads=threads, progress=progress)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

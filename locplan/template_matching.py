@@ -11,8 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.grid import UNKNOWN
+from locplan.grid import FREE, UNKNOWN
 from locplan.search_window import SearchWindow
+
+BEHIND = 2
+"""Cells behind the one that a ray hits which still belong to a visible template."""
 
 
 def disc(radius: int) -> NDArray[np.bool_]:
@@ -58,6 +61,39 @@ def rotated_template(
     return cells_at(cells, source_row, source_col)
 
 
+def visible_part(
+    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
+) -> NDArray[np.bool_]:
+    """What of the disc around a cell is seen from it, turned by `theta` [rad], (2r + 1, 2r + 1).
+
+    A ray sees what it passes over up to the first cell that is not free and `BEHIND` cells more,
+    so that the wall that it hits is part of the template.
+    """
+    beams = beam_count(radius)
+    steps = np.arange(1, 2 * radius + 1) / 2
+    angles = 2 * np.pi * np.arange(beams) / beams
+    rows = np.floor(row + np.sin(angles)[:, None] * steps + 0.5).astype(np.int64)
+    cols = np.floor(col + np.cos(angles)[:, None] * steps + 0.5).astype(np.int64)
+    stops = (cells_at(cells, rows, cols) != FREE) & ((rows != row) | (cols != col))
+    first = np.where(stops.any(axis=1), stops.argmax(axis=1) + 1, 2 * radius)
+    reach = (first + 1 + 2 * BEHIND)[beam_of_cell(radius, theta)]  # [half cells]
+    offset = 2 * np.arange(-radius, radius + 1)
+    return disc(radius) & (offset[:, None] ** 2 + offset[None, :] ** 2 <= reach**2)
+
+
+def beam_count(radius: int) -> int:
+    """Rays cast so that one passes every cell of the disc's edge."""
+    return max(360, math.ceil(2 * math.pi * radius))
+
+
+def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
+    """The number of the ray towards each cell of the square, turned by `theta` [rad]."""
+    beams = beam_count(radius)
+    offset = np.arange(-radius, radius + 1)
+    direction = np.arctan2(offset[:, None], offset[None, :]) - theta
+    return np.floor(direction * (beams / (2 * np.pi)) + 0.5).astype(np.int64) % beams
+
+
 def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
     """(row, col) about which a map of this shape is turned."""
     return (shape[0] - 1) / 2, (shape[1] - 1) / 2
@@ -74,7 +110,13 @@ def cells_at(
 
 
 def sad_distribution(
-    cells: NDArray[np.uint8], row: int, col: int, radius: int, window: SearchWindow
+    cells: NDArray[np.uint8],
+    row: int,
+    col: int,
+    radius: int,
+    window: SearchWindow,
+    *,
+    visible: bool = False,
 ) -> NDArray[np.int64]:
     """Sums of absolute differences over the search window at one cell (Eq. 2).
 
@@ -91,6 +133,8 @@ def sad_distribution(
         Radius of the disc [cells].
     window : SearchWindow
         The offsets d and the headings theta.
+    visible : bool
+        Whether only the cells of the disc count that are seen from c, see `visible_part`.
 
     Returns
     -------
@@ -119,6 +163,8 @@ def sad_distribution(
     mismatch = np.empty((len(shifts), len(shifts), len(window.angles)), np.int64)
     for k, theta in enumerate(window.angles):
         template = rotated_template(cells, row, col, radius, theta)
+        if visible:
+            mask = visible_part(cells, row, col, radius, theta).astype(np.uint8)
         for j, dy in enumerate(shifts):
             for i, dx in enumerate(shifts):
                 shifted = around[dy : dy + size, dx : dx + size]

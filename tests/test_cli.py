@@ -65,7 +65,7 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     ends = "--start", "1,2", "--goal", "4,3.5"
     code, out, _ = run("plan", room, *ends, "-o", out_dir)
     assert code == 0
-    assert "integrated e" in out
+    assert "∫e ds" in out
     assert sorted(path.name for path in out_dir.iterdir()) == [
         "localizability-aware.csv",
         "plan.json",
@@ -113,8 +113,8 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
         (("--range", "-1"), "sensor_range"),
         (("--preset", "best"), "--preset must be one of"),
         (("--stride", "nan"), "stride"),
-        (("--threads", "0"), "--threads"),
-        (("-o", "field.txt"), ".npz"),
+        (("--threads", "0"), "threads"),
+        (("-o", "field.txt"), "must end in .npz"),
         (("--picture", "field.txt"), ".png"),
         (("--picture", "nowhere/field.png"), "nowhere"),
     ],

@@ -37,6 +37,18 @@ def test_the_papers_preset_is_eq_8_to_10_as_printed():
     assert config.noise_level == 1.0
 
 
+def test_tau_follows_the_template_unless_set():
+    assert FieldConfig().tau == 0.57
+    assert FieldConfig(template="visible").tau == 0.23
+    assert FieldConfig(template="visible", tau=0.4).tau == 0.4
+
+
+def test_whole_numbers_make_the_same_config():
+    assert repr(FieldConfig(sensor_range=8, stride=np.float32(0.5))) == repr(
+        FieldConfig(sensor_range=8.0, stride=0.5)
+    )
+
+
 def test_window_has_the_papers_lattice_at_5_cm():
     window = SearchWindow.from_config(FieldConfig(), 0.05)
     assert window.step_cells == 4

@@ -1,16 +1,20 @@
 import dataclasses
+import math
+import threading
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
 from conftest import corridor, drawn, random_rooms
 
+from locplan import environments
 from locplan.config import FieldConfig
-from locplan.covariance import log_euclidean_mean, position_axes, scalar
-from locplan.errors import FieldError
+from locplan.covariance import SCALARS, log_euclidean_mean, position_axes, scalar
+from locplan.errors import ConfigError, FieldError
 from locplan.estimators import sad
-from locplan.field import CovarianceField, covariance_field, evaluated_points
+from locplan.field import CovarianceField, covariance_field
 from locplan.grid import FREE, UNKNOWN, OccupancyGrid
+from locplan.lattice import evaluated_points
 from locplan.search_window import SearchWindow
 
 QUICK = FieldConfig(sensor_range=1.0, window=0.6, step=0.2)
@@ -182,6 +186,45 @@ def test_log_euclidean_mean_of_equal_matrices_is_the_matrix():
 def test_anchors_bound_e(field):
     low, high = field.anchors()
     assert low * 0.999 <= np.nanmin(field.e) <= np.nanmax(field.e) <= high * 1.001
+
+
+def test_anchors_scale_with_the_noise_level():
+    grid = OccupancyGrid(np.full((3, 3), FREE), 0.05)
+    fields = [covariance_field(grid, dataclasses.replace(QUICK, noise_level=k)) for k in (1.0, 4.0)]
+    for name in ("position_std", "heading_std"):
+        (low, high), (low4, high4) = (field.anchors(name) for field in fields)
+        assert low4 == low
+        assert high4**2 - low**2 == pytest.approx(4 * (high**2 - low**2))
+
+
+def test_saturated_share_counts_the_points_at_the_least_e():
+    places = environments.make("places", resolution=0.1)
+    field = covariance_field(places, FieldConfig(stride=0.5))
+    e = field.e[field.evaluated]
+    expected = np.mean(e <= 1.05 * field.anchors()[0])
+    assert field.saturated_share == pytest.approx(expected)
+    assert 0 < expected < 1
+
+
+def test_scalars_of_a_known_covariance():
+    matrix = np.diag([4.0, 9.0, 0.25])
+    values = [float(scalar(matrix, name)) for name in SCALARS]
+    assert values == pytest.approx([3.0, 3.0, math.sqrt(13.0), 0.5])
+
+
+def test_threads_below_one_are_refused(rooms):
+    with pytest.raises(ConfigError, match="threads"):
+        covariance_field(rooms, QUICK, threads=0)
+
+
+def test_an_interrupted_field_stops_its_threads(rooms):
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    before = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        covariance_field(rooms, QUICK, progress=interrupt)
+    assert threading.active_count() == before
 
 
 def test_without_rotation_the_covariance_is_positional(rooms):

@@ -9,8 +9,9 @@ PACKAGE = Path(__file__).resolve().parent.parent / "locplan"
 FLOORS = (
     {"errors", "_kernels.simd", "_kernels.search", "_kernels.rays"},
     {"_kernels.bitplanes"},
+    {"_kernels.templates"},
     {"_kernels.sad", "files", "progress", "covariance", "grid", "path", "config"},
-    {"search_window", "map_files", "drawing"},
+    {"search_window", "lattice", "map_files", "drawing"},
     {"template_matching", "environments"},
     {"estimators.sad"},
     {"field"},

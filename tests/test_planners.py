@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from conftest import drawn, random_rooms
@@ -16,7 +18,7 @@ def random_density(shape, seed, *, blocked=0.25, greatest=9.0):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1.0, greatest, shape)
     density[rng.random(shape) < blocked] = np.inf
-    density[0, 0] = density[-1, -1] = 1.0
+    density[0, 0], density[-1, -1] = rng.uniform(1.0, greatest, 2)
     return density
 
 
@@ -113,7 +115,11 @@ def test_start_and_goal_in_one_cell():
     costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
     result = plan(costs, (0.2, 0.2), (0.2, 0.2))
     assert result.status == "solved"
-    assert result.path.length < 1.0
+    assert result.metrics.length == result.metrics.cost == 0.0
+    near = plan(costs, (0.2, 0.2), (0.4, 0.3))
+    assert near.metrics.length == pytest.approx(math.hypot(0.2, 0.1))
+    across = plan(costs, (0.9, 0.5), (1.1, 0.5))
+    assert across.metrics.length == pytest.approx(0.2)
 
 
 def test_an_unreachable_goal_is_a_result():

@@ -13,11 +13,11 @@ from locplan.search_window import SearchWindow
 from locplan.template_matching import sad_distribution
 
 
-def compare(cells, rows, cols, radius, window):
+def compare(cells, rows, cols, radius, window, *, visible=False):
     rows, cols = np.array(rows), np.array(cols)
-    result = sad.sad_distributions(cells, rows, cols, radius, window)
+    result = sad.sad_distributions(cells, rows, cols, radius, window, visible=visible)
     for n in range(len(rows)):
-        expected = sad_distribution(cells, rows[n], cols[n], radius, window)
+        expected = sad_distribution(cells, rows[n], cols[n], radius, window, visible=visible)
         np.testing.assert_array_equal(result[n], expected)
 
 
@@ -28,6 +28,14 @@ def test_kernel_is_bit_equal_to_the_reference(step, radius):
     half_steps = 12 // step + 1
     window = SearchWindow(0.05, step, half_steps, np.radians(20), 2)
     compare(cells, [45, 0, 89, 20, 46], [30, 0, 70, 69, 31], radius, window)
+
+
+@pytest.mark.parametrize("step", [1, 3, 4])
+@pytest.mark.parametrize("radius", [1, 13, 32])
+def test_kernel_of_visible_templates_is_bit_equal_to_the_reference(step, radius):
+    cells = random_rooms((90, 71), seed=step * 100 + radius)
+    window = SearchWindow(0.05, step, 12 // step + 1, np.radians(20), 2)
+    compare(cells, [45, 0, 89, 20, 46], [30, 0, 70, 69, 31], radius, window, visible=True)
 
 
 @pytest.mark.parametrize("half_steps", [1, 11, 12, 13])
@@ -46,7 +54,7 @@ def test_uniform_maps_and_discs_larger_than_the_map(level):
 def test_levels_may_be_a_part_of_the_map():
     cells = random_rooms((120, 130), seed=5)
     config = FieldConfig(sensor_range=0.6, window=0.4, step=0.1)
-    reach = sad.halo(config, 0.05)
+    reach = sad.halo(config, 0.05, cells.shape)
     rows, cols = np.array([60, 64]), np.array([70, 58])
     whole = sad.covariances(cells, rows, cols, 0.05, config)
     part = cells[60 - reach : 65 + reach, 58 - reach : 71 + reach]
@@ -63,8 +71,9 @@ def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
     window = SearchWindow.from_config(config, grid.resolution)
     free = np.argwhere(grid.free)
     chosen = free[np.random.default_rng(0).integers(len(free), size=3)]
-    radius = sad.template_radius(config, grid.resolution)
+    radius = sad.template_radius(config, window, grid.shape)
     compare(grid.cells, *chosen.T, radius, window)
+    compare(grid.cells, *chosen[:1].T, radius, window, visible=True)
 
 
 def test_weighted_covariance_equals_the_plain_loops():
@@ -118,3 +127,38 @@ def test_covariance_is_the_papers_formula_on_the_reference():
             expected = expected + window.quantisation
         result = sad.covariances(cells, np.array([40]), np.array([36]), 0.05, config)[0]
         np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_disc_larger_than_the_map_gives_the_same_as_one_just_large_enough():
+    cells = random_rooms((21, 30), seed=6)
+    far, near = FieldConfig(sensor_range=50.0), FieldConfig(sensor_range=4.75)
+    at = np.array([10]), np.array([12])
+    window = SearchWindow.from_config(far, 0.05)
+    assert sad.template_radius(near, window, cells.shape) == 95
+    compared = [sad.covariances(cells, *at, 0.05, config) for config in (far, near)]
+    np.testing.assert_allclose(compared[0], compared[1], rtol=1e-12)
+
+
+def test_a_configured_floor_counts():
+    areas = np.array([0.0, 127.0, 254.0, 2540.0])
+    floor = offset_ratio(FieldConfig(weight_law="inverse-square", floor=0.01), areas)
+    np.testing.assert_allclose(floor, [1, 1, 1, (0.01 / 0.025) ** 2])
+    default = offset_ratio(FieldConfig(weight_law="inverse-square"), areas)
+    np.testing.assert_allclose(default, [1, 1, 1 / 4, 1 / 400])
+
+
+def offset_ratio(config, mismatch):
+    """Weights of the mismatches, in units of that at zero lag."""
+    weights = sad.offset_weights(mismatch, 0.05, config)
+    return weights / weights[0]
+
+
+def test_cells_left_out_when_stopped_are_nan():
+    cells = random_rooms((60, 60), seed=3)
+    control = np.array([1, 0])
+    rows = np.array([30, 34])
+    stopped = sad.covariances(
+        cells, rows, rows, 0.05, FieldConfig(sensor_range=0.5), control=control
+    )
+    assert np.isnan(stopped).all()
+    assert control.tolist() == [1, 0]

@@ -53,7 +53,7 @@ def test_a_damaged_field_is_computed_anew_with_a_warning(grid, tmp_path, monkeyp
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
     path = store.field_path(grid, QUICK, tmp_path)
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.warns(store.CacheWarning, match="compute it anew"):
+    with pytest.warns(store.CacheWarning, match="computed anew"):
         store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
     assert len(calls) == 2
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)

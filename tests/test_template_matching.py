@@ -6,7 +6,13 @@ from conftest import random_rooms
 from locplan.config import FieldConfig
 from locplan.grid import FREE, OCCUPIED, UNKNOWN
 from locplan.search_window import SearchWindow
-from locplan.template_matching import disc, local_map, rotated_template, sad_distribution
+from locplan.template_matching import (
+    disc,
+    local_map,
+    rotated_template,
+    sad_distribution,
+    visible_part,
+)
 
 
 def test_sad_distribution_equals_the_plain_loops():
@@ -51,3 +57,19 @@ def test_mismatch_is_zero_at_zero_lag():
     cells = random_rooms((60, 60), seed=2)
     window = SearchWindow.from_config(FieldConfig(window=0.4), 0.1)
     assert sad_distribution(cells, 30, 30, 12, window)[2, 2, 6] == 0
+
+
+def test_a_ray_sees_the_wall_but_not_the_room_behind():
+    cells = np.full((41, 41), FREE, np.uint8)
+    cells[:, 28] = OCCUPIED  # a wall eight cells to the right
+    seen = visible_part(cells, 20, 20, 15, 0.0)
+    assert seen[15, :26].all()  # up to the wall and two cells behind
+    assert not seen[15, 26:].any()
+    assert seen[:, 15].all()  # along the wall nothing hides anything
+    turned = visible_part(cells, 20, 20, 15, np.pi / 2)
+    np.testing.assert_array_equal(turned, np.rot90(seen, -1))
+
+
+def test_in_the_open_everything_is_seen():
+    seen = visible_part(np.full((41, 41), FREE, np.uint8), 20, 20, 12, 0.3)
+    np.testing.assert_array_equal(seen, disc(12))

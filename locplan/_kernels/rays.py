@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-CORNER = 1e-9
-"""Crossings of a row and a column closer than this share of the line pass through a corner."""
+TOUCH = 1e-6
+"""A cell crossed by no more than this is only touched, at its corner [cells]."""
 
 
 @njit(inline="always")
@@ -30,56 +30,12 @@ def _crossing(position: float, cell: int, delta: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def line_integral(
-    density: NDArray[np.float64], row0: float, col0: float, row1: float, col1: float
-) -> float:
-    """Integral of a density, constant in each cell, along a line [density x cells].
-
-    Infinite if the line leaves the grid, crosses a cell of infinite density, or passes exactly
-    through a corner of one.
-    """
-    drow, dcol = row1 - row0, col1 - col0
-    length = np.hypot(drow, dcol)
-    row, col = _first_cell(row0, drow), _first_cell(col0, dcol)
-    row_step, col_step = (1 if drow > 0 else -1), (1 if dcol > 0 else -1)
-    total = at = 0.0
-    while True:
-        if not (0 <= row < density.shape[0] and 0 <= col < density.shape[1]):
-            return np.inf
-        if density[row, col] == np.inf:
-            return np.inf
-        row_at, col_at = _crossing(row0, row, drow), _crossing(col0, col, dcol)
-        leave = min(row_at, col_at, 1.0)
-        total += max(leave - at, 0.0) * length * density[row, col]
-        if leave >= 1.0 - 1e-12:
-            return total
-        at = leave
-        if abs(row_at - col_at) <= CORNER:
-            if not _is_open(density, row + row_step, col):
-                return np.inf
-            if not _is_open(density, row, col + col_step):
-                return np.inf
-            row += row_step
-            col += col_step
-        elif row_at < col_at:
-            row += row_step
-        else:
-            col += col_step
-
-
-@njit(inline="always")
-def _is_open(density: NDArray[np.float64], row: int, col: int) -> bool:
-    inside = 0 <= row < density.shape[0] and 0 <= col < density.shape[1]
-    return inside and density[row, col] < np.inf
-
-
-@njit(nogil=True, cache=True)
 def cells_along(
     positions: NDArray[np.float64],
 ) -> tuple[NDArray, NDArray, NDArray]:
     """The cells that a polyline of (n, 2) positions crosses and its length in each [cells].
 
-    In order of travel, one entry for every visit, without cells that are only touched.
+    In order of travel, one entry for every visit. What is only touched goes to the next cell.
     """
     room = 4
     for n in range(len(positions) - 1):
@@ -96,15 +52,14 @@ def cells_along(
         while at < 1.0 and length > 0:
             row_at, col_at = _crossing(row0, row, drow), _crossing(col0, col, dcol)
             leave = min(row_at, col_at, 1.0)
-            if leave > at:
+            if (leave - at) * length > TOUCH:
                 rows[count], cols[count], lengths[count] = row, col, (leave - at) * length
                 count += 1
-            at = max(at, leave)
-            if leave >= 1.0 - 1e-12:
+                at = leave
+            if leave >= 1.0:
                 break
-            corner = abs(row_at - col_at) <= CORNER
-            if corner or row_at < col_at:
+            if row_at < col_at:
                 row += 1 if drow > 0 else -1
-            if corner or row_at >= col_at:
+            else:
                 col += 1 if dcol > 0 else -1
     return rows[:count], cols[:count], lengths[:count]

@@ -14,38 +14,59 @@ lanes of the vectors.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.bitplanes import PLANES, SQUARE, Strips, Window
 from locplan._kernels.simd import LANES, add_difference, add_matches, store_difference, zeros
-from locplan._kernels.templates import Disc, Template, empty_template, list_templates
+from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates, see
 
+STOP, DONE = 0, 1
 GROUP = 3 * LANES
 """Offsets in y that are counted together."""
 
 
+class Tile(NamedTuple):
+    """Cells whose covariances share one layout of the map."""
+
+    window: Window
+    turned: Strips  # of the map at each heading
+    rows: NDArray[np.int64]  # (n,) the cells
+    cols: NDArray[np.int64]
+    turned_rows: NDArray[np.int64]  # (n, heading) where they lie in the map turned so
+    turned_cols: NDArray[np.int64]
+    disc: Disc
+    sight: Sight  # for templates of what is seen, else without headings
+    levels: NDArray[np.uint8]  # the part of the map that the rays see
+    level_rows: NDArray[np.int64]  # (n,) where the cells lie in it
+    level_cols: NDArray[np.int64]
+    radius: int
+    step: int
+    half_steps: int
+
+
 @njit(nogil=True, cache=True)
 def mismatch_counts(
-    window: Window,
-    turned: Strips,
-    turned_rows: NDArray[np.int64],
-    turned_cols: NDArray[np.int64],
-    row: int,
-    col: int,
-    radius: int,
-    step: int,
-    half_steps: int,
-    disc: Disc,
+    tile: Tile,
+    n: int,
     counts: NDArray[np.int64],
     template: Template,
+    masks: NDArray[np.uint64],
 ) -> None:
-    """S / 127 at one cell for all offsets, into ``counts`` (dx, theta, dy rounded up), flat.
+    """S / 127 at the tile's n-th cell, into ``counts`` (dx, theta, dy rounded up), flat.
 
-    `turned` holds the strips of the map at each heading, `turned_rows` and `turned_cols` where
-    the cell lies in the map turned so. `template` is scratch space.
+    `template` and `masks` are scratch space.
     """
+    if len(masks):
+        row, col = tile.level_rows[n], tile.level_cols[n]
+        see(tile.levels, row, col, tile.radius, tile.sight, tile.disc, masks)
+    window, turned, disc = tile.window, tile.turned, tile.disc
+    row, col, radius = tile.rows[n], tile.cols[n], tile.radius
+    step, half_steps = tile.step, tile.half_steps
+    turned_rows, turned_cols = tile.turned_rows[n], tile.turned_cols[n]
     headings, offsets = turned_rows.size, 2 * half_steps + 1
     step_units = step // window.unit
     col_words, plane_stride = step_units * window.lanes, window.plane_stride
@@ -70,6 +91,7 @@ def mismatch_counts(
         strip_rows,
         plane_octets,
         disc,
+        masks,
         row_addresses,
         square_units * col_words,
         plane_stride,
@@ -80,6 +102,8 @@ def mismatch_counts(
     sum_row = p0 * window.unit // window.sum_unit
     sum_col = q0 * window.unit // window.sum_unit
     sum_step = step // window.sum_unit
+    # |T xor M| is |T| - |T and M| + |N and M| where both are listed, with N in what is seen.
+    factor = 1 if len(masks) else 2
     line_size = counts.size // (offsets * headings)
     free_sums, occupied_sums = np.empty(offsets, np.int64), np.empty(offsets, np.int64)
     for i in range(offsets):
@@ -120,7 +144,7 @@ def mismatch_counts(
             free_sign, occupied_sign, cells = signs[k, 0], signs[k, 1], ones[k]
             for v in range(np.uint64(offsets)):
                 differing = free_sign * free_sums[v] + occupied_sign * occupied_sums[v] + cells
-                counts[np.uint64(line) + v] = differing + 2 * counts[np.uint64(line) + v]
+                counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
 
 
 @njit(nogil=True, cache=True)
@@ -166,79 +190,39 @@ def weighted_covariance(
 
 
 @njit(nogil=True, cache=True)
-def tile_mismatch_counts(
-    window: Window,
-    turned: Strips,
-    turned_rows: NDArray[np.int64],
-    turned_cols: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    radius: int,
-    step: int,
-    half_steps: int,
-    disc: Disc,
-) -> NDArray:
-    """S / 127 at many cells, (n, dx, theta, dy)."""
-    offsets, angles = 2 * half_steps + 1, turned.first_rows.size
-    counts = empty_counts(offsets, angles)
-    template = empty_template(angles, disc)
-    result = np.empty((rows.size, offsets, angles, offsets), np.int64)
-    for n in range(rows.size):
-        mismatch_counts(
-            window,
-            turned,
-            turned_rows[n],
-            turned_cols[n],
-            rows[n],
-            cols[n],
-            radius,
-            step,
-            half_steps,
-            disc,
-            counts,
-            template,
-        )
-        result[n] = counts.reshape(offsets, angles, -1)[:, :, :offsets]
+def tile_mismatch_counts(tile: Tile) -> NDArray:
+    """S / 127 at all cells of a tile, (n, dx, theta, dy)."""
+    offsets, headings = 2 * tile.half_steps + 1, tile.turned_rows.shape[1]
+    counts, template = empty_counts(offsets, headings), empty_template(headings, tile.disc)
+    masks = np.empty((tile.sight.beam.shape[0], tile.disc.words.size), np.uint64)
+    result = np.empty((tile.rows.size, offsets, headings, offsets), np.int64)
+    for n in range(tile.rows.size):
+        mismatch_counts(tile, n, counts, template, masks)
+        result[n] = counts.reshape(offsets, headings, -1)[:, :, :offsets]
     return result
 
 
 @njit(nogil=True, cache=True)
 def tile_covariances(
-    window: Window,
-    turned: Strips,
-    turned_rows: NDArray[np.int64],
-    turned_cols: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    radius: int,
-    step: int,
-    half_steps: int,
-    disc: Disc,
-    weight_of_count: NDArray[np.float64],
+    tile: Tile, weight_of_count: NDArray[np.float64], control: NDArray[np.int64]
 ) -> NDArray:
-    """Weighted covariances in steps of the lattice at many cells, (n, 3, 3)."""
-    offsets, angles = 2 * half_steps + 1, turned.first_rows.size
-    counts = empty_counts(offsets, angles)
-    template = empty_template(angles, disc)
-    result = np.empty((rows.size, 3, 3))
-    for n in range(rows.size):
-        mismatch_counts(
-            window,
-            turned,
-            turned_rows[n],
-            turned_cols[n],
-            rows[n],
-            cols[n],
-            radius,
-            step,
-            half_steps,
-            disc,
-            counts,
-            template,
-        )
+    """Weighted covariances in steps of the lattice at all cells of a tile, (n, 3, 3).
+
+    ``control[DONE]`` counts the cells as they are done; once another thread sets
+    ``control[STOP]`` the rest is left out.
+    """
+    offsets, headings = 2 * tile.half_steps + 1, tile.turned_rows.shape[1]
+    counts, template = empty_counts(offsets, headings), empty_template(headings, tile.disc)
+    masks = np.empty((tile.sight.beam.shape[0], tile.disc.words.size), np.uint64)
+    result = np.full((tile.rows.size, 3, 3), np.nan)
+    for n in range(tile.rows.size):
+        if control[STOP]:
+            break
+        mismatch_counts(tile, n, counts, template, masks)
         result[n] = weighted_covariance(
-            counts.reshape(offsets, angles, -1), weight_of_count, offsets
+            counts.reshape(offsets, headings, -1), weight_of_count, offsets
         )
+        control[DONE] += 1
     return result
 
 

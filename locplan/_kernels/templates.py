@@ -32,6 +32,16 @@ class Disc(NamedTuple):
     cells: int
 
 
+class Sight(NamedTuple):
+    """For templates of what is seen: rays, and which of them goes to each cell of the disc."""
+
+    cos: NDArray[np.float64]  # (ray,)
+    sin: NDArray[np.float64]
+    beam: NDArray[np.int32]  # (heading, square, bit); no headings: the whole disc counts
+    distance: NDArray[np.int32]  # (square, bit): squared, in half cells
+    behind: int  # cells seen behind the one that a ray hits
+
+
 class Template(NamedTuple):
     """Squares and runs of one cell's templates, for all headings one after the other.
 
@@ -44,24 +54,32 @@ class Template(NamedTuple):
     run_ends: NDArray[np.int64]
     bounds: NDArray[np.uint64]  # (heading, by T or by N, squares from, to, runs from, to)
     ones: NDArray[np.int64]  # (heading,): |T| of both planes together
-    signs: NDArray[np.int64]  # (heading, plane): 1 where T is listed, -1 where N is
+    signs: NDArray[np.int64]  # (heading, plane): 1 where T is listed, -1 where N is, 0 both
 
 
 def disc_squares(mask: NDArray[np.bool_]) -> Disc:
     """A disc of (2r + 1, 2r + 1) cells in squares."""
+    bits = by_squares(mask.astype(np.uint8))
+    words = np.packbits(bits, axis=1, bitorder="little").view(np.uint64)[:, 0]
     cols = -(-len(mask) // SQUARE)
+    return Disc(words, cols, words.size // cols, int(np.count_nonzero(mask)))
+
+
+def by_squares(values: NDArray) -> NDArray:
+    """Values of (2r + 1, 2r + 1) cells in the order of a disc's squares and their bits; else 0."""
+    size = len(values)
+    cols = -(-size // SQUARE)
     rows = -(-cols // LANES) * LANES
-    cells = np.zeros((SQUARE * rows, SQUARE * cols), np.uint8)
-    cells[: len(mask), : len(mask)] = mask
-    octets = np.packbits(cells.reshape(-1, cols, SQUARE), axis=2, bitorder="little")[..., 0]
-    words = np.ascontiguousarray(octets.T).view(np.uint64)
-    return Disc(words.reshape(-1), cols, rows, int(np.count_nonzero(mask)))
+    padded = np.zeros((SQUARE * rows, SQUARE * cols), values.dtype)
+    padded[:size, :size] = values
+    squares = padded.reshape(rows, SQUARE, cols, SQUARE).transpose(2, 0, 1, 3)
+    return np.ascontiguousarray(squares).reshape(rows * cols, SQUARE * SQUARE)
 
 
 @njit(nogil=True, cache=True)
 def empty_template(headings: int, disc: Disc) -> Template:
     """Room for the templates of one cell."""
-    room = headings * PLANES * disc.words.size + 1
+    room = 2 * headings * PLANES * disc.words.size + 1
     return Template(
         np.empty(room, np.uint64),
         np.empty(room, np.int64),
@@ -81,11 +99,15 @@ def list_templates(
     strip_rows: int,
     plane_octets: int,
     disc: Disc,
+    masks: NDArray[np.uint64],
     row_addresses: NDArray[np.int64],
     col_stride: int,
     plane_stride: int,
 ) -> None:
     """List the squares and runs of all headings.
+
+    `masks` (heading, square) are the cells of the disc that count at each heading. Where it is
+    empty all do, and T or N is listed, whichever is less work; otherwise both are.
 
     `octets` are the strips of the turned maps, flat, and `corners` (heading,) where in them the
     disc's first square begins; the next column is `strip_rows` further on, the next plane
@@ -94,21 +116,25 @@ def list_templates(
     """
     # All in one function with local names: numba counts references to arrays passed on.
     squares, addresses, run_starts, run_ends, bounds, all_ones, signs = template
-    disc_words, cols, rows = disc.words, disc.cols, disc.rows
+    cols, rows, masked = disc.cols, disc.rows, len(masks) > 0
     square = run = 0
     for k in range(corners.size):
+        mask = masks[k] if masked else disc.words
         all_ones[k] = 0
         for plane in range(PLANES):
+            signs[k, plane] = 0
+            if masked:
+                continue
             balance = 0
             for j in range(cols):
                 strip = corners[k] + plane * plane_octets + SQUARE * j * strip_rows
                 before, before_n = np.uint64(0), np.uint64(0)
                 for i in range(0, rows, LANES):
                     at, here = strip + SQUARE * i, j * rows + i
-                    some = set_lanes(octets, at, np.uint64(0), disc_words, here)
-                    full = full_lanes(octets, at, np.uint64(0), disc_words, here)
-                    some_n = set_lanes(octets, at, ALL, disc_words, here)
-                    full_n = full_lanes(octets, at, ALL, disc_words, here)
+                    some = set_lanes(octets, at, np.uint64(0), mask, here)
+                    full = full_lanes(octets, at, np.uint64(0), mask, here)
+                    some_n = set_lanes(octets, at, ALL, mask, here)
+                    full_n = full_lanes(octets, at, ALL, mask, here)
                     starts = full & ~(full << np.uint64(1) | before)
                     starts_n = full_n & ~(full_n << np.uint64(1) | before_n)
                     before = full >> np.uint64(LANES - 1)
@@ -119,7 +145,7 @@ def list_templates(
         for side in range(2):
             bounds[k, side, 0], bounds[k, side, 2] = square, run
             for plane in range(PLANES):
-                if signs[k, plane] != 1 - 2 * side:
+                if signs[k, plane] == 2 * side - 1:
                     continue
                 flip = ALL if side else np.uint64(0)
                 ones = 0
@@ -129,12 +155,12 @@ def list_templates(
                     before, first = np.uint64(0), 0
                     for i in range(0, rows, LANES):
                         at, here = strip + SQUARE * i, j * rows + i
-                        full = full_lanes(octets, at, flip, disc_words, here)
-                        partly = set_lanes(octets, at, flip, disc_words, here) & ~full
+                        full = full_lanes(octets, at, flip, mask, here)
+                        partly = set_lanes(octets, at, flip, mask, here) & ~full
                         while partly:
                             row = i + lowest_bit(partly)
                             word = load_word(octets, strip + SQUARE * row) ^ flip
-                            word &= disc_words[j * rows + row]
+                            word &= mask[j * rows + row]
                             squares[square] = word
                             addresses[square] = address + row_addresses[row]
                             ones += popcount(word)
@@ -156,5 +182,40 @@ def list_templates(
                         run_ends[run] = address + row_addresses[rows]
                         ones += SQUARE * SQUARE * (rows - first)
                         run += 1
-                all_ones[k] += disc.cells - ones if side else ones
+                if signs[k, plane] >= 0 and not side:
+                    all_ones[k] += ones
+                elif signs[k, plane] < 0:
+                    all_ones[k] += disc.cells - ones
             bounds[k, side, 1], bounds[k, side, 3] = square, run
+
+
+@njit(nogil=True, cache=True)
+def see(
+    levels: NDArray[np.uint8],
+    row: int,
+    col: int,
+    radius: int,
+    sight: Sight,
+    disc: Disc,
+    masks: NDArray[np.uint64],
+) -> None:
+    """Write which cells of the disc are seen from a cell of `levels`, turned to each heading."""
+    reach = np.empty(sight.cos.size, np.int64)
+    for b in range(reach.size):
+        first = 2 * radius
+        for step in range(1, 2 * radius + 1):
+            i = int(np.floor(row + sight.sin[b] * (step / 2) + 0.5))
+            j = int(np.floor(col + sight.cos[b] * (step / 2) + 0.5))
+            inside = 0 <= i < levels.shape[0] and 0 <= j < levels.shape[1]
+            if (i != row or j != col) and not (inside and levels[i, j] == 254):
+                first = step
+                break
+        reach[b] = (first + 1 + 2 * sight.behind) ** 2
+    for k in range(masks.shape[0]):
+        for n in range(disc.words.size):
+            word = np.uint64(0)
+            if disc.words[n] != 0:
+                for bit in range(SQUARE * SQUARE):
+                    seen = sight.distance[n, bit] <= reach[sight.beam[k, n, bit]]
+                    word |= np.uint64(seen) << np.uint64(bit)
+            masks[k, n] = word & disc.words[n]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from locplan.config import FieldConfig
 from locplan.grid import FREE, OCCUPIED
 from locplan.search_window import SearchWindow
-from locplan.template_matching import disc, map_centre
+from locplan.template_matching import BEHIND, beam_count, beam_of_cell, disc, map_centre
 
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""
@@ -30,6 +30,7 @@ def covariances(
     *,
     corner: tuple[int, int] = (0, 0),
     map_shape: tuple[int, int] | None = None,
+    control: NDArray[np.int64] | None = None,
 ) -> NDArray[np.float64]:
     """Covariance of a pose match at each cell, in the grid's own axes.
 
@@ -47,6 +48,9 @@ def covariances(
         Where `levels` starts in the whole map.
     map_shape : (int, int), optional
         Of the whole map, which turns about its centre; by default that of `levels`.
+    control : (2,) array of int64, optional
+        Shared with other threads: the first is set to stop early, the second counts the cells
+        done. Cells left out are NaN.
 
     Returns
     -------
@@ -56,12 +60,14 @@ def covariances(
     """
     from locplan._kernels import sad
 
+    shape = map_shape or levels.shape
     window = SearchWindow.from_config(config, resolution)
-    radius = template_radius(config, resolution)
-    tables = _tile_tables(levels, rows, cols, radius, window, corner, map_shape or levels.shape)
+    radius = template_radius(config, window, shape)
     counts = np.arange(2 * np.count_nonzero(disc(radius)) + 1)
     weights = offset_weights(counts * LEVEL_STEP, resolution, config)
-    in_steps = sad.tile_covariances(*tables, weights)
+    visible = config.template == "visible"
+    tile = _lay_out_tile(levels, rows, cols, radius, window, corner, shape, visible)
+    in_steps = sad.tile_covariances(tile, weights, np.zeros(2, int) if control is None else control)
     steps = np.array([window.step, window.step, window.rotation_step])
     covariance = config.noise_level * in_steps * np.outer(steps, steps)
     covariance = covariance[:, : window.dimension, : window.dimension]
@@ -74,12 +80,14 @@ def sad_distributions(
     cols: NDArray[np.int64],
     radius: int,
     window: SearchWindow,
+    *,
+    visible: bool = False,
 ) -> NDArray[np.int64]:
     """The kernel's `template_matching.sad_distribution` at many cells, (n, dx, dy, theta)."""
     from locplan._kernels import sad
 
-    tables = _tile_tables(levels, rows, cols, radius, window, (0, 0), levels.shape)
-    return LEVEL_STEP * sad.tile_mismatch_counts(*tables).transpose(0, 1, 3, 2)
+    tile = _lay_out_tile(levels, rows, cols, radius, window, (0, 0), levels.shape, visible)
+    return LEVEL_STEP * sad.tile_mismatch_counts(tile).transpose(0, 1, 3, 2)
 
 
 def offset_weights(
@@ -93,25 +101,32 @@ def offset_weights(
     cell_area = resolution**2
     area = mismatch / (FREE - OCCUPIED) * cell_area
     if config.weight_law == "exponential":
+        assert config.tau is not None  # FieldConfig sets it
         return np.exp(-area / config.tau)
     floor = cell_area / 2 if config.floor is None else config.floor
-    return 1 / np.maximum(area, floor) ** 2
+    return (floor / np.maximum(area, floor)) ** 2  # a common factor of all weights is free
 
 
-def template_radius(config: FieldConfig, resolution: float) -> int:
-    """Radius of the disc in whole cells, at least one."""
-    return max(1, math.floor(config.sensor_range / resolution + 1e-9))
+def template_radius(config: FieldConfig, window: SearchWindow, map_shape: tuple[int, int]) -> int:
+    """Radius of the disc in whole cells, at least one.
+
+    What lies further away than the map is long is unknown at every offset and adds no mismatch,
+    so that a larger disc gives the same sums.
+    """
+    reach = window.half_steps * window.step_cells
+    whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * reach) + 2
+    return max(1, min(math.floor(config.sensor_range / window.resolution + 1e-9), whole_map))
 
 
-def halo(config: FieldConfig, resolution: float) -> int:
+def halo(config: FieldConfig, resolution: float, map_shape: tuple[int, int]) -> int:
     """How far beyond a cell its covariance depends on the map [cells]."""
     window = SearchWindow.from_config(config, resolution)
     reach = window.half_steps * window.step_cells
     # A turned cell lies within one cell of its rounded place, and so does its source.
-    return template_radius(config, resolution) + max(reach, 2)
+    return template_radius(config, window, map_shape) + max(reach, 2)
 
 
-def _tile_tables(
+def _lay_out_tile(
     levels: NDArray[np.uint8],
     rows: NDArray[np.int64],
     cols: NDArray[np.int64],
@@ -119,7 +134,8 @@ def _tile_tables(
     window: SearchWindow,
     corner: tuple[int, int],
     map_shape: tuple[int, int],
-) -> tuple[Any, ...]:
+    visible: bool,
+) -> Any:
     """Lay out the map and its turned copies for the kernel, for all cells of a tile at once."""
     from locplan._kernels import bitplanes, sad, templates
 
@@ -129,7 +145,6 @@ def _tile_tables(
     diameter = disc_squares.rows * bitplanes.SQUARE
     centre_row, centre_col = map_centre(map_shape)
     cos, sin = np.cos(window.angles), np.sin(window.angles)
-    cos[window.half_rotations], sin[window.half_rotations] = 1.0, 0.0
 
     # The templates: the turned maps around the cells' turned and rounded places.
     dy, dx = (rows - centre_row)[:, None], (cols - centre_col)[:, None]
@@ -163,15 +178,41 @@ def _tile_tables(
         math.gcd(spread, step),
         -(-(2 * half_steps + 1) // sad.GROUP) * sad.GROUP,
     )
-    return (
-        around,
-        turned,
-        turned_rows,
-        turned_cols,
-        rows,
-        cols,
-        radius,
-        step,
-        half_steps,
-        disc_squares,
+    return sad.Tile(
+        window=around,
+        turned=turned,
+        rows=rows,
+        cols=cols,
+        turned_rows=turned_rows,
+        turned_cols=turned_cols,
+        disc=disc_squares,
+        sight=_sight(radius, window if visible else None),
+        levels=np.ascontiguousarray(levels),
+        level_rows=rows - corner[0],
+        level_cols=cols - corner[1],
+        radius=radius,
+        step=step,
+        half_steps=half_steps,
+    )
+
+
+def _sight(radius: int, window: SearchWindow | None) -> Any:
+    """The rays of templates of what is seen; without a window there are none."""
+    from locplan._kernels import templates
+
+    beams = beam_count(radius)
+    angles = 2 * np.pi * np.arange(beams) / beams
+    offset = 2 * np.arange(-radius, radius + 1)
+    distance = offset[:, None] ** 2 + offset[None, :] ** 2
+    beam = [
+        templates.by_squares(beam_of_cell(radius, theta).astype(np.int32))
+        for theta in (window.angles if window else ())
+    ]
+    distances = templates.by_squares(distance.astype(np.int32))
+    return templates.Sight(
+        cos=np.cos(angles),
+        sin=np.sin(angles),
+        beam=np.array(beam, np.int32).reshape(len(beam), *distances.shape),
+        distance=distances,
+        behind=BEHIND,
     )

@@ -25,12 +25,16 @@ class Plan:
     """Whether there is a path; a goal that cannot be reached is a result, not an error."""
     planner: str
     """The planner's name."""
+    start: tuple[float, float]
+    """World position [m]."""
+    goal: tuple[float, float]
+    """World position [m]."""
     path: Path | None
     """The path from start to goal, or None."""
     metrics: PathMetrics | None
     """What the path costs, or None."""
     solve_time: float
-    """Time spent planning [s]."""
+    """Time spent planning, without compilation [s]."""
 
     def measured_on(self, costs: Costmap) -> Plan:
         """The same path with its metrics on another costmap of the same map."""
@@ -42,6 +46,12 @@ class Plan:
 def names() -> tuple[str, ...]:
     """The planners that `plan` knows."""
     return tuple(_MODULES)
+
+
+def check_planner(name: str) -> None:
+    """Raise a ConfigError unless `plan` knows the planner."""
+    if name not in _MODULES:
+        raise ConfigError(f"planner must be one of {', '.join(names())}, not {name!r}")
 
 
 def check_ends(costs: Costmap, start: tuple[float, float], goal: tuple[float, float]) -> None:
@@ -94,10 +104,11 @@ def plan(
     >>> round(result.metrics.cost, 3)
     3.828
     """
-    if planner not in _MODULES:
-        raise ConfigError(f"planner must be one of {', '.join(names())}, not {planner!r}")
+    check_planner(planner)
     check_ends(costs, start, goal)
-    solve = import_module(_MODULES[planner]).solve
+    module = import_module(_MODULES[planner])
+    module.prepare()
+    solve = module.solve
     unknown = sorted(set(options) - set(solve.__kwdefaults__ or {}))
     if unknown:
         known = ", ".join(solve.__kwdefaults__ or {}) or "none"
@@ -106,5 +117,5 @@ def plan(
     path = solve(costs, start, goal, **options)
     elapsed = time.perf_counter() - started
     if path is None:
-        return Plan("unreachable", planner, None, None, elapsed)
-    return Plan("solved", planner, path, path_metrics(costs, path), elapsed)
+        return Plan("unreachable", planner, start, goal, None, None, elapsed)
+    return Plan("solved", planner, start, goal, path, path_metrics(costs, path), elapsed)
