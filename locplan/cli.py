@@ -30,6 +30,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+INTERRUPTED = 130
 _UsageError: type[Any] = typer.BadParameter.__bases__[0]
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML file.")]
@@ -52,6 +53,8 @@ def main() -> None:
     try:
         with _warnings_as_lines():
             code = app(standalone_mode=False)
+        if code == INTERRUPTED:
+            _complain("interrupted", INTERRUPTED)
         sys.stdout.flush()
     except LocplanError as error:
         code = _complain(f"error: {error}", 2)
@@ -60,7 +63,7 @@ def main() -> None:
         helps = "\n" in message  # of a command without any arguments
         code = _complain(message if helps else f"error: {message} (--help shows how)", 2)
     except (KeyboardInterrupt, typer.Abort):
-        code = _complain("interrupted", 130)
+        code = _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
         sys.stdout = sys.stderr = None
         code = 1
@@ -235,8 +238,8 @@ def _config(preset: str, sensor_range: float, template: str, stride: float) -> F
     if preset not in presets:
         raise ConfigError(f"--preset must be one of {', '.join(presets)}, not {preset!r}")
     config = presets[preset](sensor_range=sensor_range)
-    tau = None if preset == "default" else config.tau
-    return dataclasses.replace(config, stride=stride, template=template, tau=tau)
+    changes: dict[str, Any] = {"template": template, "stride": stride}
+    return dataclasses.replace(config, **changes, tau=None)  # of the template
 
 
 def _field(

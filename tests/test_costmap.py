@@ -12,7 +12,7 @@ from locplan.costmap import Costmap
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import covariance_field
 from locplan.grid import FREE, OccupancyGrid
-from locplan.metrics import path_metrics
+from locplan.metrics import path_metrics, profile
 from locplan.path import Path
 
 
@@ -83,12 +83,38 @@ def test_the_papers_preset_is_costed_with_q_all_the_same():
     )
 
 
-@pytest.mark.parametrize("law", ["linear", "cube-root"])
-def test_other_laws_are_monotone_in_e(field, law):
+@pytest.mark.parametrize(("law", "power"), [("linear", 1.0), ("cube-root", 1 / 3)])
+def test_other_laws_are_powers_of_the_share_of_the_greatest_e(field, law, power):
     costs = Costmap.from_field(field.grid, field, law=law)
-    free = field.grid.free
-    order = np.argsort(costs.e[free])
-    assert (np.diff(costs.u[free][order]) >= 0).all()
+    expected = (costs.e / field.anchors()[1]) ** power
+    np.testing.assert_allclose(costs.u, np.clip(expected, 0, 1))
+
+
+def test_heading_says_nothing_in_a_field_without_rotation():
+    grid = corridor(4.0, 2.0)
+    field = covariance_field(grid, FieldConfig(sensor_range=1.0, rotation_window_deg=0))
+    with pytest.raises(ConfigError, match="without rotation"):
+        Costmap.from_field(grid, field, criterion="heading_std")
+
+
+@pytest.mark.parametrize(("radius", "resolution"), [(0.15, 0.02), (0.1, 0.04), (0.25, 0.05)])
+def test_a_robot_fits_where_the_clearance_is_just_its_radius(radius, resolution):
+    cells = np.full((1, 40), FREE, np.uint8)
+    cells[0, 0] = 0
+    grid = OccupancyGrid(cells, resolution)
+    costs = Costmap.blank(grid, robot_radius=radius)
+    first = np.flatnonzero(np.isfinite(costs.density[0]))[0]
+    assert (first - 0.5) * resolution >= radius - 1e-9
+    assert (first - 1.5) * resolution < radius - 1e-9
+
+
+def test_the_profile_covers_the_whole_path():
+    grid = OccupancyGrid(np.full((1, 4), FREE), 1.0)
+    costs = Costmap.blank(grid)
+    layer = np.array([[1.0, 2.0, 3.0, 4.0]])
+    distance, values = profile(costs, Path(np.array([[0.5, 0.5], [2.25, 0.5]])), layer)
+    assert distance.tolist() == [0.0, 0.5, 1.5, 1.75]
+    assert values.tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])

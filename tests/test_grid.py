@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from conftest import drawn
 
-from locplan.errors import MapError
-from locplan.grid import FREE, OCCUPIED, OccupancyGrid
+from locplan.errors import MapError, PoseError
+from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
 def test_row_zero_is_the_lowest_y():
@@ -61,6 +61,25 @@ def test_digest_depends_on_content_not_on_the_name():
     assert grid.digest != OccupancyGrid(grid.cells.reshape(2, 8), 0.1).digest
 
 
+def test_digest_depends_on_the_place_in_the_world():
+    cells = np.full((4, 4), FREE)
+    assert OccupancyGrid(cells, 0.1).digest != OccupancyGrid(cells, 0.1, (0, 0, 0.1)).digest
+
+
+def test_occupancy_values_of_ros_become_levels():
+    grid = OccupancyGrid.from_occupancy([[0, 19, 20, 64], [65, 100, -1, 50]], 0.1)
+    assert grid.cells.tolist() == [
+        [FREE, FREE, UNKNOWN, UNKNOWN],
+        [OCCUPIED, OCCUPIED, UNKNOWN, UNKNOWN],
+    ]
+
+
+def test_positions_that_are_not_finite_have_no_cell():
+    grid = OccupancyGrid(np.full((4, 4), FREE), 1.0)
+    with pytest.raises(PoseError, match="finite"):
+        grid.world_to_cell(np.inf, 0.0)
+
+
 def test_cells_are_copied_and_read_only():
     cells = np.full((3, 3), FREE, np.uint8)
     grid = OccupancyGrid(cells, 0.1)
@@ -79,6 +98,7 @@ def test_cells_are_copied_and_read_only():
         (np.full((2, 2), np.nan), 0.1, (0, 0, 0), "may only hold"),
         (np.zeros((2, 2)), 0.0, (0, 0, 0), "resolution"),
         (np.zeros((2, 2)), np.inf, (0, 0, 0), "resolution"),
+        (np.zeros((2, 2)), "fine", (0, 0, 0), "resolution"),
         (np.zeros((2, 2)), 0.1, (0, np.nan, 0), "origin"),
         (np.zeros((2, 2)), 0.1, (0, 0), "origin"),
     ],

@@ -38,6 +38,14 @@ def test_kernel_of_visible_templates_is_bit_equal_to_the_reference(step, radius)
     compare(cells, [45, 0, 89, 20, 46], [30, 0, 70, 69, 31], radius, window, visible=True)
 
 
+@pytest.mark.parametrize("level", [FREE, OCCUPIED])
+def test_discs_of_more_than_64_squares(level):
+    cells = random_rooms((700, 640), seed=17)
+    cells[:, 300:420] = level  # runs that are longer than a word of bits
+    window = SearchWindow(0.05, 7, 1, np.radians(15), 1)
+    compare(cells, [350, 357], [320, 334], 300, window)
+
+
 @pytest.mark.parametrize("half_steps", [1, 11, 12, 13])
 def test_any_number_of_offsets_fits_the_vectors(half_steps):
     window = SearchWindow(0.05, 2, half_steps, np.radians(45), 1)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from locplan._kernels.bitplanes import ALL, PLANES, SQUARE
 from locplan._kernels.simd import LANES, full_lanes, load_word, lowest_bit, popcount, set_lanes
 
-LANE_BITS = np.uint64((1 << LANES) - 1)
+BITS = 64
 RUN_COST = 2
 """A run takes about as long to compare as this many squares."""
 
@@ -117,75 +117,67 @@ def list_templates(
     # All in one function with local names: numba counts references to arrays passed on.
     squares, addresses, run_starts, run_ends, bounds, all_ones, signs = template
     cols, rows, masked = disc.cols, disc.rows, len(masks) > 0
+    chunks = -(-rows // BITS)
+    partly = np.empty((PLANES, 2, cols * chunks), np.uint64)  # one bit a square of a column
+    full = np.empty((PLANES, 2, cols * chunks), np.uint64)
     square = run = 0
     for k in range(corners.size):
         mask = masks[k] if masked else disc.words
-        all_ones[k] = 0
+
         for plane in range(PLANES):
-            signs[k, plane] = 0
-            if masked:
-                continue
-            balance = 0
-            for j in range(cols):
-                strip = corners[k] + plane * plane_octets + SQUARE * j * strip_rows
-                before, before_n = np.uint64(0), np.uint64(0)
-                for i in range(0, rows, LANES):
-                    at, here = strip + SQUARE * i, j * rows + i
-                    some = set_lanes(octets, at, np.uint64(0), mask, here)
-                    full = full_lanes(octets, at, np.uint64(0), mask, here)
-                    some_n = set_lanes(octets, at, ALL, mask, here)
-                    full_n = full_lanes(octets, at, ALL, mask, here)
-                    starts = full & ~(full << np.uint64(1) | before)
-                    starts_n = full_n & ~(full_n << np.uint64(1) | before_n)
-                    before = full >> np.uint64(LANES - 1)
-                    before_n = full_n >> np.uint64(LANES - 1)
-                    balance += popcount(some & ~full) + RUN_COST * popcount(starts)
-                    balance -= popcount(some_n & ~full_n) + RUN_COST * popcount(starts_n)
-            signs[k, plane] = 1 if balance <= 0 else -1
+            work = np.zeros(2, np.int64)
+            for side in range(2):
+                flip = ALL if side else np.uint64(0)
+                for chunk in range(cols * chunks):
+                    j, first = chunk // chunks, chunk % chunks * BITS
+                    at = corners[k] + plane * plane_octets + SQUARE * (j * strip_rows + first)
+                    some, whole = np.uint64(0), np.uint64(0)
+                    for i in range(0, min(BITS, rows - first), LANES):
+                        here, place = at + SQUARE * i, j * rows + first + i
+                        shift = np.uint64(i)
+                        some |= set_lanes(octets, here, flip, mask, place) << shift
+                        whole |= full_lanes(octets, here, flip, mask, place) << shift
+                    partly[plane, side, chunk], full[plane, side, chunk] = some & ~whole, whole
+                    work[side] += popcount(some & ~whole)
+                    work[side] += RUN_COST * popcount(whole & ~(whole << np.uint64(1)))
+            signs[k, plane] = 0 if masked else 1 if work[0] <= work[1] else -1
+
+        all_ones[k] = 0
         for side in range(2):
             bounds[k, side, 0], bounds[k, side, 2] = square, run
+            flip = ALL if side else np.uint64(0)
             for plane in range(PLANES):
                 if signs[k, plane] == 2 * side - 1:
                     continue
-                flip = ALL if side else np.uint64(0)
                 ones = 0
-                for j in range(cols):
-                    strip = corners[k] + plane * plane_octets + SQUARE * j * strip_rows
-                    address = j * col_stride + plane * plane_stride
-                    before, first = np.uint64(0), 0
-                    for i in range(0, rows, LANES):
-                        at, here = strip + SQUARE * i, j * rows + i
-                        full = full_lanes(octets, at, flip, mask, here)
-                        partly = set_lanes(octets, at, flip, mask, here) & ~full
-                        while partly:
-                            row = i + lowest_bit(partly)
-                            word = load_word(octets, strip + SQUARE * row) ^ flip
-                            word &= mask[j * rows + row]
-                            squares[square] = word
-                            addresses[square] = address + row_addresses[row]
-                            ones += popcount(word)
-                            square += 1
-                            partly &= partly - np.uint64(1)
-                        changes = (full ^ (full << np.uint64(1) | before)) & LANE_BITS
-                        before = full >> np.uint64(LANES - 1)
-                        while changes:  # a run begins or ends where `full` changes
-                            lane = lowest_bit(changes)
-                            if full >> np.uint64(lane) & np.uint64(1):
-                                first = i + lane
-                                run_starts[run] = address + row_addresses[first]
-                            else:
-                                run_ends[run] = address + row_addresses[i + lane]
-                                ones += SQUARE * SQUARE * (i + lane - first)
-                                run += 1
-                            changes &= changes - np.uint64(1)
-                    if before:
-                        run_ends[run] = address + row_addresses[rows]
-                        ones += SQUARE * SQUARE * (rows - first)
+                for chunk in range(cols * chunks):
+                    j, first = chunk // chunks, chunk % chunks * BITS
+                    at = corners[k] + plane * plane_octets + SQUARE * (j * strip_rows + first)
+                    column = j * col_stride + plane * plane_stride
+                    some = partly[plane, side, chunk]
+                    while some:
+                        i = lowest_bit(some)
+                        word = load_word(octets, at + SQUARE * i) ^ flip
+                        word &= mask[j * rows + first + i]
+                        squares[square] = word
+                        addresses[square] = column + row_addresses[first + i]
+                        ones += popcount(word)
+                        square += 1
+                        some &= some - np.uint64(1)
+                    whole = full[plane, side, chunk]
+                    while whole:  # a run ends below the first square that is not full
+                        start = lowest_bit(whole)
+                        above = ~(whole >> np.uint64(start))
+                        length = lowest_bit(above) if above else BITS - start
+                        run_starts[run] = column + row_addresses[first + start]
+                        run_ends[run] = column + row_addresses[first + start + length]
+                        ones += SQUARE * SQUARE * length
                         run += 1
-                if signs[k, plane] >= 0 and not side:
-                    all_ones[k] += ones
-                elif signs[k, plane] < 0:
+                        whole &= whole + (np.uint64(1) << np.uint64(start))
+                if signs[k, plane] < 0:
                     all_ones[k] += disc.cells - ones
+                elif side == 0:
+                    all_ones[k] += ones
             bounds[k, side, 1], bounds[k, side, 3] = square, run
 
 

@@ -1,0 +1,152 @@
+"""How fast the field is, beside OpenCV and beside what the processor can do.
+
+Run: pytest tests/benchmarks/bench_field.py --benchmark-only -s
+"""
+
+from __future__ import annotations
+
+import os
+import time
+
+import cv2
+import numpy as np
+import pytest
+from conftest import SHARED_DATA
+from numba import njit
+
+from benchmarks.opencv_forms import masked_norm, packed_hamming
+from locplan._kernels import sad as kernel
+from locplan._kernels.simd import LANES, add_matches, store_difference, zeros
+from locplan._kernels.templates import empty_template
+from locplan.config import FieldConfig
+from locplan.estimators import sad
+from locplan.field import covariance_field
+from locplan.lattice import stride_cells
+from locplan.map_files import load_map
+from locplan.search_window import SearchWindow
+
+MAPS = (
+    "f1tenth_gym_stata_basement",
+    "fetch_4_26_15",
+    "aws_small_warehouse_005_png",
+    "aws_small_house",
+    "nav2_depot",
+    "willow_full_stage",
+    "tb4_warehouse",
+)
+pytestmark = pytest.mark.filterwarnings("ignore::locplan.map_files.MapWarning")
+
+
+def load(name):
+    folder = SHARED_DATA / "rosmaps" / name
+    if not folder.is_dir():
+        pytest.skip("the collection of real maps (../shared/data/rosmaps) is not here")
+    return load_map(next(folder.glob("*.yaml")))
+
+
+def lattice_tile(grid, config, seed, edge=32):
+    """The lattice cells around a random free one, as many as a tile has."""
+    stride = stride_cells(config, grid.resolution)
+    free = np.argwhere(grid.free[::stride, ::stride])
+    centre = free[np.random.default_rng(seed).integers(len(free))]
+    near = free[np.abs(free - centre).max(axis=1) <= edge]
+    return near[:, 0] * stride, near[:, 1] * stride
+
+
+@njit(nogil=True)
+def popcount_loop(words, rounds):
+    result = np.zeros(3 * LANES, np.int64)
+    a = b = c = zeros()
+    word = np.uint64(0x0123456789ABCDEF)
+    for _ in range(rounds):
+        for at in range(0, words.size - 3 * LANES + 1, 3 * LANES):
+            a = add_matches(a, word, words, at)
+            b = add_matches(b, word, words, at + LANES)
+            c = add_matches(c, word, words, at + 2 * LANES)
+    store_difference(a, zeros(), result, 0)
+    store_difference(b, zeros(), result, LANES)
+    store_difference(c, zeros(), result, 2 * LANES)
+    return result.sum()
+
+
+def seconds(function, *arguments, repeats=3):
+    """Least time of some runs after one that is not counted."""
+    function(*arguments)
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        function(*arguments)
+        times.append(time.perf_counter() - started)
+    return min(times)
+
+
+def peak_words_per_second():
+    words = np.random.default_rng(0).integers(0, 2**63, 960).astype(np.uint64)
+    return 960 * 2000 / seconds(popcount_loop, words, 2000)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_kernel_beside_opencv(benchmark, name):
+    grid, config = load(name), FieldConfig()
+    window = SearchWindow.from_config(config, grid.resolution)
+    radius = sad.template_radius(config, window, grid.shape)
+    rows, cols = lattice_tile(grid, config, seed=1)
+    compared = np.random.default_rng(2).integers(len(rows), size=3)
+    by_kernel = sad.sad_distributions(grid.cells, rows[compared], cols[compared], radius, window)
+
+    cv2.setNumThreads(1)
+    opencv = {}
+    for form in (masked_norm, packed_hamming):
+        results = [form(grid.cells, rows[n], cols[n], radius, window) for n in compared]
+        np.testing.assert_array_equal(results, by_kernel)
+        opencv[form.__name__] = min(
+            seconds(form, grid.cells, rows[n], cols[n], radius, window) for n in compared
+        )
+
+    arguments = grid.cells, rows, cols, grid.resolution, config
+    benchmark.pedantic(sad.covariances, arguments, rounds=5, warmup_rounds=1)
+    cell = benchmark.stats.stats.min / len(rows)
+    words = words_compared(grid, rows, cols, radius, window)
+    peak = peak_words_per_second()
+    benchmark.extra_info.update(
+        microseconds_a_cell=1e6 * cell,
+        **{f"ratio_to_{form}": time / cell for form, time in opencv.items()},
+        popcount_words_per_second=words / cell,
+        share_of_peak=words / cell / peak,
+    )
+    print(
+        f"\n{name} ({grid.resolution:g} m): {1e6 * cell:.0f} us a cell;"
+        f" masked norm {1e3 * opencv['masked_norm']:.1f} ms, {opencv['masked_norm'] / cell:.0f}x;"
+        f" packed Hamming {1e3 * opencv['packed_hamming']:.1f} ms,"
+        f" {opencv['packed_hamming'] / cell:.0f}x;"
+        f" {words / cell / 1e9:.1f} G words/s, {words / cell / peak:.0%} of {peak / 1e9:.1f} G"
+    )
+
+
+def words_compared(grid, rows, cols, radius, window):
+    """Words and prefix sums that the vectors go through at a cell, in the mean of some."""
+    tile = sad._lay_out_tile(
+        grid.cells, rows, cols, radius, window, (0, 0), grid.shape, visible=False
+    )
+    offsets, headings = 2 * window.half_steps + 1, len(window.angles)
+    counts, template = kernel.empty_counts(offsets, headings), empty_template(headings, tile.disc)
+    masks = np.empty((0, tile.disc.words.size), np.uint64)
+    chosen = range(0, len(rows), max(1, len(rows) // 50))
+    total = 0
+    for n in chosen:
+        kernel.mismatch_counts(tile, n, counts, template, masks)
+        last = template.bounds[-1, -1]
+        total += int(last[1]) + 2 * int(last[3])
+    return total / len(chosen) * offsets * kernel.GROUP
+
+
+def test_two_threads_beside_one(benchmark):
+    if (os.cpu_count() or 1) < 2:
+        pytest.skip("the machine has a single core")
+    grid = load("fetch_4_26_15")
+    times = {}
+    for threads in (1, 2):
+        times[threads] = seconds(lambda n=threads: covariance_field(grid, threads=n), repeats=2)
+    benchmark.pedantic(covariance_field, (grid,), rounds=1)
+    benchmark.extra_info["speed_up"] = times[1] / times[2]
+    print(f"\n{times[1]:.2f} s on one thread, {times[2]:.2f} s on two: {times[1] / times[2]:.2f}x")
