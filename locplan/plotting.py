@@ -66,7 +66,7 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit}]", shrink=0.9)
     config = field.config
     axes.set_title(
-        f"{field.grid.name or 'map'}: {config.estimator}, {config.weight_law} weights,"
+        f"{field.grid.name or 'map'}: {config.estimator}, {config.template}, {config.weight_law} weights,"
         f" range {config.sensor_range:g} m, {field.saturated_share:.0%} saturated",
         fontsize="medium",
     )

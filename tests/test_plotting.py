@@ -21,7 +21,7 @@ def field():
 def test_field_figure_names_map_scalar_and_unit(field):
     figure = plotting.field_figure(field, "position_std")
     axes, bar = figure.axes
-    assert axes.get_title().startswith("rooms: sad, exponential")
+    assert axes.get_title().startswith("rooms: sad, disc, exponential")
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert bar.get_ylabel() == "largest position std. deviation [m]"
 
