@@ -66,8 +66,9 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit}]", shrink=0.9)
     config = field.config
     axes.set_title(
-        f"{field.grid.name or 'map'}: {config.estimator}, {config.template}, {config.weight_law} weights,"
-        f" range {config.sensor_range:g} m, {field.saturated_share:.0%} saturated",
+        f"{field.grid.name or 'map'}: {config.estimator}, {config.template},"
+        f" {config.weight_law} weights, range {config.sensor_range:g} m,"
+        f" {field.saturated_share:.0%} saturated",
         fontsize="medium",
     )
     return figure

@@ -2,6 +2,7 @@ import dataclasses
 import math
 import threading
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -112,7 +113,7 @@ def test_yaw_turns_the_covariance_into_the_world_frame():
 def test_parallel_equals_serial(rooms):
     serial = covariance_field(rooms, QUICK, threads=1)
     np.testing.assert_array_equal(covariance_field(rooms, QUICK, threads=3).e, serial.e)
-    with ProcessPoolExecutor(1) as executor:
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         apart = covariance_field(rooms, QUICK, executor=executor)
     np.testing.assert_array_equal(apart.covariance, serial.covariance)
 

@@ -21,7 +21,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.bitplanes import PLANES, SQUARE, Strips, Window
-from locplan._kernels.simd import LANES, add_difference, add_matches, store_difference, zeros
+from locplan._kernels.simd import (
+    LANES,
+    add_difference,
+    add_matches,
+    add_to,
+    store_negative,
+    zeros,
+)
 from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates, see
 
 STOP, DONE = 0, 1
@@ -116,31 +123,27 @@ def mismatch_counts(
             line = (i * headings + k) * line_size
             for group in range(0, line_size, GROUP):
                 at = base + group
-                a = b = c = zeros()
-                for n in range(bounds[k, 0, 0], bounds[k, 0, 1]):
-                    word, here = squares[n], at + addresses[n]
-                    a = add_matches(a, word, words, here)
-                    b = add_matches(b, word, words, here + 8)
-                    c = add_matches(c, word, words, here + 16)
-                for n in range(bounds[k, 0, 2], bounds[k, 0, 3]):
-                    here, there = at + run_starts[n], at + run_ends[n]
-                    a = add_difference(a, below, there, here)
-                    b = add_difference(b, below, there + 8, here + 8)
-                    c = add_difference(c, below, there + 16, here + 16)
-                d = e = f = zeros()
-                for n in range(bounds[k, 1, 0], bounds[k, 1, 1]):
-                    word, here = squares[n], at + addresses[n]
-                    d = add_matches(d, word, words, here)
-                    e = add_matches(e, word, words, here + 8)
-                    f = add_matches(f, word, words, here + 16)
-                for n in range(bounds[k, 1, 2], bounds[k, 1, 3]):
-                    here, there = at + run_starts[n], at + run_ends[n]
-                    d = add_difference(d, below, there, here)
-                    e = add_difference(e, below, there + 8, here + 8)
-                    f = add_difference(f, below, there + 16, here + 16)
-                store_difference(d, a, counts, line + group)
-                store_difference(e, b, counts, line + group + 8)
-                store_difference(f, c, counts, line + group + 16)
+                for side in range(2):
+                    a = b = c = zeros()
+                    for n in range(bounds[k, side, 0], bounds[k, side, 1]):
+                        word, here = squares[n], at + addresses[n]
+                        a = add_matches(a, word, words, here)
+                        b = add_matches(b, word, words, here + 8)
+                        c = add_matches(c, word, words, here + 16)
+                    for n in range(bounds[k, side, 2], bounds[k, side, 3]):
+                        here, there = at + run_starts[n], at + run_ends[n]
+                        a = add_difference(a, below, there, here)
+                        b = add_difference(b, below, there + 8, here + 8)
+                        c = add_difference(c, below, there + 16, here + 16)
+                    to = line + group
+                    if side == 0:
+                        store_negative(a, counts, to)
+                        store_negative(b, counts, to + 8)
+                        store_negative(c, counts, to + 16)
+                    else:
+                        add_to(counts, to, a)
+                        add_to(counts, to + 8, b)
+                        add_to(counts, to + 16, c)
             free_sign, occupied_sign, cells = signs[k, 0], signs[k, 1], ones[k]
             for v in range(np.uint64(offsets)):
                 differing = free_sign * free_sums[v] + occupied_sign * occupied_sums[v] + cells

@@ -89,15 +89,27 @@ def add_difference(typingctx: Any, counts: Any, values: Any, index: Any, less: A
 
 
 @intrinsic
-def store_difference(typingctx: Any, a: Any, b: Any, target: Any, index: Any) -> Any:
-    """``target[index : index + 8] = a - b`` for an array of int64."""
+def store_negative(typingctx: Any, a: Any, target: Any, index: Any) -> Any:
+    """``target[index : index + 8] = -a`` for an array of int64."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[2], args[2], args[3], _VECTOR)
-        builder.store(builder.sub(args[0], args[1]), pointer, align=8)
+        pointer = _pointer(context, builder, signature.args[1], args[1], args[2], _VECTOR)
+        builder.store(builder.neg(args[0]), pointer, align=8)
         return context.get_dummy_value()
 
-    return types.void(_u64x8, _u64x8, target, types.intp), codegen
+    return types.void(_u64x8, target, types.intp), codegen
+
+
+@intrinsic
+def add_to(typingctx: Any, target: Any, index: Any, a: Any) -> Any:
+    """``target[index : index + 8] += a`` for an array of int64."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], _VECTOR)
+        builder.store(builder.add(builder.load(pointer, align=8), args[2]), pointer, align=8)
+        return context.get_dummy_value()
+
+    return types.void(target, types.intp, _u64x8), codegen
 
 
 @intrinsic

@@ -16,7 +16,7 @@ from numba import njit
 
 from benchmarks.opencv_forms import masked_norm, packed_hamming
 from locplan._kernels import sad as kernel
-from locplan._kernels.simd import LANES, add_matches, store_difference, zeros
+from locplan._kernels.simd import LANES, add_matches, add_to, zeros
 from locplan._kernels.templates import empty_template
 from locplan.config import FieldConfig
 from locplan.estimators import sad
@@ -63,9 +63,9 @@ def popcount_loop(words, rounds):
             a = add_matches(a, word, words, at)
             b = add_matches(b, word, words, at + LANES)
             c = add_matches(c, word, words, at + 2 * LANES)
-    store_difference(a, zeros(), result, 0)
-    store_difference(b, zeros(), result, LANES)
-    store_difference(c, zeros(), result, 2 * LANES)
+    add_to(result, 0, a)
+    add_to(result, LANES, b)
+    add_to(result, 2 * LANES, c)
     return result.sum()
 
 
