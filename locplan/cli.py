@@ -31,6 +31,7 @@ app = typer.Typer(
 )
 
 INTERRUPTED = 130
+# Of click, which typer brings along in some versions and depends on in others.
 _UsageError: type[Any] = typer.BadParameter.__bases__[0]
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML file.")]
@@ -68,7 +69,7 @@ def main() -> None:
         sys.stdout = sys.stderr = None
         code = 1
     except OSError as error:
-        code = _complain(f"error: the output cannot be written ({error.strerror})", 1)
+        code = _complain(f"error: {error}", 1)
         sys.stdout = None
     sys.exit(code or 0)
 
@@ -239,7 +240,7 @@ def _config(preset: str, sensor_range: float, template: str, stride: float) -> F
         raise ConfigError(f"--preset must be one of {', '.join(presets)}, not {preset!r}")
     config = presets[preset](sensor_range=sensor_range)
     changes: dict[str, Any] = {"template": template, "stride": stride}
-    return dataclasses.replace(config, **changes, tau=None)  # of the template
+    return dataclasses.replace(config, **changes)
 
 
 def _field(

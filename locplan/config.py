@@ -67,20 +67,18 @@ class FieldConfig:
         _one_of("estimator", self.estimator, ESTIMATORS)
         _one_of("template", self.template, TEMPLATES)
         _one_of("weight_law", self.weight_law, WEIGHT_LAWS)
-        if self.tau is None:
-            self._keep("tau", TAU[self.template])
         for name, unit in (
             ("sensor_range", "m"),
             ("window", "m"),
             ("step", "m"),
             ("rotation_step_deg", "deg"),
-            ("tau", "m^2"),
             ("stride", "m"),
         ):
             self._keep(name, _positive(name, getattr(self, name), unit))
         self._keep("noise_level", _positive("noise_level", self.noise_level, "times Sigma"))
-        if self.floor is not None:
-            self._keep("floor", _positive("floor", self.floor, "m^2"))
+        for name in ("tau", "floor"):
+            if getattr(self, name) is not None:
+                self._keep(name, _positive(name, getattr(self, name), "m^2"))
         if self.stride > self.sensor_range:
             raise ConfigError(
                 f"stride ({self.stride} m) must not exceed sensor_range ({self.sensor_range} m)"
@@ -100,8 +98,13 @@ class FieldConfig:
         if not isinstance(self.quantisation, bool):
             raise ConfigError(f"quantisation must be true or false, not {self.quantisation!r}")
 
+    @property
+    def mismatch_scale(self) -> float:
+        """`tau`, or the template's own [m^2]."""
+        return TAU[self.template] if self.tau is None else self.tau
+
     def _keep(self, name: str, value: float) -> None:
-        """Store a number as a float, so that 6 and 6.0 make one and the same config."""
+        # All numbers are kept as floats, so that 6 and 6.0 make one and the same config.
         object.__setattr__(self, name, value)
 
     @classmethod

@@ -8,8 +8,9 @@ import math
 import os
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -253,8 +254,10 @@ def covariance_field(
     window = SearchWindow.from_config(config, grid.resolution)
     wanted = evaluated_points(grid.free, stride_cells(config, grid.resolution))
     covariance = np.full((*wanted.shape, window.dimension, window.dimension), np.nan)
-    for points, values in _computed_tiles(grid, config, wanted, threads, executor, progress):
-        covariance[points] = values
+    tiles = _computed_tiles(grid, config, wanted, threads, executor, progress)
+    with closing(tiles):
+        for points, values in tiles:
+            covariance[points] = values
     yaw = grid.origin[2]
     return CovarianceField(rotated(covariance, yaw) if yaw else covariance, grid, config)
 
@@ -269,16 +272,17 @@ def _computed_tiles(
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
-) -> Iterator[tuple[_Points, NDArray[np.float64]]]:
+) -> Generator[tuple[_Points, NDArray[np.float64]]]:
     """Lattice points of each tile with their covariances, as the tiles are finished.
 
-    Own threads count their cells as they go and stop at once when the caller does.
+    Own threads count their cells as they go and stop at once when the caller does; an executor
+    finishes the tiles that it has begun.
     """
     controls: list[NDArray[np.int64]] = []
+    tiles: dict[Future[NDArray[np.float64]], _Points] = {}
     total, finished = int(wanted.sum()), 0
     pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
     try:
-        tiles: dict[Future[NDArray[np.float64]], _Points] = {}
         for points in _tiles(wanted, stride_cells(config, grid.resolution)):
             task = _task(grid, config, points)
             if executor is None:
@@ -294,6 +298,8 @@ def _computed_tiles(
             if progress:
                 progress(sum(int(c[1]) for c in controls) if controls else finished, total)
     finally:
+        for tile in tiles:
+            tile.cancel()
         for control in controls:
             control[0] = 1
         if executor is None:

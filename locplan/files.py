@@ -10,7 +10,7 @@ from pathlib import Path
 
 from locplan.errors import LocplanError
 
-PICTURES = (".png", ".pdf", ".svg", ".jpg")
+PICTURES = (".png", ".pdf", ".svg")
 """Suffixes of the picture formats that can be written."""
 
 

@@ -41,15 +41,16 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
         disable=not console.is_terminal,
     )
     task = bar.add_task(label, total=None, rate="starting (the first run compiles)")
-    beginning = 0.0  # of the first cells: compilation tells nothing about the rate
+    first: tuple[float, int] | None = None  # compilation tells nothing about the rate
 
     def update(done: int, total: int) -> None:
-        nonlocal beginning
-        if done and not beginning:
-            beginning = time.monotonic()
-            bar.reset(task, total=total, rate="")
-        if done:
-            rate = done / max(time.monotonic() - beginning, 1e-3)
+        nonlocal first
+        now = time.monotonic()
+        if first is None and done:
+            first = now, done
+            bar.reset(task, total=total, completed=done, rate="")
+        elif first is not None and now > first[0]:
+            rate = (done - first[1]) / (now - first[0])
             bar.update(task, completed=done, total=total, rate=f"{rate:,.0f} {unit}/s")
 
     timer = threading.Timer(patience, bar.start)

@@ -51,7 +51,7 @@ def load_or_compute(
     """
     config = config or FieldConfig()
     path = field_path(grid, config, cache_dir)
-    if path.exists():
+    if os.path.exists(path):  # False, too, where the folder cannot be searched
         try:
             field = CovarianceField.load(path)
             return dataclasses.replace(field, grid=grid)
@@ -80,4 +80,4 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
     from platformdirs import user_cache_path
 
     chosen = cache_dir or os.environ.get("LOCPLAN_CACHE")
-    return Path(chosen).expanduser() if chosen else user_cache_path("locplan") / "fields"
+    return Path(os.path.expanduser(chosen)) if chosen else user_cache_path("locplan") / "fields"

@@ -72,8 +72,8 @@ def visible_part(
     beams = beam_count(radius)
     steps = np.arange(1, 2 * radius + 1) / 2
     angles = 2 * np.pi * np.arange(beams) / beams
-    rows = np.floor(row + np.sin(angles)[:, None] * steps + 0.5).astype(np.int64)
-    cols = np.floor(col + np.cos(angles)[:, None] * steps + 0.5).astype(np.int64)
+    rows = row + np.floor(np.sin(angles)[:, None] * steps + 0.5).astype(np.int64)
+    cols = col + np.floor(np.cos(angles)[:, None] * steps + 0.5).astype(np.int64)
     stops = (cells_at(cells, rows, cols) != FREE) & ((rows != row) | (cols != col))
     first = np.where(stops.any(axis=1), stops.argmax(axis=1) + 1, 2 * radius)
     reach = (first + 1 + 2 * BEHIND)[beam_of_cell(radius, theta)]  # [half cells]

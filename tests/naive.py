@@ -60,7 +60,7 @@ def weighted_covariance(counts, weight_of_count, offsets):
     return result
 
 
-def disc_sums(plane, radius, start, unit, rows, cols):
+def disc_sums(plane, radius, unit, rows, cols):
     """Cells set within the disc around every `unit` cells of one plane, (col, row)."""
     result = np.zeros((cols, rows), np.int64)
     for q in range(cols):
@@ -68,7 +68,7 @@ def disc_sums(plane, radius, start, unit, rows, cols):
             for du in range(-radius, radius + 1):
                 for dv in range(-radius, radius + 1):
                     if du * du + dv * dv <= radius * radius:
-                        result[q, p] += plane[start + q * unit + du, start + p * unit + dv]
+                        result[q, p] += plane[radius + q * unit + du, radius + p * unit + dv]
     return result
 
 

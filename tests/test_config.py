@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -38,9 +39,9 @@ def test_the_papers_preset_is_eq_8_to_10_as_printed():
 
 
 def test_tau_follows_the_template_unless_set():
-    assert FieldConfig().tau == 0.57
-    assert FieldConfig(template="visible").tau == 0.23
-    assert FieldConfig(template="visible", tau=0.4).tau == 0.4
+    assert FieldConfig().mismatch_scale == 0.57
+    assert replace(FieldConfig(), template="visible").mismatch_scale == 0.23
+    assert FieldConfig(template="visible", tau=0.4).mismatch_scale == 0.4
 
 
 def test_whole_numbers_make_the_same_config():

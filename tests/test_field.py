@@ -1,7 +1,7 @@
 import dataclasses
 import math
 import threading
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
 import numpy as np
@@ -125,10 +125,17 @@ def test_progress_counts_every_cell_once(rooms):
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
 
 
-def test_evaluated_cells_do_not_depend_on_the_tiles(rooms, monkeypatch):
-    whole = covariance_field(rooms, QUICK)
+@pytest.mark.parametrize("template", ["disc", "visible"])
+def test_the_field_does_not_depend_on_the_tiles(template, monkeypatch):
+    cells = random_rooms((150, 170), seed=2, blocks=5)
+    cells[np.random.default_rng(3).random(cells.shape) < 0.02] = 0
+    grid, config = (
+        OccupancyGrid(cells, 0.05),
+        dataclasses.replace(QUICK, template=template, tau=None),
+    )
+    whole = covariance_field(grid, config)
     monkeypatch.setattr("locplan.field.TILE", 7)
-    np.testing.assert_array_equal(covariance_field(rooms, QUICK).covariance, whole.covariance)
+    np.testing.assert_array_equal(covariance_field(grid, config).covariance, whole.covariance)
 
 
 def test_every_free_cell_can_be_read(field):
@@ -218,14 +225,40 @@ def test_threads_below_one_are_refused(rooms):
         covariance_field(rooms, QUICK, threads=0)
 
 
-def test_an_interrupted_field_stops_its_threads(rooms):
+def test_an_interrupted_field_stops_its_threads(monkeypatch):
     def interrupt(done, total):
         raise KeyboardInterrupt
 
+    controls = []
+    compute = sad.covariances
+
+    def spy(*arguments, control, **options):
+        controls.append(control)
+        return compute(*arguments, control=control, **options)
+
+    monkeypatch.setattr(sad, "covariances", spy)
+    grid = environments.make("office")
     before = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
-        covariance_field(rooms, QUICK, progress=interrupt)
+        covariance_field(grid, progress=interrupt)
     assert threading.active_count() == before
+    assert 0 < sum(control[1] for control in controls) < 10_000  # of 27,655
+
+
+def test_an_interrupted_field_takes_its_tiles_back_from_the_executor(rooms, monkeypatch):
+    monkeypatch.setattr("locplan.field.TILE", 2)
+    calls = []
+    compute = sad.covariances
+    monkeypatch.setattr(sad, "covariances", lambda **task: calls.append(1) or compute(**task))
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with ThreadPoolExecutor(1) as executor, pytest.raises(KeyboardInterrupt):
+        covariance_field(rooms, QUICK, executor=executor, progress=interrupt)
+    interrupted = len(calls)
+    covariance_field(rooms, QUICK)
+    assert interrupted < (len(calls) - interrupted) / 2
 
 
 def test_without_rotation_the_covariance_is_positional(rooms):

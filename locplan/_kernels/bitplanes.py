@@ -124,9 +124,7 @@ def lay_out_window(
                 below[place] = ones
                 for row in range(p * unit, (p + 1) * unit):
                     ones += popcount(np.uint64(strip[row]))
-    sums = disc_sums(
-        octets, radius, radius, sum_unit, row_span // sum_unit + 1, col_span // sum_unit + 1
-    )
+    sums = disc_sums(octets, radius, sum_unit, row_span // sum_unit + 1, col_span // sum_unit + 1)
     return Window(
         words.reshape(-1),
         below.reshape(-1),
@@ -141,10 +139,8 @@ def lay_out_window(
 
 
 @njit(nogil=True, cache=True)
-def disc_sums(
-    octets: NDArray[np.uint8], radius: int, start: int, unit: int, rows: int, cols: int
-) -> NDArray:
-    """Cells set within the disc around every `unit` cells from `start` on, (plane, col, row)."""
+def disc_sums(octets: NDArray[np.uint8], radius: int, unit: int, rows: int, cols: int) -> NDArray:
+    """Cells set within the disc around every `unit` cells from `radius` on, (plane, col, row)."""
     sums = np.zeros((PLANES, cols, rows), np.int64)
     below = np.zeros((octets.shape[1], octets.shape[2] + 1), np.int32)
     for plane in range(PLANES):
@@ -154,8 +150,8 @@ def disc_sums(
         for q in range(cols):
             for du in range(-radius, radius + 1):
                 half = int(np.sqrt(radius * radius - du * du))
-                line = below[start + q * unit + du]
+                line = below[radius + q * unit + du]
                 for p in range(rows):
-                    centre = start + p * unit
+                    centre = radius + p * unit
                     sums[plane, q, p] += line[centre + half + 1] - line[centre - half]
     return sums

@@ -196,8 +196,8 @@ def see(
     for b in range(reach.size):
         first = 2 * radius
         for step in range(1, 2 * radius + 1):
-            i = int(np.floor(row + sight.sin[b] * (step / 2) + 0.5))
-            j = int(np.floor(col + sight.cos[b] * (step / 2) + 0.5))
+            i = row + int(np.floor(sight.sin[b] * (step / 2) + 0.5))
+            j = col + int(np.floor(sight.cos[b] * (step / 2) + 0.5))
             inside = 0 <= i < levels.shape[0] and 0 <= j < levels.shape[1]
             if (i != row or j != col) and not (inside and levels[i, j] == 254):
                 first = step

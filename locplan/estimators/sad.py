@@ -7,6 +7,7 @@ Source: "Localizability estimation using correlation on occupancy grid maps", RO
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -101,8 +102,7 @@ def offset_weights(
     cell_area = resolution**2
     area = mismatch / (FREE - OCCUPIED) * cell_area
     if config.weight_law == "exponential":
-        assert config.tau is not None  # FieldConfig sets it
-        return np.exp(-area / config.tau)
+        return np.exp(-area / config.mismatch_scale)
     floor = cell_area / 2 if config.floor is None else config.floor
     return (floor / np.maximum(area, floor)) ** 2  # a common factor of all weights is free
 
@@ -164,7 +164,7 @@ def _lay_out_tile(
     )
 
     # The map: the rows and columns that a square starts at, of any cell and any offset.
-    spread = math.gcd(*(int(v) for v in rows - rows[0]), *(int(v) for v in cols - cols[0]))
+    spacing = int(np.gcd.reduce(np.concatenate([rows - rows[0], cols - cols[0], [step]])))
     around = bitplanes.lay_out_window(
         levels,
         *corner,
@@ -175,7 +175,7 @@ def _lay_out_tile(
         radius,
         diameter,
         step,
-        math.gcd(spread, step),
+        spacing,
         -(-(2 * half_steps + 1) // sad.GROUP) * sad.GROUP,
     )
     return sad.Tile(
@@ -196,23 +196,26 @@ def _lay_out_tile(
     )
 
 
+@lru_cache(maxsize=4)
 def _sight(radius: int, window: SearchWindow | None) -> Any:
     """The rays of templates of what is seen; without a window there are none."""
     from locplan._kernels import templates
 
-    beams = beam_count(radius)
-    angles = 2 * np.pi * np.arange(beams) / beams
-    offset = 2 * np.arange(-radius, radius + 1)
-    distance = offset[:, None] ** 2 + offset[None, :] ** 2
-    beam = [
-        templates.by_squares(beam_of_cell(radius, theta).astype(np.int32))
-        for theta in (window.angles if window else ())
-    ]
-    distances = templates.by_squares(distance.astype(np.int32))
+    if window is None:
+        nothing = (
+            np.empty(0),
+            np.empty(0),
+            np.empty((0, 0, 0), np.int32),
+            np.empty((0, 0), np.int32),
+        )
+        return templates.Sight(*nothing, BEHIND)
+    angles = 2 * np.pi * np.arange(beam_count(radius)) / beam_count(radius)
+    offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
+    beams = [beam_of_cell(radius, theta).astype(np.int32) for theta in window.angles]
     return templates.Sight(
         cos=np.cos(angles),
         sin=np.sin(angles),
-        beam=np.array(beam, np.int32).reshape(len(beam), *distances.shape),
-        distance=distances,
+        beam=np.array([templates.by_squares(beam) for beam in beams]),
+        distance=templates.by_squares(offset[:, None] ** 2 + offset[None, :] ** 2),
         behind=BEHIND,
     )
