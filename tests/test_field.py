@@ -126,16 +126,19 @@ def test_progress_counts_every_cell_once(rooms):
 
 
 @pytest.mark.parametrize("template", ["disc", "visible"])
-def test_the_field_does_not_depend_on_the_tiles(template, monkeypatch):
-    cells = random_rooms((150, 170), seed=2, blocks=5)
+@pytest.mark.parametrize("stride", [0.05, 0.15, 0.2])
+def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
+    cells = random_rooms((70, 80), seed=2, blocks=5)
     cells[np.random.default_rng(3).random(cells.shape) < 0.02] = 0
-    grid, config = (
-        OccupancyGrid(cells, 0.05),
-        dataclasses.replace(QUICK, template=template, tau=None),
-    )
+    grid = OccupancyGrid(cells, 0.05)
+    config = dataclasses.replace(QUICK, template=template, stride=stride)
     whole = covariance_field(grid, config)
     monkeypatch.setattr("locplan.field.TILE", 7)
     np.testing.assert_array_equal(covariance_field(grid, config).covariance, whole.covariance)
+    i, j = (index[::9] for index in np.nonzero(whole.evaluated))
+    at = i * whole.stride, j * whole.stride
+    alone = sad.covariances(grid.cells, *at, grid.resolution, config)
+    np.testing.assert_array_equal(whole.covariance[i, j], alone)
 
 
 def test_every_free_cell_can_be_read(field):
