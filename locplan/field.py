@@ -283,8 +283,8 @@ def _computed_tiles(
     total, finished = int(wanted.sum()), 0
     pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
     try:
-        window = SearchWindow.from_config(config, grid.resolution)
-        for points in _tiles(wanted, stride_cells(config, grid.resolution), window.step_cells):
+        stride = stride_cells(config, grid.resolution)
+        for points in _tiles(wanted, stride, sad.points_apart(config, grid.resolution, stride)):
             task = _task(grid, config, points)
             if executor is None:
                 controls.append(np.zeros(2, np.int64))
@@ -307,13 +307,8 @@ def _computed_tiles(
             pool.shutdown(cancel_futures=True)
 
 
-def _tiles(wanted: NDArray[np.bool_], stride: int, step: int) -> Iterator[_Points]:
-    """Lattice points of each tile.
-
-    On a lattice finer than the window's, points whole steps apart share a tile: their layout of
-    the map is smaller, and fits into the processor's caches.
-    """
-    apart = step // math.gcd(step, stride)
+def _tiles(wanted: NDArray[np.bool_], stride: int, apart: int) -> Iterator[_Points]:
+    """Lattice points of each tile, every `apart`-th along rows and columns."""
     edge = min(TILE, max(1, TILE_CELLS // (stride * apart)))
     for row in range(apart):
         for col in range(apart):

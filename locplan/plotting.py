@@ -122,6 +122,9 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     lower.axhline(DEGRADED, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="blindness u", ylim=(-0.03, 1.03))
     lower.margins(x=0.01)
+    if not solved:
+        lower.text(0.5, 0.25, "no path", transform=lower.transAxes, ha="center", va="center")
+        lower.set_xticks([])
     figure.legend(
         handles=handles, loc="outside lower center", frameon=False, fontsize="medium", ncols=2
     )

@@ -42,6 +42,48 @@ def mismatch_counts(cells, row, col, radius, step, half_steps, angles):
     return result
 
 
+def cut_strips(cells, cos, sin, first_row, first_col, rows, cols):
+    """Bytes of eight cells along a row of the turned map, (plane, col, row)."""
+    centre_row, centre_col = (cells.shape[0] - 1) / 2, (cells.shape[1] - 1) / 2
+    result = np.zeros((2, cols, rows), np.uint8)
+    for i in range(cols):
+        for j in range(rows):
+            for bit in range(8):
+                if i + bit >= cols:
+                    continue
+                y, x = first_row + j - centre_row, first_col + i + bit - centre_col
+                level = level_at(
+                    cells,
+                    math.floor(cos * y - sin * x + centre_row + 0.5),
+                    math.floor(sin * y + cos * x + centre_col + 0.5),
+                )
+                result[0, i, j] |= (level == 254) << bit
+                result[1, i, j] |= (level == 0) << bit
+    return result
+
+
+def visible_part(cells, row, col, radius, theta, beams, behind):
+    """Cells of the disc seen from a cell, turned by theta, (2r + 1, 2r + 1)."""
+    reach = []
+    for b in range(beams):
+        angle = 2 * math.pi * b / beams
+        first = 2 * radius
+        for step in range(1, 2 * radius + 1):
+            i = row + math.floor(math.sin(angle) * step / 2 + 0.5)
+            j = col + math.floor(math.cos(angle) * step / 2 + 0.5)
+            if (i, j) != (row, col) and level_at(cells, i, j) != 254:
+                first = step
+                break
+        reach.append((first + 1) / 2 + behind)
+    result = np.zeros((2 * radius + 1, 2 * radius + 1), bool)
+    for u in range(-radius, radius + 1):
+        for v in range(-radius, radius + 1):
+            beam = math.floor((math.atan2(u, v) - theta) * beams / (2 * math.pi) + 0.5) % beams
+            distance = math.hypot(u, v)
+            result[u + radius, v + radius] = distance <= min(radius, reach[beam])
+    return result
+
+
 def weighted_covariance(counts, weight_of_count, offsets):
     """Covariance of (dx, dy, theta) in steps about the weighted mean."""
     half, half_angles = (offsets - 1) // 2, (counts.shape[1] - 1) // 2

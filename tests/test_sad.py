@@ -171,3 +171,21 @@ def test_cells_left_out_when_stopped_are_nan():
     )
     assert np.isnan(stopped).all()
     assert control.tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("resolution", "stride", "apart"), [(0.05, 4, 1), (0.05, 1, 4), (0.05, 2, 2), (0.03, 1, 1)]
+)
+def test_points_share_a_tile_where_their_layout_is_thinnest(resolution, stride, apart):
+    assert sad.points_apart(FieldConfig(), resolution, stride) == apart
+
+
+def test_strips_equal_the_plain_loops():
+    cells = random_rooms((23, 31), seed=10)
+    angles = np.array([0.0, 0.4, -2.0])
+    cos, sin, firsts = np.cos(angles), np.sin(angles), np.array([-3, 2, 5])
+    strips = bitplanes.cut_strips(cells, 0, 0, 11.0, 15.0, cos, sin, firsts, firsts + 1, 20, 25)
+    for k in range(3):
+        first = firsts[k], firsts[k] + 1
+        expected = naive.cut_strips(cells, cos[k], sin[k], *first, 20, 25)
+        np.testing.assert_array_equal(strips.octets[k], expected)

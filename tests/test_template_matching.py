@@ -7,6 +7,8 @@ from locplan.config import FieldConfig
 from locplan.grid import FREE, OCCUPIED, UNKNOWN
 from locplan.search_window import SearchWindow
 from locplan.template_matching import (
+    BEHIND,
+    beam_count,
     disc,
     local_map,
     rotated_template,
@@ -73,3 +75,10 @@ def test_a_ray_sees_the_wall_but_not_the_room_behind():
 def test_in_the_open_everything_is_seen():
     seen = visible_part(np.full((41, 41), FREE, np.uint8), 20, 20, 12, 0.3)
     np.testing.assert_array_equal(seen, disc(12))
+
+
+def test_the_visible_part_equals_the_plain_loops():
+    cells = random_rooms((50, 60), seed=13, blocks=20)
+    for row, col, theta in ((25, 30, 0.0), (0, 0, 0.5), (40, 10, -1.0)):
+        expected = naive.visible_part(cells, row, col, 18, theta, beam_count(18), BEHIND)
+        np.testing.assert_array_equal(visible_part(cells, row, col, 18, theta), expected)

@@ -126,6 +126,18 @@ def halo(config: FieldConfig, resolution: float, map_shape: tuple[int, int]) -> 
     return template_radius(config, window, map_shape) + max(reach, 2)
 
 
+def points_apart(config: FieldConfig, resolution: float, stride: int) -> int:
+    """Every how many lattice points, `stride` cells apart, had best share a tile.
+
+    Where cells and offsets fall on a common lattice of more than one cell the layout of the map
+    is thinner, and on a fine lattice only then fits into the processor's caches.
+    """
+    from locplan._kernels.bitplanes import SQUARE
+
+    thinnest = math.gcd(SearchWindow.from_config(config, resolution).step_cells, SQUARE)
+    return thinnest // math.gcd(thinnest, stride)
+
+
 def _lay_out_tile(
     levels: NDArray[np.uint8],
     rows: NDArray[np.int64],
