@@ -2,49 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 import os
-import zipfile
-import zlib
-from collections.abc import Generator, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import closing
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan import field_files, tiles
 from locplan.config import FieldConfig
-from locplan.covariance import log_euclidean_mean, rotated, scalar
-from locplan.errors import ConfigError, FieldError, LocplanError
-from locplan.estimators import sad
-from locplan.files import replacing
+from locplan.covariance import log_euclidean_mean, scalar
+from locplan.files import replacing_folder
 from locplan.grid import OccupancyGrid
-from locplan.lattice import evaluated_points, neighbours, spread, stride_cells
+from locplan.lattice import neighbours, spread, stride_cells
 from locplan.progress import ProgressCallback
 from locplan.search_window import SearchWindow
 
-FORMAT = "locplan-field-1"
 SATURATION = 1.05
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    KeyError,
-    TypeError,
-    EOFError,
-    zipfile.BadZipFile,
-    zlib.error,
-    LocplanError,
-)
-TILE = 64
-"""Edge of a tile, whose covariances share one layout of the map [lattice points]."""
-TILE_CELLS = 512
-"""And at most so many cells, which bounds the layout's memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,23 +140,48 @@ class CovarianceField:
             return nowhere
         return log_euclidean_mean(np.array(corners), np.array(weights))
 
+    def update(
+        self,
+        grid: OccupancyGrid,
+        *,
+        threads: int | None = None,
+        executor: Executor | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CovarianceField:
+        """The field of an edited map: computed only where the change can be felt.
+
+        Equal, bit for bit, to `covariance_field` of the new map.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The new map, of the same shape, resolution and origin.
+        threads, executor, progress
+            As for `covariance_field`.
+
+        Raises
+        ------
+        FieldError
+            If the maps differ in more than their cells.
+        """
+        covariance = tiles.carried_over(self.covariance, self.grid, grid, self.config)
+        tiles.complete(
+            covariance, grid, self.config, threads=threads, executor=executor, progress=progress
+        )
+        return CovarianceField(covariance, grid, self.config)
+
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the field with its config and the map's digest to a NumPy archive (.npz)."""
-        about = {
-            "format": FORMAT,
-            "config": dataclasses.asdict(self.config),
-            "resolution": self.grid.resolution,
-            "origin": self.grid.origin,
-            "name": self.grid.name,
-            "digest": self.grid.digest,
-        }
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(
-                file,
-                covariance=self.covariance,
-                cells=self.grid.cells,
-                about=np.array(json.dumps(about)),
-            )
+        """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
+
+        A field that is there already is replaced; anything else is not.
+
+        Raises
+        ------
+        LocplanError
+            If the folder cannot be written, or is something else than a field.
+        """
+        with replacing_folder(path, field_files.SUFFIX, field_files.is_field) as temporary:
+            field_files.write(temporary, self.covariance, self.grid, self.config)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
@@ -188,25 +190,9 @@ class CovarianceField:
         Raises
         ------
         FieldError
-            If the file is missing, damaged, or no covariance field.
+            If the folder is missing, damaged, or no covariance field.
         """
-        try:
-            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                about = json.loads(str(archive["about"]))
-                if about["format"] != FORMAT:
-                    raise ValueError(f"its format is {about['format']}, not {FORMAT}")
-                origin = tuple(about["origin"])
-                grid = OccupancyGrid(archive["cells"], about["resolution"], origin, about["name"])
-                if grid.digest != about["digest"]:
-                    raise ValueError("the map inside does not match its digest")
-                return cls(archive["covariance"], grid, FieldConfig(**about["config"]))
-        except FileNotFoundError:
-            raise FieldError(f"{path}: no such file") from None
-        except _UNREADABLE as error:
-            what = " ".join(str(error).split()).split("; ")[0][:120]
-            if isinstance(error, ValueError) and "pickle" in what:
-                what = "it is no NumPy archive"
-            raise FieldError(f"{path}: not a covariance field ({what}); compute it anew") from None
+        return cls(*field_files.read(Path(path)))
 
 
 def covariance_field(
@@ -231,7 +217,8 @@ def covariance_field(
     threads : int, optional
         All cores by default. The result does not depend on it.
     executor : concurrent.futures.Executor, optional
-        Where to run the tiles instead of own threads.
+        Where to run the tiles instead of own threads: a process pool, or a cluster by
+        dask.distributed's ``client.get_executor()``. Its workers need locplan.
     progress : callable, optional
         Called with (done, total) cells now and then.
 
@@ -239,6 +226,8 @@ def covariance_field(
     ------
     ConfigError
         If the config does not fit the map's resolution, or `threads` is below 1.
+    FieldError
+        If the executor fails.
 
     Examples
     --------
@@ -249,89 +238,6 @@ def covariance_field(
     (15, 15, 3, 3)
     """
     config = config or FieldConfig()
-    if threads is not None and threads < 1:
-        raise ConfigError(f"threads must be at least 1, not {threads}")
-    window = SearchWindow.from_config(config, grid.resolution)
-    wanted = evaluated_points(grid.free, stride_cells(config, grid.resolution))
-    covariance = np.full((*wanted.shape, window.dimension, window.dimension), np.nan)
-    tiles = _computed_tiles(grid, config, wanted, threads, executor, progress)
-    with closing(tiles):
-        for points, values in tiles:
-            covariance[points] = values
-    yaw = grid.origin[2]
-    return CovarianceField(rotated(covariance, yaw) if yaw else covariance, grid, config)
-
-
-_Points = tuple[NDArray[np.intp], NDArray[np.intp]]
-
-
-def _computed_tiles(
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    wanted: NDArray[np.bool_],
-    threads: int | None,
-    executor: Executor | None,
-    progress: ProgressCallback | None,
-) -> Generator[tuple[_Points, NDArray[np.float64]]]:
-    """Lattice points of each tile with their covariances, as the tiles are finished.
-
-    Own threads count their cells as they go and stop at once when the caller does; an executor
-    finishes the tiles that it has begun.
-    """
-    controls: list[NDArray[np.int64]] = []
-    tiles: dict[Future[NDArray[np.float64]], _Points] = {}
-    total, finished = int(wanted.sum()), 0
-    pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
-    try:
-        stride = stride_cells(config, grid.resolution)
-        for points in _tiles(wanted, stride, sad.points_apart(config, grid.resolution, stride)):
-            task = _task(grid, config, points)
-            if executor is None:
-                controls.append(np.zeros(2, np.int64))
-                task["control"] = controls[-1]
-            tiles[pool.submit(sad.covariances, **task)] = points
-        waiting = set(tiles)
-        while waiting:
-            done, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
-            for tile in done:
-                yield tiles[tile], tile.result()
-                finished += len(tiles[tile][0])
-            if progress:
-                progress(sum(int(c[1]) for c in controls) if controls else finished, total)
-    finally:
-        for tile in tiles:
-            tile.cancel()
-        for control in controls:
-            control[0] = 1
-        if executor is None:
-            pool.shutdown(cancel_futures=True)
-
-
-def _tiles(wanted: NDArray[np.bool_], stride: int, apart: int) -> Iterator[_Points]:
-    """Lattice points of each tile, every `apart`-th along rows and columns."""
-    edge = min(TILE, max(1, TILE_CELLS // (stride * apart)))
-    for row in range(apart):
-        for col in range(apart):
-            part = wanted[row::apart, col::apart]
-            for top in range(0, part.shape[0], edge):
-                for left in range(0, part.shape[1], edge):
-                    i, j = np.nonzero(part[top : top + edge, left : left + edge])
-                    if i.size:
-                        yield (i + top) * apart + row, (j + left) * apart + col
-
-
-def _task(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> dict[str, Any]:
-    """Arguments of the estimator, with the part of the map that these points depend on."""
-    rows, cols = (index * stride_cells(config, grid.resolution) for index in points)
-    reach = sad.halo(config, grid.resolution, grid.shape)
-    top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
-    bottom, right = int(rows.max()) + reach + 1, int(cols.max()) + reach + 1
-    return {
-        "levels": grid.cells[top:bottom, left:right],
-        "rows": rows,
-        "cols": cols,
-        "resolution": grid.resolution,
-        "config": config,
-        "corner": (top, left),
-        "map_shape": grid.shape,
-    }
+    covariance = np.full(tiles.field_shape(grid, config), np.nan)
+    tiles.complete(covariance, grid, config, threads=threads, executor=executor, progress=progress)
+    return CovarianceField(covariance, grid, config)

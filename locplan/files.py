@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -44,6 +45,42 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
         Path(name).unlink(missing_ok=True)
 
 
+@contextmanager
+def replacing_folder(
+    target: str | os.PathLike[str], suffix: str, ours: Callable[[Path], bool]
+) -> Iterator[Path]:
+    """A new folder beside `target` that takes its place when the block ends well.
+
+    On an exception the new folder is removed and `target` stays as it was. A folder that is
+    replaced is moved aside first and removed last.
+
+    Raises
+    ------
+    LocplanError
+        As `check_folder_target` does, or if the disk is full.
+    """
+    path = Path(target)
+    check_folder_target(path, suffix, ours)
+    try:
+        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-", suffix=suffix))
+    except OSError as error:
+        raise LocplanError(f"{path}: cannot be written ({error.strerror})") from None
+    aside = temporary.with_suffix(".old")
+    try:
+        temporary.chmod(0o777 & ~_umask())
+        yield temporary
+        if path.exists():
+            path.rename(aside)
+        temporary.rename(path)
+    except OSError as error:
+        raise LocplanError(f"{path}: cannot be written ({error.strerror or error})") from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if aside.exists() and not path.exists():
+            aside.rename(path)
+        shutil.rmtree(aside, ignore_errors=True)
+
+
 def check_target(path: Path, *suffixes: str) -> None:
     """Raise a LocplanError unless a file with one of these suffixes can be written there.
 
@@ -53,8 +90,19 @@ def check_target(path: Path, *suffixes: str) -> None:
         raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
     if path.is_dir():
         raise LocplanError(f"{path}: is a folder; name a file in it")
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise LocplanError(f"{path}: {path.parent} is no folder that can be written")
+    _check_parent(path)
+
+
+def check_folder_target(path: Path, suffix: str, ours: Callable[[Path], bool]) -> None:
+    """Raise a LocplanError unless a folder with this suffix can be written there.
+
+    What is there already may be replaced if `ours` says that we have written it.
+    """
+    if path.suffix != suffix:
+        raise LocplanError(f"{path}: must end in {suffix}")
+    if path.exists() and not ours(path):
+        raise LocplanError(f"{path}: is there and nothing of locplan's; choose another name")
+    _check_parent(path)
 
 
 def make_folder(folder: Path) -> None:
@@ -71,6 +119,11 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LocplanError(f"{folder}: cannot be made ({error.strerror})") from None
+
+
+def _check_parent(path: Path) -> None:
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise LocplanError(f"{path}: {path.parent} is no folder that can be written")
 
 
 def _umask() -> int:

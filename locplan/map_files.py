@@ -78,8 +78,33 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
         fault = f"{count} pixels ({count / cells.size:.0%}) of map_saver's unknown grey are free"
         remedy = f"if unknown is meant, set free_thresh: 0.196 (it is {header.free_thresh})"
         warnings.warn(MapWarning(_fault(file, fault, remedy)), stacklevel=2)
-    name = file.resolve().parent.name if file.stem == "map" else file.stem
-    return OccupancyGrid(cells[::-1], header.resolution, header.origin, name)
+    return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file))
+
+
+def name_of(map_file: Path) -> str:
+    """What the map in a file is called: by its stem, a map.yaml by its folder."""
+    return map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem
+
+
+def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
+    """Map files: those named, and in the folders named every YAML file that names an image.
+
+    Raises
+    ------
+    MapError
+        If a folder holds none.
+    """
+    found = []
+    for path in map(Path, paths):
+        if not path.is_dir():
+            found.append(path)
+            continue
+        files = sorted(path.glob("*.y*ml"))
+        inside = [file for file in files if re.search(rb"(?m)^\s*image\s*:", _start_of(file))]
+        if not inside:
+            raise MapError(f"{path}: holds no map (no YAML file in it names an image)")
+        found += inside
+    return list(dict.fromkeys(found))
 
 
 def save_map(
@@ -302,3 +327,11 @@ def _shown(entry: str | list[str] | None) -> str:
 def _reason(error: Exception) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr, or alarm
+
+
+def _start_of(file: Path) -> bytes:
+    try:
+        with file.open("rb") as opened:
+            return opened.read(MAX_YAML_BYTES)
+    except OSError:
+        return b""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from locplan import __version__
+from locplan.cache import CacheEntry
+from locplan.config import FieldConfig
 from locplan.costmap import Costmap
 from locplan.field import CovarianceField
 from locplan.files import make_folder, replacing
@@ -63,6 +66,64 @@ def field_table(field: CovarianceField) -> str:
             ["saturated", f"{about['saturated_share']:.0%} of the cells: e at its least value"],
         ],
     )
+
+
+def fields_table(summaries: Sequence[Mapping[str, Any]]) -> str:
+    """The summaries of many fields, one a row, and below them why some failed."""
+    rows, errors = [], []
+    for about in summaries:
+        if about["error"]:
+            rows.append([about["map"], "–", "–", "–", "failed"])
+            errors.append(f"failed: {about['error']}")
+            continue
+        e = "–" if about["e_median"] is None else f"{about['e_median']:.3g}"
+        cells, saturated = f"{about['cells_evaluated']:,}", f"{about['saturated_share']:.0%}"
+        rows.append([about["map"], cells, e, saturated, f"{about['seconds']:.1f} s"])
+    return "\n".join([_table(["map", "cells", "median e", "saturated", "took"], rows), *errors])
+
+
+def cache_summary(entries: Sequence[CacheEntry]) -> list[dict[str, Any]]:
+    """Cached fields, fit for JSON; times are seconds since the epoch."""
+    return [
+        {
+            "folder": str(entry.folder),
+            "map": entry.about.get("map_name"),
+            "config": entry.about.get("config"),
+            "bytes": entry.size,
+            "finished_share": entry.share,
+            "computed": entry.computed,
+            "used": entry.used,
+        }
+        for entry in entries
+    ]
+
+
+def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
+    """Cached fields with sizes and ages, and how full the folder is."""
+    rows = [
+        [
+            entry.about.get("map_name", "(damaged)"),
+            _unusual(entry.about.get("config", {})),
+            _bytes(entry.size),
+            f"{entry.share:.0%}",
+            _age(entry.computed),
+            _age(entry.used),
+        ]
+        for entry in entries
+    ]
+    total = sum(entry.size for entry in entries)
+    count = f"{len(entries)} field{'' if len(entries) == 1 else 's'}"
+    last = f"{count}, {_bytes(total)} of at most {_bytes(limit)}, in {folder}"
+    if not rows:
+        return last
+    columns = ["map", "config", "size", "finished", "computed", "last used"]
+    return f"{_table(columns, rows)}\n{last}"
+
+
+def cleared(removed: Sequence[CacheEntry], busy: Sequence[CacheEntry]) -> str:
+    """What became of the fields in the cache, in one line."""
+    line = f"removed {len(removed)}, {_bytes(sum(entry.size for entry in removed))}"
+    return line + (f"; {len(busy)} are being computed and stay" if busy else "")
 
 
 def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
@@ -146,3 +207,25 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     with console.capture() as capture:
         console.print(table)
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
+
+
+def _unusual(config: Mapping[str, Any]) -> str:
+    """The settings that are not the default ones."""
+    usual = dataclasses.asdict(FieldConfig())
+    return ", ".join(f"{k}={v}" for k, v in config.items() if usual.get(k, v) != v) or "default"
+
+
+def _bytes(size: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:,.3g} GB"
+
+
+def _age(moment: float) -> str:
+    seconds = max(0.0, time.time() - moment)
+    for size, unit in ((86400, "d"), (3600, "h"), (60, "min")):
+        if seconds >= size:
+            return f"{seconds / size:.0f} {unit} ago"
+    return "just now"

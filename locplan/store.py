@@ -1,26 +1,45 @@
-"""The field cache: a field that was computed once is read, not computed again."""
+"""The field store: a field that was computed once is read, and one half done is finished.
+
+Each field is a Zarr group (`locplan.field_files`) in the cache folder, its name a digest of all
+that decides its values. Chunks are written as they are finished, so that a run which was killed
+loses only those under way, and a lock lets one process at a time compute a field.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import os
 import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan import field_files, tiles
+from locplan.cache import CacheEntry, cache_folder, cache_limit, entries, evict, lock_of, mark_used
 from locplan.config import FieldConfig
 from locplan.errors import FieldError, LocplanError
-from locplan.field import FORMAT, CovarianceField, covariance_field
+from locplan.field import CovarianceField
+from locplan.files import replacing_folder
 from locplan.grid import OccupancyGrid
 from locplan.progress import ProgressCallback
 
-ENGINE = 1
-"""Raised whenever the same map and config would give other values than before."""
+DECISIVE = ("format", "engine", "map_digest", "config")
+"""Attributes that make one field another."""
+RELATIVES = 3
+"""How many other states of a map are looked at for what can be carried over."""
+_PATIENCE = 0.3
+"""How often one looks whether another process has finished [s]."""
 
 
 class CacheWarning(UserWarning):
-    """The cache cannot be used; the result is right all the same."""
+    """The cache cannot be used as it should; the result is right all the same."""
 
 
 def load_or_compute(
@@ -29,9 +48,14 @@ def load_or_compute(
     *,
     cache_dir: str | os.PathLike[str] | None = None,
     threads: int | None = None,
+    executor: Executor | None = None,
     progress: ProgressCallback | None = None,
 ) -> CovarianceField:
     """The field of a map from the cache, or computed and put there.
+
+    What the cache has of it is kept: the chunks that an interrupted run has finished and, where
+    another state of the same map was cached, all that the edit cannot have changed. While another
+    process computes the same field, this one waits.
 
     Parameters
     ----------
@@ -40,44 +64,168 @@ def load_or_compute(
     config : FieldConfig, optional
         `FieldConfig()` by default.
     cache_dir : path, optional
-        By default the environment variable LOCPLAN_CACHE, or else the user's cache folder.
-    threads, progress
+        By default the environment variable LOCPLAN_CACHE, or else the user's cache folder. It
+        grows to LOCPLAN_CACHE_SIZE (5 GB); the fields used least recently go first.
+    threads, executor, progress
+        As for `covariance_field`.
+
+    Raises
+    ------
+    ConfigError, FieldError
         As for `covariance_field`.
 
     Warns
     -----
     CacheWarning
-        If the cache cannot be written, or holds a damaged field (which is computed anew).
+        If the cache cannot be written, or holds damaged chunks (which are computed anew).
     """
     config = config or FieldConfig()
+    limit = cache_limit()
     path = field_path(grid, config, cache_dir)
-    if os.path.exists(path):  # False, too, where the folder cannot be searched
-        try:
-            field = CovarianceField.load(path)
-            return dataclasses.replace(field, grid=grid)
-        except FieldError as error:
-            message = str(error).replace("compute it anew", "computed anew")
-            warnings.warn(CacheWarning(message), stacklevel=2)
-    field = covariance_field(grid, config, threads=threads, progress=progress)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        field.save(path)
-    except (OSError, LocplanError) as error:
-        warnings.warn(CacheWarning(f"the field is not cached: {error}"), stacklevel=2)
-    return field
+    found = _Found.at(path, grid, config)
+    if found.lacking.any():
+        with _alone(path, found, progress) as writable:
+            found = _Found.at(path, grid, config)
+            if found.complaint:
+                _warn(f"{found.complaint}; computed anew")
+            _carry_over(found.covariance, path, grid, config)
+            chunks = tiles.finished_chunks(
+                found.covariance,
+                grid,
+                config,
+                threads=threads,
+                executor=executor,
+                progress=progress,
+            )
+            with closing(chunks):
+                cached = writable and _attempt(_open, path, found, grid, config)
+                for chunk in chunks:
+                    cached = cached and _attempt(
+                        field_files.write_chunks, path, found.covariance, [chunk]
+                    )
+        if cached:
+            _attempt(evict, path.parent, limit, path)
+    mark_used(path)
+    return CovarianceField(found.covariance, grid, config)
 
 
 def field_path(
     grid: OccupancyGrid, config: FieldConfig, cache_dir: str | os.PathLike[str] | None = None
 ) -> Path:
     """Where the cache holds this field, whether or not it is there."""
-    key = json.dumps([FORMAT, ENGINE, grid.digest, dataclasses.asdict(config)], sort_keys=True)
-    return cache_folder(cache_dir) / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.npz"
+    about = field_files.attributes(grid, config)
+    decisive = [about[name] for name in DECISIVE]
+    key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
+    return cache_folder(cache_dir) / (key + field_files.SUFFIX)
 
 
-def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
-    """The folder of cached fields: the argument, LOCPLAN_CACHE, or the user's cache folder."""
-    from platformdirs import user_cache_path
+@dataclass(frozen=True)
+class _Found:
+    """What the cache has of a field."""
 
-    chosen = cache_dir or os.environ.get("LOCPLAN_CACHE")
-    return Path(os.path.expanduser(chosen)) if chosen else user_cache_path("locplan") / "fields"
+    covariance: NDArray[np.float64]
+    """NaN where it is not known, (h, w, d, d)."""
+    lacking: NDArray[np.bool_]
+    """Lattice points that are still to be computed, (h, w)."""
+    sound: bool
+    """Whether there is a group that chunks can be written to."""
+    complaint: str
+    """What is wrong with it, if anything."""
+
+    @classmethod
+    def at(cls, path: Path, grid: OccupancyGrid, config: FieldConfig) -> _Found:
+        covariance, complaint = None, ""
+        if os.path.exists(path):  # False, too, where the folder cannot be searched
+            try:
+                about = field_files.read_attributes(path)
+                expected = field_files.attributes(grid, config)
+                if any(about.get(name) != expected[name] for name in DECISIVE):
+                    raise FieldError(f"{path}: its description is damaged")
+                covariance, damaged = field_files.read_covariance(path, grid, config)
+                if damaged:
+                    complaint = f"{path}: {damaged} chunks are damaged"
+            except FieldError as error:
+                complaint = str(error)
+        sound = covariance is not None
+        if covariance is None:
+            covariance = np.full(tiles.field_shape(grid, config), np.nan)
+        lacking = tiles.missing_points(covariance, grid, config)
+        return cls(covariance, lacking, sound, complaint)
+
+
+@contextmanager
+def _alone(path: Path, found: _Found, progress: ProgressCallback | None) -> Iterator[bool]:
+    """While no other process computes this field; whether it can be written at all."""
+    from filelock import Timeout
+
+    lock = None
+    try:
+        lock = lock_of(path)
+        while not lock.is_locked:
+            try:
+                lock.acquire(timeout=_PATIENCE)
+            except Timeout:
+                if progress:
+                    total = int(found.lacking.sum())
+                    progress(int(total * CacheEntry.read(path).share), total)
+    except (OSError, NotImplementedError) as error:
+        lock = None
+        _warn(f"the field is not cached: {path.parent} cannot be written ({_reason(error)})")
+    try:
+        yield lock is not None
+    finally:
+        if lock:
+            lock.release()
+
+
+def _carry_over(
+    covariance: NDArray[np.float64], path: Path, grid: OccupancyGrid, config: FieldConfig
+) -> None:
+    """Fill in what the fields of other states of this map have in common with it."""
+    expected = field_files.attributes(grid, config)
+    same = [name for name in expected if name not in ("locplan", "map_digest", "map_name")]
+    relatives = [
+        entry
+        for entry in entries(path.parent)
+        if entry.folder != path and all(entry.about.get(n) == expected[n] for n in same)
+    ]
+    for entry in relatives[:RELATIVES]:
+        try:
+            before = field_files.read_grid(entry.folder, entry.about)
+            known, _ = field_files.read_covariance(entry.folder, grid, config)
+        except FieldError:
+            continue  # whoever asks for that field hears of it
+        carried = tiles.carried_over(known, before, grid, config)
+        np.copyto(covariance, carried, where=np.isnan(covariance))
+
+
+def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Make the field's group if there is no sound one, and write the chunks carried over."""
+    if not found.sound:
+        with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
+            field_files.create(temporary, grid, config)
+    for partial in path.rglob("*.partial"):  # of a process that was killed while it wrote
+        partial.unlink()
+    lacking = tiles.missing_points(found.covariance, grid, config)
+    edge = tiles.chunk_edge(config, grid.resolution)
+    carried = tiles.chunks_of(found.lacking & ~lacking, edge)
+    whole = [chunk for chunk in carried if not lacking[chunk.at].any()]
+    field_files.write_chunks(path, found.covariance, whole)
+
+
+def _attempt(action: Callable[..., None], *arguments: Any) -> bool:
+    """Whether something about the cache worked; if not, the user is told why."""
+    try:
+        action(*arguments)
+    except (OSError, LocplanError) as error:
+        _warn(f"the field is not cached: {_reason(error)}")
+        return False
+    return True
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _warn(message: str) -> None:
+    warnings.warn(CacheWarning(message), stacklevel=4)

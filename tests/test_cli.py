@@ -43,12 +43,12 @@ def refused(result) -> str:
 
 
 def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
-    code, out, err = run("field", room, "-o", tmp_path / "f.npz", "--picture", tmp_path / "f.png")
+    code, out, err = run("field", room, "-o", tmp_path / "f.zarr", "--picture", tmp_path / "f.png")
     assert code == 0
     assert "cells evaluated" in out
     assert "saturated" in out
     assert "f.png" in err
-    assert CovarianceField.load(tmp_path / "f.npz").grid.digest == load_map(room).digest
+    assert CovarianceField.load(tmp_path / "f.zarr").grid.digest == load_map(room).digest
     assert (tmp_path / "f.png").stat().st_size > 1000
 
 
@@ -106,7 +106,7 @@ def test_interrupting_says_so(run, room, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("locplan.store.covariance_field", interrupt)
+    monkeypatch.setattr("locplan.tiles.sad.covariances", interrupt)
     code, _, err = run("field", room, "--stride", "0.77")
     assert code == 130
     assert err == "locplan: interrupted\n"
@@ -152,7 +152,7 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
         (("--preset", "best"), "--preset must be one of"),
         (("--stride", "nan"), "stride"),
         (("--threads", "0"), "threads"),
-        (("-o", "field.txt"), "must end in .npz"),
+        (("-o", "field.txt"), "must end in .zarr"),
         (("--picture", "field.txt"), ".png"),
         (("--picture", "nowhere/field.png"), "nowhere"),
     ],
@@ -221,3 +221,53 @@ def test_version_and_usage_errors():
     assert wrong.returncode == 2
     assert "Traceback" not in wrong.stderr
     assert call("--help").returncode == 0
+
+
+def test_many_maps_share_one_table(run, room, tmp_path):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("image: nowhere.pgm\n")
+    (tmp_path / "params.yaml").write_text("amcl: {alpha1: 0.2}\n")
+    code, out, err = run("field", tmp_path, "-o", tmp_path / "fields")
+    assert code == 2
+    assert err == f"wrote {tmp_path / 'fields'}\n"
+    assert re.search(r"room +51 ", out)
+    assert re.search(r"bad +– .* failed\nfailed: .*nowhere.pgm|failed: .*bad.yaml", out)
+    assert "params" not in out
+    assert CovarianceField.load(tmp_path / "fields" / "room.zarr").grid.name == "room"
+    code, out, _ = run("field", room, room.parent / "." / "room.yaml", bad, "--json")
+    assert code == 2
+    assert [about["error"] is None for about in json.loads(out)] == [True, False]
+
+
+def test_maps_of_one_name_would_collide(run, room, tmp_path):
+    (tmp_path / "other").mkdir()
+    save_map(load_map(room), tmp_path / "other" / "room.yaml")
+    arguments = "field", room, tmp_path / "other"
+    assert "several maps are named room" in refused(run(*arguments, "-o", tmp_path / "fields"))
+    assert run(*arguments)[0] == 0
+
+
+def test_a_folder_without_maps_is_refused(run, tmp_path):
+    assert "holds no map" in refused(run("field", tmp_path))
+
+
+def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
+    folder = tmp_path / "cache"
+    here = "--cache-dir", folder
+    assert run("cache", "path", *here)[1].strip() == str(folder)
+    assert run("cache", "list", *here)[1].startswith("0 fields, 0 B of at most 5 GB")
+    run("field", room, "--range", "3", *here)
+    out = run("cache", "list", *here)[1]
+    assert "room" in out
+    assert "sensor_range=3.0" in out
+    assert "100%" in out
+    (about,) = json.loads(run("cache", "list", "--json", *here)[1])
+    assert about["map"] == "room"
+    assert run("cache", "clear", "--older-than", "1", *here)[1].startswith("removed 0")
+    assert run("cache", "clear", *here)[1].startswith("removed 1")
+    assert run("cache", "list", *here)[1].startswith("0 fields")
+
+
+def test_a_scheduler_that_is_none_is_refused(run, room, monkeypatch):
+    monkeypatch.setattr("locplan.cluster.PATIENCE", "1 s")
+    assert "does not answer" in refused(run("field", room, "--scheduler", "tcp://127.0.0.1:9"))

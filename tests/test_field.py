@@ -133,7 +133,7 @@ def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
     grid = OccupancyGrid(cells, 0.05)
     config = dataclasses.replace(QUICK, template=template, stride=stride)
     whole = covariance_field(grid, config)
-    monkeypatch.setattr("locplan.field.TILE", 7)
+    monkeypatch.setattr("locplan.tiles.TILE", 7)
     np.testing.assert_array_equal(covariance_field(grid, config).covariance, whole.covariance)
     i, j = (index[::9] for index in np.nonzero(whole.evaluated))
     at = i * whole.stride, j * whole.stride
@@ -249,7 +249,7 @@ def test_an_interrupted_field_stops_its_threads(monkeypatch):
 
 
 def test_an_interrupted_field_takes_its_tiles_back_from_the_executor(rooms, monkeypatch):
-    monkeypatch.setattr("locplan.field.TILE", 2)
+    monkeypatch.setattr("locplan.tiles.TILE", 2)
     calls = []
     compute = sad.covariances
     monkeypatch.setattr(sad, "covariances", lambda **task: calls.append(1) or compute(**task))
@@ -271,36 +271,59 @@ def test_without_rotation_the_covariance_is_positional(rooms):
     np.testing.assert_allclose(field.e[field.evaluated], expected)
 
 
-def test_saved_fields_come_back_whole(field, tmp_path):
-    field.save(tmp_path / "rooms.npz")
-    loaded = CovarianceField.load(tmp_path / "rooms.npz")
-    np.testing.assert_array_equal(loaded.covariance, field.covariance)
-    assert loaded.config == field.config
-    assert loaded.grid.digest == field.grid.digest
-    assert loaded.grid.name == "rooms"
-    assert [path.name for path in tmp_path.iterdir()] == ["rooms.npz"]
+def edited(grid: OccupancyGrid, at=(60, 60), size=3) -> OccupancyGrid:
+    cells = grid.cells.copy()
+    row, col = at
+    cells[row : row + size, col : col + size] = 254 - cells[row, col] // 254 * 254
+    return dataclasses.replace(grid, cells=cells)
 
 
-@pytest.mark.parametrize("damage", ["cut", "text", "empty", "flip", "missing"])
-def test_damaged_fields_are_refused_in_one_line(field, tmp_path, damage):
-    path = tmp_path / "field.npz"
-    field.save(path)
-    data = bytearray(path.read_bytes())
-    if damage == "flip":
-        for at in range(len(data) // 4, len(data) // 2, 97):
-            data[at] ^= 255
-    replaced = {"cut": data[: len(data) // 2], "text": b"not a field", "empty": b"", "flip": data}
-    path.unlink() if damage == "missing" else path.write_bytes(replaced[damage])
-    with pytest.raises(FieldError, match=r"field\.npz") as error:
-        CovarianceField.load(path)
-    assert "\n" not in str(error.value)
+@pytest.mark.parametrize("template", ["disc", "visible"])
+@pytest.mark.parametrize("yaw", [0.0, 0.4])
+def test_an_update_equals_a_full_run_and_computes_less(template, yaw):
+    cells = random_rooms((140, 150), seed=3, blocks=8)
+    grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, yaw))
+    config = dataclasses.replace(QUICK, template=template)
+    before = covariance_field(grid, config)
+    for at in (0, 0), (60, 60), (137, 100):
+        after = edited(grid, at)
+        progress = []
+        updated = before.update(after, progress=lambda *numbers, to=progress: to.append(numbers))
+        full = covariance_field(after, config)
+        np.testing.assert_array_equal(updated.covariance, full.covariance)
+        assert updated.grid is after
+        assert 0 < progress[-1][1] < full.evaluated.sum() / 2
 
 
-def test_a_failed_save_leaves_the_old_file(field, tmp_path, monkeypatch):
-    path = tmp_path / "field.npz"
-    path.write_bytes(b"old")
-    monkeypatch.setattr(np, "savez_compressed", lambda *_, **__: (_ for _ in ()).throw(OSError(28)))
-    with pytest.raises(Exception, match=r"field\.npz"):
-        field.save(path)
-    assert path.read_bytes() == b"old"
-    assert len(list(tmp_path.iterdir())) == 1
+def test_an_update_forgets_what_is_free_no_more_and_finds_what_became_free(rooms, field):
+    cells = rooms.cells.copy()
+    cells[20:60, 20:60] = UNKNOWN
+    cells[80:90, 80:90] = FREE
+    after = dataclasses.replace(rooms, cells=cells)
+    full = covariance_field(after, QUICK)
+    np.testing.assert_array_equal(field.update(after).covariance, full.covariance)
+
+
+def test_an_update_without_a_change_computes_nothing(rooms, field):
+    def complain(done, total):
+        raise AssertionError
+
+    updated = field.update(dataclasses.replace(rooms, name="again"), progress=complain)
+    np.testing.assert_array_equal(updated.covariance, field.covariance)
+
+
+@pytest.mark.parametrize(
+    "change", [{"resolution": 0.1}, {"origin": (0.0, 0.0, 0.0)}, {"cells": np.full((9, 9), FREE)}]
+)
+def test_an_update_is_for_the_same_geometry(rooms, field, change):
+    with pytest.raises(FieldError, match="a field of its own"):
+        field.update(dataclasses.replace(rooms, **change))
+
+
+def test_what_befalls_an_executor_is_told_in_one_line(rooms):
+    class Broken(ThreadPoolExecutor):
+        def submit(self, *_, **__):
+            return super().submit(lambda: 1 / 0)
+
+    with Broken(1) as executor, pytest.raises(FieldError, match="ZeroDivisionError"):
+        covariance_field(rooms, QUICK, executor=executor)

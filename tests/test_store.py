@@ -1,37 +1,88 @@
 import dataclasses
+import json
 import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan import store
+from locplan import cache, field_files, store
 from locplan.config import FieldConfig
-from locplan.grid import OccupancyGrid
+from locplan.estimators import sad
+from locplan.field import covariance_field
+from locplan.grid import UNKNOWN, OccupancyGrid
+from locplan.map_files import save_map
 
 QUICK = FieldConfig(sensor_range=0.6, window=0.4)
+"""Two by two chunks of the map below."""
+
+CHILD = """
+import sys
+from locplan import load_map, store
+from locplan.config import FieldConfig
+from locplan.estimators import sad
+
+calls, compute = [], sad.covariances
+def slowly(levels, rows, *arguments, **options):
+    import time
+    calls.append(len(rows))
+    time.sleep(float(sys.argv[3]))
+    return compute(levels, rows, *arguments, **options)
+sad.covariances = slowly
+config = FieldConfig(sensor_range=0.6, window=0.4)
+store.load_or_compute(load_map(sys.argv[1]), config, cache_dir=sys.argv[2], threads=1)
+print(sum(calls))
+"""
 
 
 @pytest.fixture
 def grid() -> OccupancyGrid:
-    return OccupancyGrid(random_rooms((50, 60), seed=4), 0.1, name="rooms")
+    return OccupancyGrid(random_rooms((200, 240), seed=4), 0.1, name="rooms")
 
 
-def computed(monkeypatch) -> list:
-    calls = []
-    compute = store.covariance_field
-    monkeypatch.setattr(
-        store, "covariance_field", lambda *a, **k: calls.append(1) or compute(*a, **k)
-    )
+@pytest.fixture
+def computed(monkeypatch) -> list[int]:
+    """How many points each tile computed had."""
+    calls, compute = [], sad.covariances
+
+    def spy(levels, rows, *arguments, **options):
+        calls.append(len(rows))
+        return compute(levels, rows, *arguments, **options)
+
+    monkeypatch.setattr(sad, "covariances", spy)
     return calls
 
 
-def test_a_field_is_computed_once(grid, tmp_path, monkeypatch):
-    calls = computed(monkeypatch)
+def started(map_file: Path, folder: Path, seconds_a_tile: float) -> subprocess.Popen:
+    command = [sys.executable, "-c", CHILD, map_file, folder, str(seconds_a_tile)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_until(condition) -> None:
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end, "waited for too long"
+        time.sleep(0.01)
+
+
+def test_a_field_is_computed_once(grid, tmp_path, computed):
     first = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert sum(computed) == first.evaluated.sum()
     second = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    assert len(calls) == 1
+    assert sum(computed) == first.evaluated.sum()
     np.testing.assert_array_equal(first.covariance, second.covariance)
+    np.testing.assert_array_equal(first.covariance, covariance_field(grid, QUICK).covariance)
+
+
+def test_a_cached_field_is_a_field_like_any_other(grid, tmp_path):
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    loaded = store.CovarianceField.load(store.field_path(grid, QUICK, tmp_path))
+    assert loaded.grid.digest == grid.digest
 
 
 @pytest.mark.parametrize(
@@ -42,22 +93,97 @@ def test_another_config_is_another_field(grid, change):
     assert store.field_path(grid, QUICK) != store.field_path(grid, other)
 
 
+def test_another_engine_is_another_field(grid, tmp_path, computed, monkeypatch):
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    once = sum(computed)
+    monkeypatch.setattr(field_files, "ENGINE", field_files.ENGINE + 1)
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert sum(computed) == 2 * once
+
+
 def test_the_name_of_the_map_is_todays(grid, tmp_path):
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
     renamed = dataclasses.replace(grid, name="other")
     assert store.load_or_compute(renamed, QUICK, cache_dir=tmp_path).grid.name == "other"
 
 
-def test_a_damaged_field_is_computed_anew_with_a_warning(grid, tmp_path, monkeypatch):
-    calls = computed(monkeypatch)
-    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+@pytest.mark.parametrize("tiles_done", [1, 3])
+def test_a_killed_run_is_resumed(grid, tmp_path, tiles_done, computed):
+    save_map(grid, tmp_path / "rooms.yaml")
     path = store.field_path(grid, QUICK, tmp_path)
-    path.write_bytes(path.read_bytes()[:100])
-    with pytest.warns(store.CacheWarning, match="computed anew"):
-        store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    assert len(calls) == 2
+    process = started(tmp_path / "rooms.yaml", tmp_path, 0.3)
+    wait_until(lambda: field_files.count_chunks(path) == tiles_done)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    field = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert 0 < sum(computed) < field.evaluated.sum()
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
+    assert cache.CacheEntry.read(path).share == 1.0
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_of_two_processes_one_computes_and_the_other_waits(grid, tmp_path, killed):
+    save_map(grid, tmp_path / "rooms.yaml")
+    path = store.field_path(grid, QUICK, tmp_path)
+    first = started(tmp_path / "rooms.yaml", tmp_path, 0.5)
+    wait_until(lambda: field_files.count_chunks(path) == 1)
+    second = started(tmp_path / "rooms.yaml", tmp_path, 0.0)
+    if killed:
+        time.sleep(0.2)
+        first.send_signal(signal.SIGKILL)
+    outputs = [process.communicate(timeout=60) for process in (first, second)]
+    assert second.returncode == 0, outputs[1][1]
+    alone = int(covariance_field(grid, QUICK).evaluated.sum())
+    if killed:
+        assert 0 < int(outputs[1][0]) < alone
+    else:
+        assert [int(out) for out, _ in outputs] == [alone, 0]
+
+
+def test_whoever_waits_sees_how_far_the_other_is(grid, tmp_path):
+    save_map(grid, tmp_path / "rooms.yaml")
+    path = store.field_path(grid, QUICK, tmp_path)
+    other = started(tmp_path / "rooms.yaml", tmp_path, 0.7)
+    wait_until(lambda: field_files.count_chunks(path) == 1)
+    seen = []
+    store.load_or_compute(
+        grid, QUICK, cache_dir=tmp_path, progress=lambda done, total: seen.append(done / total)
+    )
+    other.communicate()
+    assert any(0 < share < 1 for share in seen)
+    assert seen == sorted(seen)
+
+
+DAMAGES = {
+    "covariance/c/0/0/0/0": "1 chunks are damaged",
+    "covariance/zarr.json": "not a covariance field",
+    "zarr.json": "not a covariance field",
+}
+
+
+@pytest.mark.parametrize("file", DAMAGES)
+def test_damage_is_computed_anew_with_a_warning(grid, tmp_path, computed, file):
+    whole = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    path = store.field_path(grid, QUICK, tmp_path) / file
+    path.write_bytes(path.read_bytes()[:-30])
+    computed.clear()
+    with pytest.warns(store.CacheWarning, match=f"{DAMAGES[file]}.*computed anew"):
+        again = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    np.testing.assert_array_equal(again.covariance, whole.covariance)
+    if file.startswith("covariance/c"):
+        assert 0 < sum(computed) < whole.evaluated.sum()
+    computed.clear()
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    assert len(calls) == 2
+    assert not computed
+
+
+def test_a_folder_that_is_another_fields_is_not_believed(grid, tmp_path, computed):
+    other = dataclasses.replace(grid, cells=np.where(grid.cells == UNKNOWN, 0, grid.cells))
+    store.load_or_compute(other, QUICK, cache_dir=tmp_path)
+    os.rename(store.field_path(other, QUICK, tmp_path), store.field_path(grid, QUICK, tmp_path))
+    with pytest.warns(store.CacheWarning, match="its description is damaged"):
+        field = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
 
 
 def test_a_cache_that_cannot_be_written_is_a_warning_not_an_error(grid, tmp_path):
@@ -67,9 +193,75 @@ def test_a_cache_that_cannot_be_written_is_a_warning_not_an_error(grid, tmp_path
     assert field.evaluated.any()
 
 
-def test_the_folder_is_the_argument_then_the_environment_then_the_users(tmp_path, monkeypatch):
-    assert store.cache_folder(tmp_path / "a") == tmp_path / "a"
-    monkeypatch.setenv("LOCPLAN_CACHE", os.fspath(tmp_path / "b"))
-    assert store.cache_folder() == tmp_path / "b"
-    monkeypatch.delenv("LOCPLAN_CACHE")
-    assert "locplan" in store.cache_folder().parts
+def test_a_full_disk_is_a_warning_and_what_was_written_counts(
+    grid, tmp_path, monkeypatch, computed
+):
+    write, written = field_files.write_chunks, []
+
+    def until_full(folder, covariance, chunks):
+        if len(written) == 3:  # the first call writes nothing: no chunk was carried over
+            raise OSError(28, "No space left on device")
+        written.append(1)
+        write(folder, covariance, chunks)
+
+    monkeypatch.setattr(field_files, "write_chunks", until_full)
+    with pytest.warns(store.CacheWarning, match="not cached: No space left") as warned:
+        field = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert len(warned) == 1
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
+    monkeypatch.setattr(field_files, "write_chunks", write)
+    computed.clear()
+    again = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert 0 < sum(computed) < field.evaluated.sum()
+    np.testing.assert_array_equal(again.covariance, field.covariance)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_cache_serves_what_it_holds(grid, tmp_path, computed):
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    computed.clear()
+    for folder, _, files in os.walk(tmp_path):
+        for name in files:
+            os.chmod(os.path.join(folder, name), 0o444)
+        os.chmod(folder, 0o555)
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert not computed
+    with pytest.warns(store.CacheWarning, match="cannot be written"):
+        store.load_or_compute(grid, dataclasses.replace(QUICK, tau=0.1), cache_dir=tmp_path)
+    for folder, _, _ in os.walk(tmp_path):
+        os.chmod(folder, 0o755)
+
+
+def test_an_edited_map_is_computed_only_where_the_change_is_felt(grid, tmp_path, computed):
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    cells = grid.cells.copy()
+    cells[10:14, 10:14] = 0
+    after = dataclasses.replace(grid, cells=cells)
+    computed.clear()
+    field = store.load_or_compute(after, QUICK, cache_dir=tmp_path)
+    assert 0 < sum(computed) < field.evaluated.sum() / 4
+    np.testing.assert_array_equal(field.covariance, covariance_field(after, QUICK).covariance)
+    computed.clear()
+    np.testing.assert_array_equal(
+        store.load_or_compute(after, QUICK, cache_dir=tmp_path).covariance, field.covariance
+    )
+    assert not computed
+
+
+def test_nothing_is_carried_over_from_a_damaged_map(grid, tmp_path):
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    about = store.field_path(grid, QUICK, tmp_path) / "zarr.json"
+    described = json.loads(about.read_text())
+    described["attributes"]["map_digest"] = "0" * 64
+    about.write_text(json.dumps(described))
+    cells = grid.cells.copy()
+    cells[10:14, 10:14] = 0
+    after = dataclasses.replace(grid, cells=cells)
+    field = store.load_or_compute(after, QUICK, cache_dir=tmp_path)
+    np.testing.assert_array_equal(field.covariance, covariance_field(after, QUICK).covariance)
+
+
+def test_a_map_without_free_cells_needs_no_cache(tmp_path):
+    nothing = OccupancyGrid(np.zeros((5, 5), np.uint8), 0.1)
+    assert not store.load_or_compute(nothing, QUICK, cache_dir=tmp_path).evaluated.any()
+    assert os.listdir(tmp_path) == []

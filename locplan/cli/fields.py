@@ -1,0 +1,168 @@
+"""The commands about fields, their cache, and maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from locplan.cli.options import (
+    STYLE,
+    AsJson,
+    CacheDir,
+    MapFile,
+    Preset,
+    Range,
+    Scheduler,
+    Stride,
+    Template,
+    Threads,
+    computing,
+    config_of,
+    load,
+    say_written,
+    to_json,
+)
+from locplan.errors import ConfigError
+
+app = typer.Typer(**STYLE)
+cache = typer.Typer(help="The fields that were computed before.", **STYLE)
+app.add_typer(cache, name="cache")
+
+
+@app.command()
+def field(
+    maps: Annotated[
+        list[Path],
+        typer.Argument(metavar="MAP...", help="map_server YAML files, or their folders."),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Write the field here (.zarr; of many maps a folder)."),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Draw e over the map (.png, .pdf, .svg; of many maps a folder)."),
+    ] = None,
+    preset: Preset = "default",
+    sensor_range: Range = 6.0,
+    template: Template = "disc",
+    stride: Stride = 0.2,
+    threads: Threads = None,
+    scheduler: Scheduler = None,
+    cache_dir: CacheDir = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute how uncertain a pose match is all over a map, or over many."""
+    from locplan import reporting
+    from locplan.batch import Job, jobs_for, run_all
+
+    config = config_of(preset, sensor_range, template, stride)
+    with computing(config, threads, scheduler, cache_dir) as compute:
+        if len(maps) == 1 and not maps[0].is_dir():
+            job = Job(maps[0], output, picture)
+            job.check()
+            computed = job.run(compute)
+            about = reporting.field_summary(computed)
+            print(to_json(about) if as_json else reporting.field_table(computed))
+            say_written(output, picture)
+        else:
+            summaries = list(run_all(jobs_for(maps, output, picture), compute))
+            print(to_json(summaries) if as_json else reporting.fields_table(summaries))
+            say_written(output, picture)
+            if any(about["error"] for about in summaries):
+                raise typer.Exit(2)
+
+
+@app.command()
+def plot(
+    map_file: MapFile,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The picture (.png, .pdf, .svg).")],
+    scalar: Annotated[
+        str, typer.Option(help="e | position_std | position_rms | heading_std.")
+    ] = "e",
+    preset: Preset = "default",
+    sensor_range: Range = 6.0,
+    template: Template = "disc",
+    stride: Stride = 0.2,
+    threads: Threads = None,
+    scheduler: Scheduler = None,
+    cache_dir: CacheDir = None,
+) -> None:
+    """Draw the map with its field as a heat map."""
+    from locplan import plotting
+    from locplan.covariance import SCALARS
+    from locplan.files import PICTURES, check_target
+
+    if scalar not in SCALARS:
+        raise ConfigError(f"--scalar must be one of {', '.join(SCALARS)}, not {scalar!r}")
+    check_target(output, *PICTURES)
+    grid = load(map_file)
+    config = config_of(preset, sensor_range, template, stride)
+    with computing(config, threads, scheduler, cache_dir) as compute:
+        computed = compute(grid)
+    plotting.save_figure(plotting.field_figure(computed, scalar), output)
+    say_written(output)
+
+
+@app.command()
+def maps(
+    folder: Annotated[Path, typer.Argument(help="Where to write them.")] = Path("maps"),
+    name: Annotated[list[str] | None, typer.Option(help="Only this map; repeatable.")] = None,
+    resolution: Annotated[float, typer.Option(help="Edge of a cell [m].")] = 0.05,
+    boundary_noise: Annotated[
+        float, typer.Option(help="Share of boundary cells that flip, as in a SLAM map.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+) -> None:
+    """Write the generated maps as PGM and YAML."""
+    from locplan import environments, save_map
+    from locplan.files import make_folder
+
+    make_folder(folder)
+    for each in name or environments.names():
+        grid = environments.make(
+            each, resolution=resolution, boundary_noise=boundary_noise, seed=seed
+        )
+        stem = f"{each}_noise{boundary_noise:g}_seed{seed}" if boundary_noise else each
+        save_map(grid, folder / f"{stem}.yaml")
+        say_written(folder / f"{stem}.yaml")
+
+
+@cache.command("list")
+def cache_list(cache_dir: CacheDir = None, as_json: AsJson = False) -> None:
+    """List the cached fields, the last used first."""
+    from locplan import reporting
+    from locplan.cache import cache_folder, cache_limit, entries
+
+    folder, limit = cache_folder(cache_dir), cache_limit()
+    found = entries(folder)
+    print(
+        to_json(reporting.cache_summary(found))
+        if as_json
+        else reporting.cache_table(found, folder, limit)
+    )
+
+
+@cache.command("clear")
+def cache_clear(
+    older_than: Annotated[
+        float, typer.Option(metavar="DAYS", min=0, help="Only those not used for so long.")
+    ] = 0.0,
+    cache_dir: CacheDir = None,
+) -> None:
+    """Remove cached fields, but for those being computed."""
+    from locplan import reporting
+    from locplan.cache import cache_folder, remove_older
+
+    removed, busy = remove_older(cache_folder(cache_dir), older_than)
+    print(reporting.cleared(removed, busy))
+
+
+@cache.command("path")
+def cache_path(cache_dir: CacheDir = None) -> None:
+    """Print the folder of the cached fields."""
+    from locplan.cache import cache_folder
+
+    print(cache_folder(cache_dir))

@@ -1,0 +1,104 @@
+"""Options that commands share, and what becomes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from locplan.errors import ConfigError, LocplanError
+
+if TYPE_CHECKING:
+    from locplan.config import FieldConfig
+    from locplan.field import CovarianceField
+    from locplan.grid import OccupancyGrid
+
+STYLE: dict[str, Any] = {
+    "add_completion": False,
+    "no_args_is_help": True,
+    "rich_markup_mode": None,
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
+
+MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML file.")]
+Preset = Annotated[str, typer.Option(help="default | paper (Eq. 8-10 as printed).")]
+Range = Annotated[float, typer.Option("--range", help="Sensor range [m].")]
+Template = Annotated[str, typer.Option(help="disc (the paper's) | visible (what a ray sees).")]
+Stride = Annotated[float, typer.Option(help="Spacing of the evaluated cells [m].")]
+Threads = Annotated[int | None, typer.Option(min=1, help="Threads; all cores by default.")]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:PORT", help="Compute on this dask cluster.")
+]
+CacheDir = Annotated[
+    Path | None, typer.Option(help="Where fields are cached; LOCPLAN_CACHE does the same.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def load(map_file: Path) -> OccupancyGrid:
+    from locplan.map_files import load_map
+
+    return load_map(map_file)
+
+
+def config_of(preset: str, sensor_range: float, template: str, stride: float) -> FieldConfig:
+    from locplan.config import FieldConfig
+
+    presets = {"default": FieldConfig, "paper": FieldConfig.paper}
+    if preset not in presets:
+        raise ConfigError(f"--preset must be one of {', '.join(presets)}, not {preset!r}")
+    config = presets[preset](sensor_range=sensor_range)
+    changes: dict[str, Any] = {"template": template, "stride": stride}
+    return dataclasses.replace(config, **changes)
+
+
+@contextmanager
+def computing(
+    config: FieldConfig, threads: int | None, scheduler: str | None, cache_dir: Path | None
+) -> Iterator[Callable[[OccupancyGrid], CovarianceField]]:
+    """What gives the field of a map: read, or computed here or on a cluster."""
+    from locplan.cluster import executor_of
+    from locplan.progress import progress_bar
+    from locplan.store import load_or_compute
+
+    with executor_of(scheduler) if scheduler else nullcontext() as executor:
+
+        def compute(grid: OccupancyGrid) -> CovarianceField:
+            with progress_bar(f"field of {grid.name}", "cells") as progress:
+                return load_or_compute(
+                    grid,
+                    config,
+                    cache_dir=cache_dir,
+                    threads=threads,
+                    executor=executor,
+                    progress=progress,
+                )
+
+        yield compute
+
+
+def position(name: str, text: str) -> tuple[float, float]:
+    try:
+        x, y = (float(v) for v in text.split(","))
+    except ValueError:
+        raise LocplanError(
+            f"--{name} must be X,Y in metres, such as 2.0,3.5, not {text!r}"
+        ) from None
+    return x, y
+
+
+def to_json(about: Any) -> str:
+    return json.dumps(about, indent=2)
+
+
+def say_written(*paths: Path | None) -> None:
+    for path in paths:
+        if path:
+            print(f"wrote {path}", file=sys.stderr)

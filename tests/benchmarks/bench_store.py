@@ -1,0 +1,127 @@
+"""The field store: kills, opening from the cache, updates, and a second dask worker.
+
+pytest tests/benchmarks/bench_store.py --benchmark-only -s
+"""
+
+import dataclasses
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from conftest import random_rooms
+
+from locplan import cluster, environments, field_files, load_map, save_map, store
+from locplan.config import FieldConfig
+from locplan.field import covariance_field
+from locplan.grid import OCCUPIED, OccupancyGrid
+
+KILLS = 50
+COMPUTE = """
+import sys, locplan
+locplan.load_or_compute(locplan.load_map(sys.argv[1]), cache_dir=sys.argv[2])
+"""
+OPEN = """
+import sys, time
+from locplan import FieldConfig, load_map, store
+import zarr, filelock, cv2
+grid = load_map(sys.argv[1])
+began = time.process_time()
+field = store.load_or_compute(grid, FieldConfig(stride=float(sys.argv[3])), cache_dir=sys.argv[2])
+field.at(*grid.cell_to_world(500, 500))
+print(time.process_time() - began)
+"""
+
+
+def test_kills_at_random_moments(benchmark, tmp_path):
+    save_map(environments.make("office"), tmp_path / "office.yaml")
+    grid = load_map(tmp_path / "office.yaml")
+    expected = covariance_field(grid)
+    path = store.field_path(grid, FieldConfig(), tmp_path)
+    command = [sys.executable, "-c", COMPUTE, tmp_path / "office.yaml", tmp_path]
+    began = time.perf_counter()
+    subprocess.run(command, check=True)
+    undisturbed = time.perf_counter() - began
+    rng = np.random.default_rng(0)
+    finished, recomputed = [], []
+
+    def kill_and_resume():
+        shutil.rmtree(path, ignore_errors=True)
+        process = subprocess.Popen(command)
+        time.sleep(rng.uniform(0, undisturbed))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        finished.append(field_files.count_chunks(path))
+        totals = [0]
+        field = store.load_or_compute(
+            grid, cache_dir=tmp_path, progress=lambda done, total: totals.append(total)
+        )
+        np.testing.assert_array_equal(field.covariance, expected.covariance)
+        recomputed.append(totals[-1] / expected.evaluated.sum())
+
+    benchmark.pedantic(kill_and_resume, rounds=KILLS)
+    print(f"\n{KILLS} kills within {undisturbed:.1f} s: all fields bit-equal")
+    for chunks in sorted(set(finished)):
+        shares = [s for f, s in zip(finished, recomputed, strict=True) if f == chunks]
+        print(f"{len(shares)} x with {chunks} chunks finished: {np.mean(shares):.0%} recomputed")
+
+
+@pytest.mark.parametrize("stride", [0.2, 0.05])
+def test_opening_from_the_cache(benchmark, tmp_path, stride):
+    grid = OccupancyGrid(random_rooms((1000, 1000), seed=1, blocks=60), 0.05)
+    save_map(grid, tmp_path / "rooms.yaml")
+    config = FieldConfig(stride=stride)
+    store.load_or_compute(load_map(tmp_path / "rooms.yaml"), config, cache_dir=tmp_path)
+    command = [sys.executable, "-c", OPEN, tmp_path / "rooms.yaml", tmp_path, str(stride)]
+    seconds = []
+
+    def open_it():
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        seconds.append(float(done.stdout))
+
+    benchmark.pedantic(open_it, rounds=5)
+    print(f"\nstride {stride} m: {np.median(seconds):.3f} s of process time beyond the imports")
+
+
+def test_update_against_a_full_run(benchmark):
+    before = OccupancyGrid(random_rooms((2000, 2000), seed=2, blocks=120), 0.05)
+    cells = before.cells.copy()
+    row, col = np.argwhere(before.free)[np.count_nonzero(before.free) // 2]
+    cells[row : row + 10, col : col + 10] = OCCUPIED
+    after = dataclasses.replace(before, cells=cells)
+    field = covariance_field(before)
+    began = time.perf_counter()
+    full = covariance_field(after)
+    whole = time.perf_counter() - began
+    updated = benchmark.pedantic(field.update, (after,), rounds=5)
+    np.testing.assert_array_equal(updated.covariance, full.covariance)
+    print(f"\nupdate: {benchmark.stats.stats.median / whole:.1%} of the full {whole:.1f} s")
+
+
+def test_a_second_dask_worker(benchmark):
+    import distributed
+
+    grid = OccupancyGrid(random_rooms((1000, 1000), seed=1, blocks=60), 0.05)
+    expected = covariance_field(grid)
+    seconds = {}
+    for workers in (1, 2):
+        with (
+            distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None
+            ) as running,
+            cluster.executor_of(running.scheduler_address) as executor,
+        ):
+            covariance_field(grid, executor=executor)  # each worker loads the kernels
+            times = []
+            for _ in range(3):
+                began = time.perf_counter()
+                field = covariance_field(grid, executor=executor)
+                times.append(time.perf_counter() - began)
+            np.testing.assert_array_equal(field.covariance, expected.covariance)
+            seconds[workers] = min(times)
+    benchmark.pedantic(lambda: None)
+    print(f"\ndask: {seconds[1]:.2f} s with one worker, {seconds[2]:.2f} s with two:", end=" ")
+    print(f"{seconds[1] / seconds[2]:.2f} times as fast")
