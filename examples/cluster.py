@@ -1,0 +1,29 @@
+"""A field computed by the worker processes of a dask cluster, saved, and drawn.
+
+Run: pip install 'locplan[dask]' && python examples/cluster.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from distributed import Client, LocalCluster
+
+import locplan
+
+
+def main(folder: str = "cluster") -> None:
+    grid = locplan.environments.make("places", resolution=0.1)
+    # On machines of your own: Client("tcp://HOST:8786"), with locplan installed on the workers.
+    with LocalCluster(n_workers=2, dashboard_address=None) as cluster, Client(cluster) as client:
+        field = locplan.load_or_compute(grid, executor=client.get_executor())
+    print(f"{field.evaluated.sum():,} cells, {field.saturated_share:.0%} of them saturated")
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    field.save(Path(folder) / "places.zarr")
+    figure = locplan.plotting.field_figure(field)
+    locplan.plotting.save_figure(figure, Path(folder) / "places.png")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])
