@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from locplan.costmap import Costmap
     from locplan.errors import LocplanError
     from locplan.field import CovarianceField, covariance_field
+    from locplan.footprint import Footprint
     from locplan.grid import OccupancyGrid
     from locplan.map_files import load_map, save_map
     from locplan.metrics import PathMetrics
     from locplan.path import Path
     from locplan.planners import Plan, plan
+    from locplan.planners.cost_to_go import CostToGo, plan_field
+    from locplan.planners.pareto import ParetoFront, pareto_front
     from locplan.store import load_or_compute
 
 __version__ = "0.1.0"
@@ -43,16 +46,24 @@ _HOME = {
     "Path": "path",
     "Plan": "planners",
     "plan": "planners",
+    "Footprint": "footprint",
+    "CostToGo": "planners.cost_to_go",
+    "plan_field": "planners.cost_to_go",
+    "ParetoFront": "planners.pareto",
+    "pareto_front": "planners.pareto",
     "load_or_compute": "store",
 }
 _SUBMODULES = ("environments", "plotting", "template_matching")
 
 __all__ = [
+    "CostToGo",
     "Costmap",
     "CovarianceField",
     "FieldConfig",
+    "Footprint",
     "LocplanError",
     "OccupancyGrid",
+    "ParetoFront",
     "Path",
     "PathMetrics",
     "Plan",
@@ -60,7 +71,9 @@ __all__ = [
     "environments",
     "load_map",
     "load_or_compute",
+    "pareto_front",
     "plan",
+    "plan_field",
     "plotting",
     "save_map",
     "template_matching",

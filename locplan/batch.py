@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,27 +47,37 @@ class Job:
 def jobs_for(maps: Sequence[Path], output: Path | None, picture: Path | None) -> list[Job]:
     """One job a map: of the map files named, and of those in the folders named.
 
-    Fields and pictures go into the folders `output` and `picture`, each by the name of its map.
+    For a single map `output` is its field and `picture` its picture; for several they are
+    folders, with a file by the name of each map.
 
     Raises
     ------
     LocplanError
-        If a folder holds no map or cannot be made, or two maps have one name.
+        If something cannot be written there, or two maps have one name.
     """
     files = find_maps(*maps)
-    names = [name_of(file) for file in files]
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice and (output or picture):
-        raise LocplanError(f"several maps are named {twice[0]}: their files would collide")
+    if len(files) == 1:
+        job = Job(files[0], output, picture)
+        job.check()
+        return [job]
+    for folder, suffixes in ((output, [SUFFIX]), (picture, PICTURES)):
+        if folder and folder.suffix in suffixes:
+            raise LocplanError(f"{folder}: of {len(files)} maps; name a folder, for a file each")
+    if output or picture:
+        homes: dict[str, Path] = {}
+        for file in files:
+            other = homes.setdefault(name_of(file), file)
+            if other != file:
+                raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
     for folder in filter(None, (output, picture)):
         make_folder(folder)
     return [
         Job(
             file,
-            output / f"{name}{SUFFIX}" if output else None,
-            picture / f"{name}.png" if picture else None,
+            output / f"{name_of(file)}{SUFFIX}" if output else None,
+            picture / f"{name_of(file)}.png" if picture else None,
         )
-        for file, name in zip(files, names, strict=True)
+        for file in files
     ]
 
 

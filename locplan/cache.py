@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 
 LIMIT = "5 GB"
 """Of the folder's size, unless LOCPLAN_CACHE_SIZE says otherwise."""
-_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+_UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 _DAY = 86400.0
+_KEY = "[0-9a-f]{32}"
+"""What our fields are named by: nothing else in the folder is touched."""
 
 
 @dataclass(frozen=True)
@@ -91,16 +94,21 @@ def cache_limit() -> int:
         If LOCPLAN_CACHE_SIZE is no size.
     """
     text = os.environ.get("LOCPLAN_CACHE_SIZE") or LIMIT
-    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([KMGT]?B?)\s*", text.upper())
+    match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
         raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {text!r}")
-    return int(float(match[1]) * _UNITS[match[2].removesuffix("B") + "B"])
+    return int(float(match[1]) * _UNITS[match[2]])
 
 
 def entries(folder: Path) -> list[CacheEntry]:
     """What the folder holds, the last used first."""
-    found = [CacheEntry.read(path) for path in folder.glob(f"[!.]*{field_files.SUFFIX}")]
-    return sorted(found, key=lambda entry: entry.used, reverse=True)
+    return [CacheEntry.read(path) for path in fields(folder)]
+
+
+def fields(folder: Path) -> list[Path]:
+    """The cached fields in the folder, the last used first."""
+    found = _named(folder, _KEY + re.escape(field_files.SUFFIX))
+    return sorted(found, key=lambda path: _status(path / "zarr.json")[1], reverse=True)
 
 
 def lock_of(field: Path) -> BaseFileLock:
@@ -156,8 +164,9 @@ def evict(folder: Path, limit: int, keep: Path) -> None:
     found = entries(folder)
     total = sum(entry.size for entry in found)
     for entry in reversed(found):
-        if total > limit and entry.folder != keep and remove(entry.folder):
-            total -= entry.size
+        if total > limit and entry.folder != keep:
+            with suppress(LocplanError):  # what cannot be removed must not keep the rest
+                total -= entry.size if remove(entry.folder) else 0
     _sweep(folder)
 
 
@@ -169,9 +178,16 @@ def mark_used(field: Path) -> None:
 
 def _sweep(folder: Path) -> None:
     """Remove what killed processes have left half made."""
-    for path in folder.glob(".*"):
+    for path in _named(folder, rf"\.{_KEY}.*"):
         if time.time() - _status(path)[1] > _DAY:
             shutil.rmtree(path, ignore_errors=True)
+
+
+def _named(folder: Path, pattern: str) -> list[Path]:
+    try:
+        return [folder / name for name in os.listdir(folder) if re.fullmatch(pattern, name)]
+    except OSError:
+        return []  # there is no such folder
 
 
 def _status(path: Path) -> tuple[int, float]:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import logging
+import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from typing import Any
 
 from locplan.errors import LocplanError
 
-PATIENCE = "10 s"
-"""How long the scheduler may take to answer."""
+PATIENCE = 10.0
+"""How long the scheduler may take to answer [s]."""
+WORKERLESS = 60.0
+"""How long it is waited for workers to come back when all are gone [s]."""
 
 
 @contextmanager
@@ -28,13 +34,46 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
         from distributed import Client
     except ImportError:
         raise LocplanError("a scheduler needs dask: pip install 'locplan[dask]'") from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are told once, below
-    try:
-        client = Client(scheduler, timeout=PATIENCE)
-    except (OSError, ValueError, TypeError) as error:
-        what = " ".join(str(error).split())[:120]
-        raise LocplanError(f"the scheduler {scheduler} does not answer ({what})") from None
+    for name in ("distributed", "distributed.client"):  # what goes wrong is told once, by us
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    client = _connected(Client, scheduler)
     with client:
         if not client.scheduler_info()["workers"]:
             raise LocplanError(f"the scheduler {scheduler} has no workers; start some first")
-        yield client.get_executor()
+        executor, over = client.get_executor(), threading.Event()
+        threading.Thread(target=_watch, args=(client, executor, over), daemon=True).start()
+        try:
+            yield executor
+        finally:
+            over.set()
+
+
+def _connected(client: Any, scheduler: str) -> Any:
+    """A client, or an error: in a thread, for what is no scheduler may answer without end."""
+    answer: SimpleQueue[Any] = SimpleQueue()
+
+    def connect() -> None:
+        try:
+            answer.put(client(scheduler, timeout=PATIENCE))
+        except Exception as error:  # or it answers nonsense, which fails in any way
+            answer.put(error)
+
+    threading.Thread(target=connect, daemon=True).start()
+    try:
+        result = answer.get(timeout=PATIENCE + 2)
+    except Empty:
+        result = TimeoutError("it may be no dask scheduler")
+    if isinstance(result, Exception):
+        what = " ".join(str(result).split())[:120]
+        raise LocplanError(f"the scheduler {scheduler} does not answer ({what})")
+    return result
+
+
+def _watch(client: Any, executor: Any, over: threading.Event) -> None:
+    """Cancel the tiles once the cluster has had no worker for too long."""
+    seen = time.monotonic()
+    while not over.wait(min(2.0, WORKERLESS / 4)):
+        if client.scheduler_info()["workers"]:
+            seen = time.monotonic()
+        elif time.monotonic() - seen > WORKERLESS:
+            return executor.shutdown(wait=False)

@@ -152,6 +152,27 @@ class Costmap:
         density = np.where(np.isfinite(self.density), 1 + weight * self.u, np.inf)
         return dataclasses.replace(self, density=density, weight=float(weight))
 
+    def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
+        """The same costmap with more cells blocked, (H, W)."""
+        return dataclasses.replace(self, density=np.where(blocked, np.inf, self.density))
+
+    def with_robot_radius(self, robot_radius: float) -> Costmap:
+        """The same costmap for a robot of another radius [m], at least as large as its own.
+
+        Raises
+        ------
+        ConfigError
+            If the radius is smaller than its own: what is blocked cannot be opened again.
+        """
+        _at_least_zero("robot_radius", robot_radius)
+        if robot_radius < self.robot_radius:
+            raise ConfigError(
+                f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
+                f" {robot_radius:g} m; make another one instead"
+            )
+        density = _blocked(self.density, self.grid, robot_radius)
+        return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
+
     def cell_of(self, xy: tuple[float, float], role: str = "position") -> tuple[int, int]:
         """The cell at a world position [m] where the robot can stand.
 

@@ -24,7 +24,7 @@ from locplan.search_window import SearchWindow
 SATURATION = 1.05
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CovarianceField:
     """Covariances of a pose match over a map.
 
@@ -44,6 +44,13 @@ class CovarianceField:
     covariance: NDArray[np.float64]
     grid: OccupancyGrid
     config: FieldConfig
+
+    def __repr__(self) -> str:
+        h, w = self.covariance.shape[:2]
+        return (
+            f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} covariances"
+            f" on a lattice of {h} x {w}, {self.config})"
+        )
 
     @property
     def stride(self) -> int:
@@ -164,10 +171,9 @@ class CovarianceField:
         FieldError
             If the maps differ in more than their cells.
         """
-        covariance = tiles.carried_over(self.covariance, self.grid, grid, self.config)
-        tiles.complete(
-            covariance, grid, self.config, threads=threads, executor=executor, progress=progress
-        )
+        same = tiles.untouched_points(self.grid, grid, self.config)
+        covariance = np.where(same[:, :, None, None], self.covariance, np.nan)
+        tiles.complete(covariance, grid, self.config, threads, executor, progress)
         return CovarianceField(covariance, grid, self.config)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -239,5 +245,5 @@ def covariance_field(
     """
     config = config or FieldConfig()
     covariance = np.full(tiles.field_shape(grid, config), np.nan)
-    tiles.complete(covariance, grid, config, threads=threads, executor=executor, progress=progress)
+    tiles.complete(covariance, grid, config, threads, executor, progress)
     return CovarianceField(covariance, grid, config)

@@ -8,7 +8,9 @@ reads as NaN; a chunk that was carries a checksum.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -21,11 +23,9 @@ from locplan.config import FieldConfig
 from locplan.errors import FieldError, LocplanError
 from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.lattice import evaluated_points, stride_cells
-from locplan.tiles import Chunk, chunk_edge, chunks_of, field_shape, missing_points
+from locplan.tiles import ENGINE, Chunk, chunk_edge, chunks_of, field_shape, missing_points
 
 FORMAT = "locplan-field-2"
-ENGINE = 1
-"""Raised whenever the same map and config would give other values than before."""
 SUFFIX = ".zarr"
 
 
@@ -57,6 +57,8 @@ def read_attributes(folder: Path) -> dict[str, Any]:
         about = json.loads((folder / "zarr.json").read_text())["attributes"]
         if about["format"] != FORMAT:
             raise ValueError(f"its format is {about['format']}, not {FORMAT}")
+        if about["checksum"] != _checksum(about):
+            raise ValueError("its description does not match its checksum")
         return about
     except (FileNotFoundError, NotADirectoryError):
         what = "holds no zarr.json" if folder.exists() else "no such folder"
@@ -84,9 +86,11 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
     stride = stride_cells(config, grid.resolution)
     chunks = sum(1 for _ in chunks_of(evaluated_points(grid.free, stride), edge))
     about = attributes(grid, config) | {"chunks": chunks}
+    about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
     group.create_array(
         "covariance",
+        chunk_key_encoding={"name": "default", "separator": "."},
         shape=shape,
         chunks=(edge, edge, *shape[2:]),
         dtype="float64",
@@ -142,7 +146,11 @@ def write(
 
 def count_chunks(folder: Path) -> int:
     """How many chunks of covariances are there; a group's attribute "chunks" says of how many."""
-    return sum(1 for _ in (folder / "covariance" / "c").glob("*/*/0/0"))
+    try:
+        names = os.listdir(folder / "covariance")
+    except OSError:
+        return 0  # there is none, or it has just been removed
+    return sum(name.startswith("c.") and not name.endswith(".partial") for name in names)
 
 
 def read_covariance(
@@ -224,6 +232,12 @@ def read(folder: Path) -> tuple[NDArray[np.float64], OccupancyGrid, FieldConfig]
 def _edge(grid: OccupancyGrid, config: FieldConfig) -> int:
     """Of the chunks [lattice points]."""
     return min(chunk_edge(config, grid.resolution), max(field_shape(grid, config)[:2]))
+
+
+def _checksum(about: dict[str, Any]) -> str:
+    """SHA-256 of the attributes; chunks have their own, and the map its digest."""
+    described = {name: value for name, value in about.items() if name != "checksum"}
+    return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
 
 def _in_short(error: Exception) -> str:

@@ -59,8 +59,8 @@ def replacing_folder(
     LocplanError
         As `check_folder_target` does, or if the disk is full.
     """
-    path = Path(target)
-    check_folder_target(path, suffix, ours)
+    check_folder_target(Path(target), suffix, ours)
+    path = Path(os.path.realpath(target))
     try:
         temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-", suffix=suffix))
     except OSError as error:

@@ -62,6 +62,8 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     ('room', [[0, 254], [127, 254]])
     """
     file = Path(path)
+    if file.is_dir():
+        raise _fault(file, "is a folder without any map", "give a map YAML, or a folder of them")
     header = _read_header(file)
     image = file.parent / header.image
     pixels, transparent, rescaled = _read_pixels(image)
@@ -87,23 +89,16 @@ def name_of(map_file: Path) -> str:
 
 
 def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
-    """Map files: those named, and in the folders named every YAML file that names an image.
+    """Map files: those named, and in the folders named, and below, each YAML that names an image.
 
-    Raises
-    ------
-    MapError
-        If a folder holds none.
+    A folder without any stands for itself, for `load_map` to complain of.
     """
-    found = []
+    found: list[Path] = []
     for path in map(Path, paths):
-        if not path.is_dir():
-            found.append(path)
-            continue
-        files = sorted(path.glob("*.y*ml"))
-        inside = [file for file in files if re.search(rb"(?m)^\s*image\s*:", _start_of(file))]
-        if not inside:
-            raise MapError(f"{path}: holds no map (no YAML file in it names an image)")
-        found += inside
+        files = sorted(path.rglob("*.y*ml")) if path.is_dir() else [path]
+        if path.is_dir():
+            files = [file for file in files if _names_an_image(file)] or [path]
+        found += files
     return list(dict.fromkeys(found))
 
 
@@ -329,9 +324,9 @@ def _reason(error: Exception) -> str:
     return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr, or alarm
 
 
-def _start_of(file: Path) -> bytes:
+def _names_an_image(file: Path) -> bool:
     try:
         with file.open("rb") as opened:
-            return opened.read(MAX_YAML_BYTES)
+            return bool(re.search(rb"(?m)^\s*image\s*:", opened.read(MAX_YAML_BYTES)))
     except OSError:
-        return b""
+        return False

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib.patheffects as effects
 import numpy as np
-from matplotlib.colors import ListedColormap, LogNorm
+from matplotlib import colormaps
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2D
@@ -30,9 +31,14 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
     from locplan.path import Path
-    from locplan.planners import Plan
+    from locplan.planners.pareto import ParetoFront
+    from locplan.planners.result import Plan
 
-FIELD_COLOURS = "magma_r"
+FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
+"""Never as dark as a wall."""
+FRONT_COLOURS = "viridis"
+FRONT_PATHS = 12
+"""How many paths of a front are drawn at most."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},
     {"color": "#0072b2", "linestyle": "-"},
@@ -66,9 +72,9 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit}]", shrink=0.9)
     config = field.config
     axes.set_title(
-        f"{field.grid.name or 'map'}: {config.estimator}, {config.template},"
-        f" {config.weight_law} weights, range {config.sensor_range:g} m,"
-        f" {field.saturated_share:.0%} saturated",
+        f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated\n"
+        f"{config.estimator}, {config.template}, {config.weight_law},"
+        f" range {config.sensor_range:g} m",
         fontsize="medium",
     )
     return figure
@@ -105,8 +111,8 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         lower.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
         handles.append(Line2D([], [], path_effects=_outline(), linewidth=2, label=text, **style))
     handles += [
-        Line2D([], [], linestyle="none", label=f"{label}: unreachable")
-        for label in plans
+        Line2D([], [], linestyle="none", label=f"{label}: {plan.status}")
+        for label, plan in plans.items()
         if label not in solved
     ]
     # The first plan comes out on top, with its dashes visible where paths coincide.
@@ -115,6 +121,8 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         draw_path(upper, plan.path, **style)
     for plan in plans.values():
         draw_ends(upper, plan.start, plan.goal)
+        if plan.via:
+            upper.plot(*np.transpose(plan.via), "s", markersize=6, zorder=4, **END_STYLE)
     handles += [
         Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
         Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
@@ -133,6 +141,48 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         f" {costs.robot_radius:g} m",
         fontsize="medium",
     )
+    return figure
+
+
+def front_figure(front: ParetoFront) -> Figure:
+    """A Pareto front and, over the map, paths along it in the same colours; a star at the knee.
+
+    Parameters
+    ----------
+    front : ParetoFront
+        With at least one path.
+    """
+    grid = front.costs.grid
+    width, height = _map_size(grid)
+    figure = Figure(figsize=(width, height + 3.2), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 3.0))
+    draw_map(upper, grid)
+    norm = Normalize(front.length[0], max(front.length[-1], front.length[0] + 1e-9))
+    wanted = np.linspace(front.length[0], front.length[-1], FRONT_PATHS)
+    chosen = np.unique(np.abs(front.length[:, None] - wanted).argmin(axis=0))
+    for index in chosen:
+        plan = front.plan(int(index))
+        assert plan.path is not None
+        colour = colormaps[FRONT_COLOURS](norm(front.length[index]))
+        draw_path(upper, plan.path, color=colour, linewidth=1.6)
+    draw_ends(upper, front.start, front.goal)
+    epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
+    name = grid.name or "map"
+    upper.set_title(f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}")
+    unit = "m" if front.objective == "u" else "m² rad m"
+    lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
+    image = lower.scatter(
+        front.length, front.integral, c=front.length, cmap=FRONT_COLOURS, norm=norm, s=14
+    )
+    knee = front.knee
+    label = f"knee: {front.length[knee]:.1f} m, {front.integral[knee]:.3g} {unit}"
+    lower.plot(
+        front.length[knee], front.integral[knee], "*", markersize=15, label=label, **END_STYLE
+    )
+    label = "blind, ∫u ds" if front.objective == "u" else "∫e ds"
+    lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
+    lower.legend(loc="upper right", frameon=False)
+    figure.colorbar(image, ax=[upper, lower], label="length [m]", shrink=0.6)
     return figure
 
 

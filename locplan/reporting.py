@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan.cache import CacheEntry
@@ -19,7 +20,8 @@ from locplan.costmap import Costmap
 from locplan.field import CovarianceField
 from locplan.files import make_folder, replacing
 from locplan.metrics import DEGRADED
-from locplan.planners import Plan
+from locplan.planners.pareto import ParetoFront
+from locplan.planners.result import Plan
 
 _METRICS = (
     ("length", "length", "m", ".2f"),
@@ -123,7 +125,7 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
 def cleared(removed: Sequence[CacheEntry], busy: Sequence[CacheEntry]) -> str:
     """What became of the fields in the cache, in one line."""
     line = f"removed {len(removed)}, {_bytes(sum(entry.size for entry in removed))}"
-    return line + (f"; {len(busy)} are being computed and stay" if busy else "")
+    return line + (f"; being computed, and kept: {len(busy)}" if busy else "")
 
 
 def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
@@ -134,7 +136,11 @@ def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
             "planner": plan.planner,
             "start": list(plan.start),
             "goal": list(plan.goal),
+            "via": [list(xy) for xy in plan.via],
             "solve_time_s": plan.solve_time,
+            "bound": plan.bound,
+            "feasible_from": plan.feasible_from,
+            "note": plan.note,
             "metrics": _finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
             "xy": plan.path.xy.tolist() if plan.path else None,
         }
@@ -150,7 +156,8 @@ def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
         values = [getattr(plan.metrics, name, None) for plan in plans.values()]
         texts = ["–" if value is None else f"{value:{spec}} {unit}" for value in values]
         rows.append([label, *texts])
-    return _table(["", *plans], rows)
+    notes = [f"{label}: {plan.note}" for label, plan in plans.items() if plan.note]
+    return "\n".join([_table(["", *plans], rows), *notes])
 
 
 def write_plans(
@@ -168,10 +175,7 @@ def write_plans(
     make_folder(folder)
     for label, plan in plans.items():
         if plan.path:
-            with replacing(folder / f"{label}.csv") as temporary:
-                np.savetxt(
-                    temporary, plan.path.xy, "%.4f", delimiter=",", header="x_m,y_m", comments=""
-                )
+            _write_csv(folder / f"{label}.csv", plan.path.xy, "x_m,y_m")
         else:
             (folder / f"{label}.csv").unlink(missing_ok=True)
     about = {
@@ -187,6 +191,80 @@ def write_plans(
     plotting.save_figure(plotting.plan_figure(costs, field, plans), folder / "plan.png")
 
 
+def front_summary(front: ParetoFront) -> dict[str, Any]:
+    """A Pareto front, fit for JSON."""
+    return {
+        "map": front.costs.grid.name,
+        "start": list(front.start),
+        "goal": list(front.goal),
+        "objective": front.objective,
+        "epsilon": front.epsilon,
+        "labels": front.labels,
+        "solve_time_s": front.solve_time,
+        "knee": front.knee if len(front) else None,
+        "length_m": front.length.tolist(),
+        "integral": front.integral.tolist(),
+    }
+
+
+def front_table(front: ParetoFront) -> str:
+    """Up to twelve points of a front with what each metre more saves, the knee marked."""
+    if not len(front):
+        return "unreachable: no path leads to the goal"
+    unit = "m" if front.objective == "u" else "m² rad m"
+    wanted = np.linspace(front.length[0], front.length[-1], 12)
+    shown = np.abs(front.length[:, None] - wanted).argmin(axis=0)
+    rows = []
+    for index in sorted({*map(int, shown), front.knee}):
+        longer = front.length[index] / front.length[0] - 1
+        rows.append(
+            [
+                str(index),
+                f"{front.length[index]:.2f} m",
+                f"+{longer:.1%}",
+                f"{front.integral[index]:.4g} {unit}",
+                "knee" if index == front.knee else "",
+            ]
+        )
+    how = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%} of every path"
+    last = f"{len(front)} paths, {how}; {front.labels:,} labels, {front.solve_time:.2f} s"
+    columns = ["path", "length", "longer", f"∫{front.objective} ds", ""]
+    return f"{_table(columns, rows)}\n{last}"
+
+
+def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> None:
+    """Write front.json, front.csv, front.png, and a CSV of the positions [m] at the knee.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan import plotting
+
+    make_folder(folder)
+    about = front_summary(front) | {
+        "locplan": __version__,
+        "digest": front.costs.grid.digest,
+        "config": dataclasses.asdict(field.config),
+        "robot_radius": front.costs.robot_radius,
+    }
+    with replacing(folder / "front.json") as temporary:
+        temporary.write_text(json.dumps(about, indent=2) + "\n")
+    header = f"length_m,integral_{front.objective}"
+    _write_csv(folder / "front.csv", np.column_stack([front.length, front.integral]), header)
+    if len(front):
+        path = front.plan(front.knee).path
+        assert path is not None
+        _write_csv(folder / "knee.csv", path.xy, "x_m,y_m")
+        plotting.save_figure(plotting.front_figure(front), folder / "front.png")
+
+
+def _write_csv(target: Path, values: NDArray[np.float64], header: str) -> None:
+    with replacing(target) as temporary:
+        np.savetxt(temporary, values, "%.6f", delimiter=",", header=header, comments="")
+
+
 def _finite(values: dict[str, Any]) -> dict[str, Any]:
     """JSON knows neither NaN nor infinity: null stands for both."""
     return {
@@ -198,11 +276,13 @@ def _finite(values: dict[str, Any]) -> dict[str, Any]:
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     from rich import box
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
+    from rich.text import Text
 
-    table = Table(*columns, box=box.SIMPLE if columns else None, show_header=bool(columns))
+    heads = [Column(column, overflow="fold") for column in columns]
+    table = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
     console = Console()
     with console.capture() as capture:
         console.print(table)
@@ -216,11 +296,11 @@ def _unusual(config: Mapping[str, Any]) -> str:
 
 
 def _bytes(size: float) -> str:
-    for unit in ("B", "kB", "MB"):
-        if size < 1000:
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 999.5:
             return f"{size:.3g} {unit}"
         size /= 1000
-    return f"{size:,.3g} GB"
+    return f"{size:,.4g} TB"
 
 
 def _age(moment: float) -> str:

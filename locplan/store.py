@@ -13,7 +13,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan import field_files, tiles
-from locplan.cache import CacheEntry, cache_folder, cache_limit, entries, evict, lock_of, mark_used
+from locplan.cache import (
+    CacheEntry,
+    cache_folder,
+    cache_limit,
+    evict,
+    fields,
+    lock_of,
+    mark_used,
+)
 from locplan.config import FieldConfig
-from locplan.errors import FieldError, LocplanError
+from locplan.errors import FieldError
 from locplan.field import CovarianceField
 from locplan.files import replacing_folder
 from locplan.grid import OccupancyGrid
@@ -83,19 +91,15 @@ def load_or_compute(
     limit = cache_limit()
     path = field_path(grid, config, cache_dir)
     found = _Found.at(path, grid, config)
-    if found.lacking.any():
-        with _alone(path, found, progress) as writable:
+    if lacking := int(found.lacking.sum()):
+        del found  # of a large map, it need not be there twice
+        with _alone(path, lacking, progress) as writable:
             found = _Found.at(path, grid, config)
             if found.complaint:
                 _warn(f"{found.complaint}; computed anew")
-            _carry_over(found.covariance, path, grid, config)
+            _carry_over(found, path, grid, config)
             chunks = tiles.finished_chunks(
-                found.covariance,
-                grid,
-                config,
-                threads=threads,
-                executor=executor,
-                progress=progress,
+                found.covariance, grid, config, threads, executor, progress
             )
             with closing(chunks):
                 cached = writable and _attempt(_open, path, found, grid, config)
@@ -104,7 +108,7 @@ def load_or_compute(
                         field_files.write_chunks, path, found.covariance, [chunk]
                     )
         if cached:
-            _attempt(evict, path.parent, limit, path)
+            evict(path.parent, limit, path)
     mark_used(path)
     return CovarianceField(found.covariance, grid, config)
 
@@ -140,10 +144,10 @@ class _Found:
                 about = field_files.read_attributes(path)
                 expected = field_files.attributes(grid, config)
                 if any(about.get(name) != expected[name] for name in DECISIVE):
-                    raise FieldError(f"{path}: its description is damaged")
+                    raise FieldError(f"{path}: holds another field")
                 covariance, damaged = field_files.read_covariance(path, grid, config)
                 if damaged:
-                    complaint = f"{path}: {damaged} chunks are damaged"
+                    complaint = f"{path}: damaged chunks: {damaged}"
             except FieldError as error:
                 complaint = str(error)
         sound = covariance is not None
@@ -154,7 +158,7 @@ class _Found:
 
 
 @contextmanager
-def _alone(path: Path, found: _Found, progress: ProgressCallback | None) -> Iterator[bool]:
+def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Iterator[bool]:
     """While no other process computes this field; whether it can be written at all."""
     from filelock import Timeout
 
@@ -166,8 +170,7 @@ def _alone(path: Path, found: _Found, progress: ProgressCallback | None) -> Iter
                 lock.acquire(timeout=_PATIENCE)
             except Timeout:
                 if progress:
-                    total = int(found.lacking.sum())
-                    progress(int(total * CacheEntry.read(path).share), total)
+                    progress(int(lacking * CacheEntry.read(path).share), lacking)
     except (OSError, NotImplementedError) as error:
         lock = None
         _warn(f"the field is not cached: {path.parent} cannot be written ({_reason(error)})")
@@ -178,25 +181,25 @@ def _alone(path: Path, found: _Found, progress: ProgressCallback | None) -> Iter
             lock.release()
 
 
-def _carry_over(
-    covariance: NDArray[np.float64], path: Path, grid: OccupancyGrid, config: FieldConfig
-) -> None:
+def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Fill in what the fields of other states of this map have in common with it."""
     expected = field_files.attributes(grid, config)
     same = [name for name in expected if name not in ("locplan", "map_digest", "map_name")]
-    relatives = [
-        entry
-        for entry in entries(path.parent)
-        if entry.folder != path and all(entry.about.get(n) == expected[n] for n in same)
-    ]
-    for entry in relatives[:RELATIVES]:
-        try:
-            before = field_files.read_grid(entry.folder, entry.about)
-            known, _ = field_files.read_covariance(entry.folder, grid, config)
-        except FieldError:
-            continue  # whoever asks for that field hears of it
-        carried = tiles.carried_over(known, before, grid, config)
-        np.copyto(covariance, carried, where=np.isnan(covariance))
+    looked_at = 0
+    for folder in fields(path.parent):
+        lacking = tiles.missing_points(found.covariance, grid, config)
+        if looked_at == RELATIVES or not lacking.any():
+            break
+        with suppress(FieldError):  # damaged: it is only a shortcut
+            about = field_files.read_attributes(folder)
+            if folder == path or any(about.get(name) != expected[name] for name in same):
+                continue
+            looked_at += 1
+            before = field_files.read_grid(folder, about)
+            useful = lacking & tiles.untouched_points(before, grid, config)
+            if useful.any():
+                known, _ = field_files.read_covariance(folder, grid, config)
+                found.covariance[useful] = known[useful]
 
 
 def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -> None:
@@ -213,12 +216,12 @@ def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -
     field_files.write_chunks(path, found.covariance, whole)
 
 
-def _attempt(action: Callable[..., None], *arguments: Any) -> bool:
+def _attempt(action: Callable[..., None], path: Path, *arguments: Any) -> bool:
     """Whether something about the cache worked; if not, the user is told why."""
     try:
-        action(*arguments)
-    except (OSError, LocplanError) as error:
-        _warn(f"the field is not cached: {_reason(error)}")
+        action(path, *arguments)
+    except Exception as error:  # a description damaged meanwhile fails in many ways, too
+        _warn(f"the field is not cached in {path.parent}: {_reason(error)}")
         return False
     return True
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
@@ -20,10 +22,14 @@ from locplan.lattice import evaluated_points, stride_cells
 from locplan.progress import ProgressCallback
 from locplan.search_window import SearchWindow
 
+ENGINE = 1
+"""Raised whenever the same map and config would give other values than before."""
 TILE = 64
 """Edge of a tile, whose covariances share one layout of the map [lattice points]."""
 TILE_CELLS = 512
 """And at most so many cells, which bounds the layout's memory."""
+IN_FLIGHT = 256
+"""Tiles that are given to an executor at once at most, which bounds the memory of their maps."""
 
 
 class Chunk(NamedTuple):
@@ -60,9 +66,16 @@ def missing_points(
     return wanted & np.isnan(covariance[:, :, 0, 0])
 
 
-def complete(covariance: NDArray[np.float64], *arguments: Any, **options: Any) -> None:
+def complete(
+    covariance: NDArray[np.float64],
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
+) -> None:
     """`finished_chunks` to the end, for whoever does not mind the chunks."""
-    for _ in finished_chunks(covariance, *arguments, **options):
+    for _ in finished_chunks(covariance, grid, config, threads, executor, progress):
         pass
 
 
@@ -70,10 +83,9 @@ def finished_chunks(
     covariance: NDArray[np.float64],
     grid: OccupancyGrid,
     config: FieldConfig,
-    *,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    progress: ProgressCallback | None = None,
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
 ) -> Generator[Chunk]:
     """Compute the covariances that are missing, and name each chunk as it is finished.
 
@@ -108,22 +120,26 @@ def finished_chunks(
     running: dict[_Tile, tuple[Chunk, _Points]] = {}
     done: SimpleQueue[_Tile] = SimpleQueue()
     pending: dict[Chunk, int] = {}
+    waiting = _tiles(missing, pending, config, grid.resolution)
     pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
     try:
-        for chunk, points in _tiles(missing, config, grid.resolution):
-            task = _task(grid, config, points)
-            if executor is None:
-                controls.append(np.zeros(2, np.int64))
-                task["control"] = controls[-1]
-            tile = pool.submit(sad.covariances, **task)
-            running[tile] = chunk, points
-            pending[chunk] = pending.get(chunk, 0) + 1
-            tile.add_done_callback(done.put)
-        while running:
+        while True:
+            for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
+                task = _task(grid, config, points)
+                if executor is None:
+                    controls.append(np.zeros(2, np.int64))
+                    task["control"] = controls[-1]
+                with _told_in_short(executor):
+                    tile = pool.submit(compute, ENGINE, **task)
+                running[tile] = chunk, points
+                tile.add_done_callback(done.put)
+            if not running:
+                break
             ready = _next(done)
             if ready:
                 chunk, points = running.pop(ready)
-                values = _result(ready, executor)
+                with _told_in_short(executor):
+                    values = ready.result()
                 covariance[points] = rotated(values, yaw) if yaw else values
                 finished += len(points[0])
                 pending[chunk] -= 1
@@ -138,6 +154,21 @@ def finished_chunks(
             control[0] = 1
         if executor is None:
             pool.shutdown(cancel_futures=True)
+
+
+def compute(engine: int, **task: Any) -> NDArray[np.float64]:
+    """Covariances of a tile, wherever that is run, if it is the same engine there.
+
+    Raises
+    ------
+    FieldError
+        If it is another one.
+    """
+    if engine != ENGINE:
+        raise FieldError(
+            f"a worker has another locplan (engine {ENGINE}, not {engine}); install the same one"
+        )
+    return sad.covariances(**task)
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
@@ -156,33 +187,29 @@ def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
                 yield chunk
 
 
-def carried_over(
-    covariance: NDArray[np.float64],
-    before: OccupancyGrid,
-    after: OccupancyGrid,
-    config: FieldConfig,
-) -> NDArray[np.float64]:
-    """Of the covariances of one map those that another has, too: NaN where a change is felt.
+def untouched_points(
+    before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
+) -> NDArray[np.bool_]:
+    """Lattice points that two maps have in common, and whose covariances are the same, (h, w).
 
     Raises
     ------
     FieldError
         If the maps differ in more than their cells.
     """
+    import cv2
+
     for name in ("shape", "resolution", "origin"):
         if getattr(before, name) != getattr(after, name):
             raise FieldError(
                 f"the field's map has {name} {getattr(before, name)}, but the new one"
                 f" {getattr(after, name)}; compute a field of its own for it"
             )
-    import cv2
-
     stride = stride_cells(config, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
     box = [2 * sad.halo(config, after.resolution, after.shape) + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    valid = (near[::stride, ::stride] == 0) & evaluated_points(after.free, stride)
-    return np.where(valid[:, :, None, None], covariance, np.nan)
+    return (near[::stride, ::stride] == 0) & evaluated_points(after.free, stride)
 
 
 def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
@@ -193,16 +220,20 @@ def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
 
 
 def _tiles(
-    points: NDArray[np.bool_], config: FieldConfig, resolution: float
+    points: NDArray[np.bool_], pending: dict[Chunk, int], config: FieldConfig, resolution: float
 ) -> Iterator[tuple[Chunk, _Points]]:
-    """Each tile's chunk and its lattice points."""
+    """Each tile's chunk and its lattice points; counts every chunk's tiles in `pending`."""
     edge, apart = _tile_edge(config, resolution)
     for chunk in chunks_of(points, edge * apart):
+        tiles = []
         for row in range(apart):
             for col in range(apart):
                 i, j = np.nonzero(points[chunk.at][row::apart, col::apart])
                 if i.size:
-                    yield chunk, (i * apart + row + chunk.top, j * apart + col + chunk.left)
+                    tiles.append((i * apart + row + chunk.top, j * apart + col + chunk.left))
+        pending[chunk] = len(tiles)
+        for tile in tiles:
+            yield chunk, tile
 
 
 def _task(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> dict[str, Any]:
@@ -230,14 +261,15 @@ def _next(done: SimpleQueue[_Tile]) -> _Tile | None:
         return None
 
 
-def _result(tile: _Tile, executor: Executor | None) -> NDArray[np.float64]:
-    """The tile's covariances; what befell a foreign executor is told in one line."""
-    if executor is None:
-        return tile.result()
+@contextmanager
+def _told_in_short(executor: Executor | None) -> Iterator[None]:
+    """What befalls a foreign executor is an error of one line."""
     try:
-        return tile.result()
+        yield
     except LocplanError:
         raise
     except Exception as error:  # each executor has its own for workers that died
-        what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        if executor is None:
+            raise
+        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
         raise FieldError(f"the executor failed at a tile of the field ({what})") from error

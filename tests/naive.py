@@ -176,3 +176,92 @@ def shortest_costs(density, start, corner_cutting):
                     cost[there] = reached + step
                     heapq.heappush(heap, (cost[there], there))
     return cost
+
+
+def touches(row0, col0, row1, col1, row, col, margin=1e-5):
+    """Whether a line comes into a cell's square, less a margin: clipped side by side."""
+    enter, leave = 0.0, 1.0
+    for start, delta, low in ((row0, row1 - row0, row), (col0, col1 - col0, col)):
+        low, high = low + margin, low + 1 - margin
+        if delta == 0:
+            if not low < start < high:
+                return False
+            continue
+        near, far = sorted(((low - start) / delta, (high - start) / delta))
+        enter, leave = max(enter, near), min(leave, far)
+    return enter < leave
+
+
+def shortcut(density, positions, lookahead):
+    """Least cost over a path's own positions, each within `lookahead` of the one before."""
+    best = [0.0]
+    for j in range(1, len(positions)):
+        best.append(
+            min(
+                best[i] + line_integral(density, *positions[i], *positions[j])
+                for i in range(max(0, j - lookahead), j)
+            )
+        )
+    return best[-1]
+
+
+def cheapest_moves(density, start, goal, reach):
+    """Least cost from cell to cell over all moves to centres up to `reach` cells away."""
+    moves = [
+        move
+        for move in itertools.product(range(-reach, reach + 1), repeat=2)
+        if math.gcd(*move) == 1
+    ]
+    cost, heap = {start: 0.0}, [(0.0, start)]
+    while heap:
+        reached, cell = heapq.heappop(heap)
+        if cell == goal:
+            return reached
+        if reached > cost[cell]:
+            continue
+        for move in moves:
+            there = cell[0] + move[0], cell[1] + move[1]
+            line = [v + 0.5 for v in (*cell, *there)]
+            around = itertools.product(
+                *(range(min(a, b) - 1, max(a, b) + 2) for a, b in zip(cell, there, strict=True))
+            )
+            blocked = any(
+                level_of(density, row, col) == math.inf and touches(*line, row, col, margin=-1e-9)
+                for row, col in around
+            )
+            step = math.inf if blocked else line_integral(density, *line)
+            if reached + step < cost.get(there, math.inf):
+                cost[there] = reached + step
+                heapq.heappush(heap, (cost[there], there))
+    return math.inf
+
+
+def level_of(density, row, col):
+    inside = 0 <= row < density.shape[0] and 0 <= col < density.shape[1]
+    return density[row, col] if inside else math.inf
+
+
+def pareto_front(layer, free, start, goal, corner_cutting):
+    """All non-dominated (length, integral) from cell to cell, by correcting labels."""
+    labels = {start: [(0.0, 0.0)]}
+    queue = [(start, (0.0, 0.0))]
+    while queue:
+        (row, col), (length, integral) = queue.pop(0)
+        if (length, integral) not in labels[row, col]:
+            continue
+        for drow, dcol in itertools.product((-1, 0, 1), repeat=2):
+            there = row + drow, col + dcol
+            if (drow, dcol) == (0, 0) or level_of(free, *there) != 1:
+                continue
+            beside = level_of(free, row + drow, col), level_of(free, row, col + dcol)
+            if drow and dcol and not corner_cutting and beside != (1, 1):
+                continue
+            step = math.hypot(drow, dcol)
+            new = length + step, integral + step * (layer[row, col] + layer[there]) / 2
+            known = labels.setdefault(there, [])
+            if any(a <= new[0] + 1e-9 and b <= new[1] + 1e-9 for a, b in known):
+                continue
+            known[:] = [(a, b) for a, b in known if a < new[0] - 1e-9 or b < new[1] - 1e-9]
+            known.append(new)
+            queue.append((there, new))
+    return sorted(labels.get(goal, []))

@@ -6,7 +6,7 @@ from conftest import random_rooms
 
 from locplan import cache, store
 from locplan.config import FieldConfig
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, LocplanError
 from locplan.grid import OccupancyGrid
 
 QUICK = FieldConfig(sensor_range=0.6, window=0.4)
@@ -41,7 +41,7 @@ def test_entries_know_their_size_and_whether_they_are_finished(three, tmp_path):
     assert entry.size == sum(file.stat().st_size for file in files)
     assert entry.share == 1.0
     assert abs(entry.computed - time.time()) < 600
-    (three[0] / "covariance/c/0/0/0/0").unlink()
+    (three[0] / "covariance/c.0.0.0.0").unlink()
     assert cache.CacheEntry.read(three[0]).share < 1
 
 
@@ -81,24 +81,57 @@ def test_damaged_entries_can_be_seen_and_removed(three, tmp_path):
 
 
 def test_leftovers_of_killed_processes_are_swept_after_a_day(three, tmp_path):
-    for name in (".a.zarr", ".b.zarr"):
-        (tmp_path / name / "c").mkdir(parents=True)
-    os.utime(tmp_path / ".a.zarr", (0, 0))
+    old, new = (tmp_path / f".{letter * 32}-x.zarr" for letter in "ab")
+    for folder in (old, new):
+        (folder / "c").mkdir(parents=True)
+    os.utime(old, (0, 0))
     cache.evict(tmp_path, 10**9, three[0])
-    assert not (tmp_path / ".a.zarr").exists()
-    assert (tmp_path / ".b.zarr").exists()
+    assert not old.exists()
+    assert new.exists()
+
+
+def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
+    for name in (".git", "mine.zarr", f".{'a' * 31}", "a" * 32):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "zarr.json").write_text("{}")
+        os.utime(tmp_path / name, (0, 0))
+    cache.evict(tmp_path, 0, three[0])
+    cache.remove_older(tmp_path, 0)
+    assert len(list(tmp_path.glob("*/zarr.json"))) == 4
+    assert cache.entries(tmp_path) == []
+
+
+def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monkeypatch):
+    remove = cache.remove
+
+    def all_but_one(field):
+        if field == three[2]:
+            raise LocplanError("not yours")
+        return remove(field)
+
+    monkeypatch.setattr(cache, "remove", all_but_one)
+    cache.evict(tmp_path, 0, three[0])
+    assert names(tmp_path) == ["rooms 1", "rooms 3"]
 
 
 @pytest.mark.parametrize(
     ("text", "size"),
-    [("", 5e9), ("700", 700), ("1.5 GB", 1.5e9), ("20mb", 2e7), ("3k", 3000), ("1TB", 1e12)],
+    [
+        ("", 5e9),
+        ("700", 700),
+        ("1.5 GB", 1.5e9),
+        ("20mb", 2e7),
+        ("3k", 3000),
+        ("1TB", 1e12),
+        ("2GiB", 2 << 30),
+    ],
 )
 def test_the_limit_is_read(text, size, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE_SIZE", text)
     assert cache.cache_limit() == size
 
 
-@pytest.mark.parametrize("text", ["much", "-1", "5 EB", "GB"])
+@pytest.mark.parametrize("text", ["much", "-1", "5 EB", "GB", "9" * 400])
 def test_a_limit_that_is_none_is_refused(text, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE_SIZE", text)
     with pytest.raises(ConfigError, match="LOCPLAN_CACHE_SIZE"):

@@ -243,12 +243,22 @@ def test_maps_of_one_name_would_collide(run, room, tmp_path):
     (tmp_path / "other").mkdir()
     save_map(load_map(room), tmp_path / "other" / "room.yaml")
     arguments = "field", room, tmp_path / "other"
-    assert "several maps are named room" in refused(run(*arguments, "-o", tmp_path / "fields"))
+    assert "have one name" in refused(run(*arguments, "-o", tmp_path / "fields"))
     assert run(*arguments)[0] == 0
 
 
+def test_a_folder_of_one_map_is_that_map(run, room, tmp_path):
+    assert run("field", room.parent, "-o", tmp_path / "f.zarr")[0] == 0
+    assert CovarianceField.load(tmp_path / "f.zarr").grid.name == "room"
+
+
+def test_of_several_maps_outputs_are_folders(run, room, tmp_path):
+    save_map(load_map(room), tmp_path / "other.yaml")
+    assert "name a folder" in refused(run("field", tmp_path, "-o", tmp_path / "f.zarr"))
+
+
 def test_a_folder_without_maps_is_refused(run, tmp_path):
-    assert "holds no map" in refused(run("field", tmp_path))
+    assert "is a folder without any map" in refused(run("field", tmp_path))
 
 
 def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
@@ -269,5 +279,57 @@ def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
 
 
 def test_a_scheduler_that_is_none_is_refused(run, room, monkeypatch):
-    monkeypatch.setattr("locplan.cluster.PATIENCE", "1 s")
+    monkeypatch.setattr("locplan.cluster.PATIENCE", 1.0)
     assert "does not answer" in refused(run("field", room, "--scheduler", "tcp://127.0.0.1:9"))
+
+
+def test_plans_can_have_limits_and_waypoints(run, room):
+    ends = "--start", "1,2", "--goal", "4,3.5"
+    about = json.loads(run("plan", room, *ends, "--via", "1.25,3.25", "--json")[1])
+    assert [1.25, 3.25] in about["localizability-aware"]["xy"]
+    assert about["shortest"]["via"] == [[1.25, 3.25]]
+    code, out, _ = run("plan", room, *ends, "--budget", "1e-3")
+    assert code == 0
+    assert "infeasible" in out
+    assert "the least is" in out
+    about = json.loads(run("plan", room, *ends, "--budget", "50", "--json")[1])
+    assert about["localizability-aware"]["planner"] == "grid"
+    assert about["localizability-aware"]["bound"] > 2.9
+    _, out, _ = run("plan", room, *ends, "--max-e", "1e-9")
+    assert "would do" in out
+
+
+def test_a_footprint_sets_the_radius(run, room):
+    ends = "--start", "1,2", "--goal", "4,3.5", "--footprint", "[[0.3,0.1],[0.3,-0.1],[-0.3,0]]"
+    code, out, _ = run("plan", room, *ends)
+    assert code == 0
+    assert "solved" in out
+    for bad in ("0.3,0.1", "[[0,0],[1,1]]", "7"):
+        assert "footprint" in refused(run("plan", room, *ends[:-1], bad))
+
+
+def test_pareto_prints_the_front_and_writes_it(run, room, tmp_path):
+    ends = "--start", "1,2", "--goal", "4,3.5"
+    code, out, _ = run("pareto", room, *ends, "-o", tmp_path / "front")
+    assert code == 0
+    assert "exact" in out
+    assert "knee" in out
+    files = sorted(path.name for path in (tmp_path / "front").iterdir())
+    assert files == ["front.csv", "front.json", "front.png", "knee.csv"]
+    about = json.loads(run("pareto", room, *ends, "--objective", "e", "--json")[1])
+    assert about["epsilon"] == 0
+    assert len(about["length_m"]) == len(about["integral"]) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--objective", "length"), "objective"),
+        (("--time-limit", "0"), "time_limit"),
+        (("--max-labels", "-3"), "max_labels"),
+        (("--goal", "99,99"), "outside the map"),
+    ],
+)
+def test_wrong_options_of_pareto_are_refused(run, room, arguments, told):
+    ends = ("--start", "1,2") + (() if "--goal" in arguments else ("--goal", "4,3.5"))
+    assert told in refused(run("pareto", room, *ends, *arguments))

@@ -2,20 +2,32 @@
 
 import os
 import signal
+import socketserver
+import threading
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan import cluster, store
+from locplan import cluster, load_map, save_map, store
+from locplan.cli import main
 from locplan.config import FieldConfig
-from locplan.errors import LocplanError
-from locplan.field import covariance_field
+from locplan.errors import FieldError, LocplanError
+from locplan.field import CovarianceField, covariance_field
 from locplan.grid import OccupancyGrid
 
 distributed = pytest.importorskip("distributed", reason="the extra locplan[dask] is not installed")
 pytestmark = pytest.mark.filterwarnings("default")  # of dask's own shutting down
 CONFIG = FieldConfig(sensor_range=1.0, window=0.6)
+
+
+class Banner(socketserver.BaseRequestHandler):
+    """Of a server that speaks first, and of something else."""
+
+    def handle(self):
+        self.request.sendall(b"SSH-2.0-OpenSSH_9.2p1\r\n" * 10)
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +71,51 @@ def test_a_worker_killed_mid_run_costs_nothing_but_time(scheduler, grid, tmp_pat
     np.testing.assert_array_equal(field.covariance, expected.covariance)
 
 
+def test_a_cluster_without_workers_is_not_waited_for_forever(grid, monkeypatch):
+    monkeypatch.setattr(cluster, "WORKERLESS", 0.5)
+    with (
+        distributed.LocalCluster(n_workers=1, dashboard_address=None) as dying,
+        cluster.executor_of(dying.scheduler_address) as executor,
+    ):
+        dying.scale(0)
+        with pytest.raises(FieldError, match="the executor failed"):
+            covariance_field(grid, CONFIG, executor=executor)
+
+
+def test_commands_compute_on_a_cluster(scheduler, grid, tmp_path, monkeypatch, capsys):
+    save_map(grid, tmp_path / "rooms.yaml")
+    arguments = "field", tmp_path / "rooms.yaml", "--range", "1", "-o", tmp_path / "f.zarr"
+    address = "--scheduler", scheduler.scheduler_address
+    monkeypatch.setattr("sys.argv", ["locplan", *map(str, arguments + address)])
+    monkeypatch.setattr("locplan.tiles.ThreadPoolExecutor", None)  # not here
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 0, capsys.readouterr().err
+    monkeypatch.undo()
+    here = covariance_field(load_map(tmp_path / "rooms.yaml"), FieldConfig(sensor_range=1.0))
+    there = CovarianceField.load(tmp_path / "f.zarr")
+    np.testing.assert_array_equal(there.covariance, here.covariance)
+
+
+def test_workers_with_another_engine_are_refused(grid, monkeypatch):
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        monkeypatch.setattr("locplan.tiles.ENGINE", 99)
+        with pytest.raises(FieldError, match="another locplan"):
+            covariance_field(grid, CONFIG, executor=executor)
+
+
+def test_what_is_no_scheduler_is_one_line(monkeypatch):
+    monkeypatch.setattr(cluster, "PATIENCE", 1.0)
+    with socketserver.TCPServer(("127.0.0.1", 0), Banner) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.server_address[1]}"
+        with pytest.raises(LocplanError, match="does not answer"), cluster.executor_of(address):
+            pass
+        server.shutdown()
+
+
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
-    monkeypatch.setattr(cluster, "PATIENCE", "1 s")
+    monkeypatch.setattr(cluster, "PATIENCE", 1.0)
     with (
         pytest.raises(LocplanError, match="does not answer"),
         cluster.executor_of("tcp://127.0.0.1:9"),

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -90,6 +91,13 @@ def test_nothing_else_is_replaced(field, tmp_path, there):
     assert sorted(os.walk(tmp_path)) == before
 
 
+def test_a_link_is_followed(field, saved, tmp_path):
+    (tmp_path / "link.zarr").symlink_to(saved)
+    field.save(tmp_path / "link.zarr")
+    assert (tmp_path / "link.zarr").is_symlink()
+    assert sorted(os.listdir(tmp_path)) == ["link.zarr", "rooms.zarr"]
+
+
 def test_a_failed_save_leaves_the_old_field(field, saved, monkeypatch):
     other = covariance_field(field.grid, dataclasses.replace(QUICK, tau=0.1))
     monkeypatch.setattr(field_files, "write_chunks", lambda *_: (_ for _ in ()).throw(OSError(28)))
@@ -107,7 +115,7 @@ def test_the_suffix_is_zarr(field, tmp_path):
 FILES = (
     "zarr.json",
     "covariance/zarr.json",
-    "covariance/c/0/0/0/0",
+    "covariance/c.0.0.0.0",
     "cells/zarr.json",
     "cells/c/0/0",
 )
@@ -128,7 +136,7 @@ def test_damaged_fields_are_refused_in_one_line(saved, file, damage):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(40))
 def test_a_flipped_bit_is_noticed_or_changes_nothing(field, saved, seed):
     rng = np.random.default_rng(seed)
     path = saved / rng.choice(FILES)
@@ -140,6 +148,17 @@ def test_a_flipped_bit_is_noticed_or_changes_nothing(field, saved, seed):
     except FieldError:
         return
     np.testing.assert_array_equal(loaded.covariance, field.covariance)
+    assert loaded.config == field.config
+    assert loaded.grid.digest == field.grid.digest
+
+
+def test_covariances_of_another_shape_are_not_believed(field, saved, tmp_path):
+    small = OccupancyGrid(field.grid.cells[:100], 0.1)
+    covariance_field(small, QUICK).save(tmp_path / "small.zarr")
+    shutil.rmtree(saved / "covariance")
+    (tmp_path / "small.zarr" / "covariance").rename(saved / "covariance")
+    with pytest.raises(FieldError, match="does not fit"):
+        CovarianceField.load(saved)
 
 
 def test_a_field_of_another_format_says_so(saved):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import SHARED_DATA
 
-from locplan._kernels.search import shortest_costs
+from locplan._kernels.search import bordered_half, shortest_costs
 from locplan.costmap import Costmap
 from locplan.grid import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import plan
@@ -43,10 +43,10 @@ def test_lengths_are_optimal():
     files = scenario_files()
     for path in files:
         density = read_map(map_of(path))
-        width = density.shape[1] + 2
+        width, half = density.shape[1] + 2, bordered_half(density, 1)
         for start, goal, optimal in read_scenarios(path):
             source, target = ((row + 1) * width + col + 1 for row, col in (start, goal))
-            cost = shortest_costs(density, source, target, False)[target]
+            cost = shortest_costs(half, width, source, target, False)[target]
             assert cost == pytest.approx(optimal, abs=0.005), (path.name, start, goal)
     assert files
 

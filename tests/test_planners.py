@@ -12,6 +12,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.grid import FREE, OccupancyGrid
 from locplan.metrics import path_metrics
 from locplan.planners import names, plan
+from locplan.planners.cost_to_go import plan_field
 
 
 def random_density(shape, seed, *, blocked=0.25, greatest=9.0):
@@ -26,25 +27,36 @@ def costs_from(density) -> Costmap:
     return Costmap.from_density(OccupancyGrid(np.full(density.shape, FREE), 1.0), density)
 
 
-def bordered(cost, shape):
-    return cost.reshape(shape[0] + 2, shape[1] + 2)[1:-1, 1:-1]
+def costs_from_corner(density, corner_cutting) -> np.ndarray:
+    """The kernel's costs from cell (0, 0), (H, W)."""
+    rows, columns = density.shape[0] + 2, density.shape[1] + 2
+    half = search.bordered_half(density, 1)
+    cost = search.shortest_costs(half, columns, columns + 1, -1, corner_cutting)
+    return cost.reshape(rows, columns)[1:-1, 1:-1]
 
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
 @pytest.mark.parametrize("seed", range(6))
 def test_costs_equal_the_plain_search(seed, corner_cutting):
     density = random_density((23, 31), seed)
-    cost = search.shortest_costs(density, 1 * 33 + 1, -1, corner_cutting)
     expected = naive_shortest_costs(density, (0, 0), corner_cutting)
-    np.testing.assert_allclose(bordered(cost, density.shape), expected)
+    np.testing.assert_allclose(costs_from_corner(density, corner_cutting), expected)
 
 
 @pytest.mark.parametrize("greatest", [1.0, 1e4, 1e9])
 def test_costs_are_exact_at_any_contrast(greatest):
     density = np.exp(np.random.default_rng(1).uniform(0, np.log(greatest), (25, 25)))
-    cost = search.shortest_costs(density, 1 * 27 + 1, -1, False)
     expected = naive_shortest_costs(density, (0, 0), False)
-    np.testing.assert_allclose(bordered(cost, density.shape), expected, rtol=1e-12)
+    np.testing.assert_allclose(costs_from_corner(density, False), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_costs_of_free_travel_are_exact(seed, corner_cutting):
+    density = random_density((30, 20), seed)
+    density[density < 4] = 0.0
+    expected = naive_shortest_costs(density, (0, 0), corner_cutting)
+    np.testing.assert_allclose(costs_from_corner(density, corner_cutting), expected)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -52,8 +64,7 @@ def test_costs_are_exact_at_any_contrast(greatest):
 def test_costs_equal_scikit_images(seed, blocked):
     density = random_density((40, 55), seed, blocked=blocked)
     expected, _ = MCP_Geometric(np.where(np.isinf(density), -1, density)).find_costs([(0, 0)])
-    cost = search.shortest_costs(density, 1 * 57 + 1, -1, True)
-    np.testing.assert_allclose(bordered(cost, density.shape), expected)
+    np.testing.assert_allclose(costs_from_corner(density, True), expected)
 
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
@@ -144,3 +155,54 @@ def test_impossible_ends_and_unknown_names_are_refused():
 def test_paths_have_no_needless_positions():
     costs = Costmap.from_density(drawn(*["......"] * 6), np.ones((6, 6)))
     assert len(plan(costs, (0.5, 0.5), (5.5, 5.5)).path.xy) == 2
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+def test_one_field_serves_all_starts(corner_cutting):
+    density = random_density((25, 30), 3, blocked=0.3)
+    costs = costs_from(density)
+    to_goal = plan_field(costs, (29.5, 24.5), allow_corner_cutting=corner_cutting)
+    expected = naive_shortest_costs(density, (24, 29), corner_cutting)
+    np.testing.assert_allclose(to_goal.cost, expected)
+    starts = np.argwhere(np.isfinite(density))[::17]
+    for row, col in starts:
+        start = (col + 0.4, row + 0.7)
+        single = plan(costs, start, (29.5, 24.5), allow_corner_cutting=corner_cutting)
+        result = to_goal.plan(start)
+        assert result.status == single.status
+        assert (to_goal.path(start) is None) == np.isinf(expected[row, col])
+        if result.metrics:
+            assert result.metrics.cost == pytest.approx(single.metrics.cost)
+    assert len(starts) > 20
+
+
+def test_a_field_for_an_impossible_goal_or_start_is_refused():
+    costs = costs_from(np.array([[1.0, np.inf, 1.0]]))
+    with pytest.raises(PoseError, match="goal"):
+        plan_field(costs, (1.5, 0.5))
+    with pytest.raises(PoseError, match="start"):
+        plan_field(costs, (2.5, 0.5)).path((1.5, 0.5))
+
+
+@pytest.mark.parametrize("planner", names())
+def test_waypoints_are_visited_in_order(planner):
+    costs = costs_from(np.ones((20, 20)))
+    via = [(15.25, 3.5), (2.5, 16.75)]
+    result = plan(costs, (1.5, 1.5), (18.5, 18.5), planner=planner, via=via)
+    at = [np.flatnonzero((result.path.xy == xy).all(axis=1))[0] for xy in via]
+    assert at == sorted(at)
+    assert result.via == tuple(via)
+    legs = [
+        plan(costs, a, b, planner=planner).metrics.cost
+        for a, b in zip([(1.5, 1.5), *via], [*via, (18.5, 18.5)], strict=True)
+    ]
+    assert result.metrics.cost == pytest.approx(sum(legs))
+
+
+def test_impossible_waypoints_are_told():
+    costs = costs_from(np.array([[1.0, np.inf, 1.0]]))
+    with pytest.raises(PoseError, match="waypoint 1"):
+        plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(1.5, 0.5)])
+    result = plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(2.5, 0.5)])
+    assert result.status == "unreachable"
+    assert result.note == "no path leads to waypoint 1"

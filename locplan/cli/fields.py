@@ -56,23 +56,24 @@ def field(
 ) -> None:
     """Compute how uncertain a pose match is all over a map, or over many."""
     from locplan import reporting
-    from locplan.batch import Job, jobs_for, run_all
+    from locplan.batch import jobs_for, run_all
 
     config = config_of(preset, sensor_range, template, stride)
+    jobs = jobs_for(maps, output, picture)
     with computing(config, threads, scheduler, cache_dir) as compute:
-        if len(maps) == 1 and not maps[0].is_dir():
-            job = Job(maps[0], output, picture)
-            job.check()
-            computed = job.run(compute)
+        if len(jobs) == 1:
+            computed = jobs[0].run(compute)
             about = reporting.field_summary(computed)
             print(to_json(about) if as_json else reporting.field_table(computed))
             say_written(output, picture)
-        else:
-            summaries = list(run_all(jobs_for(maps, output, picture), compute))
-            print(to_json(summaries) if as_json else reporting.fields_table(summaries))
-            say_written(output, picture)
-            if any(about["error"] for about in summaries):
-                raise typer.Exit(2)
+            return
+        summaries = list(run_all(jobs, compute))
+    print(to_json(summaries) if as_json else reporting.fields_table(summaries))
+    errors = [about for about in summaries if about["error"]]
+    if len(errors) < len(summaries):
+        say_written(output, picture)
+    if errors:
+        raise typer.Exit(2)
 
 
 @app.command()

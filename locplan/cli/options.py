@@ -17,6 +17,7 @@ from locplan.errors import ConfigError, LocplanError
 if TYPE_CHECKING:
     from locplan.config import FieldConfig
     from locplan.field import CovarianceField
+    from locplan.footprint import Footprint
     from locplan.grid import OccupancyGrid
 
 STYLE: dict[str, Any] = {
@@ -92,6 +93,20 @@ def position(name: str, text: str) -> tuple[float, float]:
             f"--{name} must be X,Y in metres, such as 2.0,3.5, not {text!r}"
         ) from None
     return x, y
+
+
+def outline_of(text: str | None) -> Footprint | None:
+    """A footprint as Nav2's parameter files have it, such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]]."""
+    from locplan.footprint import Footprint
+
+    if text is None:
+        return None
+    try:
+        return Footprint(json.loads(text))
+    except json.JSONDecodeError:
+        raise LocplanError(
+            f"--footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not {text!r}"
+        ) from None
 
 
 def to_json(about: Any) -> str:

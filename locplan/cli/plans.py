@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,6 +21,7 @@ from locplan.cli.options import (
     computing,
     config_of,
     load,
+    outline_of,
     position,
     say_written,
     to_json,
@@ -28,17 +29,37 @@ from locplan.cli.options import (
 
 app = typer.Typer(**STYLE)
 
+Start = Annotated[str, typer.Option(metavar="X,Y", help="Start [m].")]
+Goal = Annotated[str, typer.Option(metavar="X,Y", help="Goal [m].")]
+
 
 @app.command()
 def plan(
     map_file: MapFile,
-    start: Annotated[str, typer.Option(metavar="X,Y", help="Start [m].")],
-    goal: Annotated[str, typer.Option(metavar="X,Y", help="Goal [m].")],
+    start: Start,
+    goal: Goal,
+    via: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y", help="Visit this on the way [m]; repeatable.")
+    ] = None,
     weight: Annotated[
         float, typer.Option(help="Metres of detour accepted per metre of blind travel.")
     ] = 4.0,
-    robot_radius: Annotated[float, typer.Option(help="Robot's radius [m].")] = 0.25,
-    planner: Annotated[str, typer.Option(help="Which planner.")] = "grid",
+    max_e: Annotated[
+        float | None, typer.Option(help="Enter no cell with e above this [m² rad].")
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option(help="The shortest path with ∫u ds of at most this [m].")
+    ] = None,
+    robot_radius: Annotated[
+        float | None, typer.Option(help="Robot's radius [m]; 0.25, or the footprint's inner one.")
+    ] = None,
+    footprint: Annotated[
+        str | None, typer.Option(metavar="[[X,Y],...]", help="Robot's outline [m], x forward.")
+    ] = None,
+    planner: Annotated[
+        str | None, typer.Option(help="any-angle | grid; with a budget always grid.")
+    ] = None,
+    accuracy: Annotated[str, typer.Option(help="Of any-angle: normal | high.")] = "normal",
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder for the paths (CSV), plan.json and plan.png."),
@@ -58,22 +79,28 @@ def plan(
     from locplan.files import make_folder
 
     ends = position("start", start), position("goal", goal)
+    stops = [position("via", xy) for xy in via or ()]
+    outline = outline_of(footprint)
+    if robot_radius is None:
+        robot_radius = outline.inscribed_radius if outline else 0.25
+    planner = planner or ("grid" if budget is not None else "any-angle")
+    options: dict[str, Any] = {"accuracy": accuracy} if accuracy != "normal" else {}
+    options |= {"via": stops} if stops else {}
+    options |= {"footprint": outline} if outline else {}
     grid = load(map_file)
     config = config_of(preset, sensor_range, template, stride)
     planners.check_planner(planner)
-    planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends)
+    planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends, stops)
     check_weight(weight)
     if output:
         make_folder(output)
     with computing(config, threads, scheduler, cache_dir) as compute:
         computed = compute(grid)
     costs = Costmap.from_field(grid, computed, weight=weight, robot_radius=robot_radius)
+    aware = planners.plan(costs, *ends, planner=planner, max_e=max_e, budget=budget, **options)
     # Of the many shortest paths on a grid, the one that sees most: the comparison is fair.
-    shortest = planners.plan(costs.with_weight(1e-6), *ends, planner=planner)
-    plans = {
-        "shortest": shortest.measured_on(costs),
-        "localizability-aware": planners.plan(costs, *ends, planner=planner),
-    }
+    shortest = planners.plan(costs.with_weight(1e-6), *ends, planner=planner, **options)
+    plans = {"shortest": shortest.measured_on(costs), "localizability-aware": aware}
     if output:
         reporting.write_plans(output, costs, computed, plans)
     print(
@@ -81,4 +108,55 @@ def plan(
         if as_json
         else reporting.plans_table(plans, computed.e_unit)
     )
+    say_written(output)
+
+
+@app.command()
+def pareto(
+    map_file: MapFile,
+    start: Start,
+    goal: Goal,
+    objective: Annotated[
+        str, typer.Option(help="u (metres of blind travel) | e (its integral).")
+    ] = "u",
+    time_limit: Annotated[float, typer.Option(help="For the exact search [s].")] = 30.0,
+    max_labels: Annotated[
+        int, typer.Option(help="Partial paths kept, 40 bytes each.")
+    ] = 20_000_000,
+    robot_radius: Annotated[float, typer.Option(help="Robot's radius [m].")] = 0.25,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for front.png, front.csv, .json, knee.csv."),
+    ] = None,
+    preset: Preset = "default",
+    sensor_range: Range = 6.0,
+    template: Template = "disc",
+    stride: Stride = 0.2,
+    threads: Threads = None,
+    scheduler: Scheduler = None,
+    cache_dir: CacheDir = None,
+    as_json: AsJson = False,
+) -> None:
+    """All best trade-offs between length and localizability, and where they bend."""
+    from locplan import planners, reporting
+    from locplan.costmap import Costmap
+    from locplan.files import make_folder
+    from locplan.planners.pareto import check_front_options, pareto_front
+
+    ends = position("start", start), position("goal", goal)
+    check_front_options(objective, time_limit, max_labels)
+    grid = load(map_file)
+    config = config_of(preset, sensor_range, template, stride)
+    planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends)
+    if output:
+        make_folder(output)
+    with computing(config, threads, scheduler, cache_dir) as compute:
+        computed = compute(grid)
+    costs = Costmap.from_field(grid, computed, robot_radius=robot_radius)
+    front = pareto_front(
+        costs, *ends, objective=objective, time_limit=time_limit, max_labels=max_labels
+    )
+    if output:
+        reporting.write_front(output, front, computed)
+    print(to_json(reporting.front_summary(front)) if as_json else reporting.front_table(front))
     say_written(output)

@@ -151,6 +151,7 @@ def _lay_out_tile(
     """Lay out the map and its turned copies for the kernel, for all cells of a tile at once."""
     from locplan._kernels import bitplanes, sad, templates
 
+    levels = np.array(levels, order="C")  # one type of array, for kernels compiled once
     step, half_steps = window.step_cells, window.half_steps
     reach = half_steps * step
     disc_squares = templates.disc_squares(disc(radius))
@@ -199,7 +200,7 @@ def _lay_out_tile(
         turned_cols=turned_cols,
         disc=disc_squares,
         sight=_sight(radius, window if visible else None),
-        levels=np.ascontiguousarray(levels),
+        levels=levels,
         level_rows=rows - corner[0],
         level_cols=cols - corner[1],
         radius=radius,

@@ -3,44 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from locplan.costmap import Costmap
 from locplan.errors import ConfigError
-from locplan.metrics import PathMetrics, path_metrics
+from locplan.footprint import Footprint
 from locplan.path import Path
+from locplan.planners import limits
+from locplan.planners.result import Plan, Position, Solver, finished
 
-_MODULES = {"grid": "locplan.planners.grid"}
+_MODULES = {"grid": "locplan.planners.grid", "any-angle": "locplan.planners.any_angle"}
 """Where each planner's `solve` is; imported when first used."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a planner returned."""
-
-    status: Literal["solved", "unreachable"]
-    """Whether there is a path; a goal that cannot be reached is a result, not an error."""
-    planner: str
-    """The planner's name."""
-    start: tuple[float, float]
-    """World position [m]."""
-    goal: tuple[float, float]
-    """World position [m]."""
-    path: Path | None
-    """The path from start to goal, or None."""
-    metrics: PathMetrics | None
-    """What the path costs, or None."""
-    solve_time: float
-    """Time spent planning, without compilation [s]."""
-
-    def measured_on(self, costs: Costmap) -> Plan:
-        """The same path with its metrics on another costmap of the same map."""
-        if self.path is None:
-            return self
-        return dataclasses.replace(self, metrics=path_metrics(costs, self.path))
 
 
 def names() -> tuple[str, ...]:
@@ -54,18 +34,26 @@ def check_planner(name: str) -> None:
         raise ConfigError(f"planner must be one of {', '.join(names())}, not {name!r}")
 
 
-def check_ends(costs: Costmap, start: tuple[float, float], goal: tuple[float, float]) -> None:
-    """Raise a PoseError, with the nearest free position, unless the robot can stand at both."""
+def check_ends(
+    costs: Costmap, start: Position, goal: Position, via: Sequence[Position] = ()
+) -> None:
+    """Raise a PoseError, with the nearest free position, unless the robot can stand at all."""
     costs.cell_of(start, "start")
+    for number, xy in enumerate(via, 1):
+        costs.cell_of(xy, f"waypoint {number}")
     costs.cell_of(goal, "goal")
 
 
 def plan(
     costs: Costmap,
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Position,
+    goal: Position,
     *,
     planner: str = "grid",
+    via: Sequence[Position] = (),
+    max_e: float | None = None,
+    budget: float | None = None,
+    footprint: Footprint | ArrayLike | None = None,
     **options: Any,
 ) -> Plan:
     """Plan a path of least cost J.
@@ -78,20 +66,32 @@ def plan(
         World positions [m].
     planner : str
         One of `names`.
+    via : sequence of (x, y)
+        World positions to visit on the way, in this order [m].
+    max_e : float, optional
+        Never enter a cell whose e is above this [m^2 rad].
+    budget : float, optional
+        Instead of the least J, the shortest path whose integral of u is at most this [m]; with
+        ``objective="e"``, whose integral of e is [m^2 rad m]. Exact, by the grid planner only;
+        options: see `locplan.planners.budget.shortest_within`.
+    footprint : Footprint or (n, 2) array, optional
+        The robot's outline [m], checked along the path that is returned. Searched for with its
+        circumscribed circle, and where that does not pass with the inscribed one.
     **options
         Of the planner: see the `solve` function of its module.
 
     Returns
     -------
     Plan
-        With status "unreachable" if no path joins start and goal.
+        With status "unreachable" if no path joins start and goal, "infeasible" if none does
+        within the limits.
 
     Raises
     ------
     PoseError
-        If start or goal lies outside the map or in a blocked cell.
+        If start, goal or a waypoint lies outside the map or in a blocked cell.
     ConfigError
-        If the planner or an option is unknown.
+        If the planner or an option is unknown, or a limit is out of its range.
 
     Examples
     --------
@@ -105,17 +105,42 @@ def plan(
     3.828
     """
     check_planner(planner)
-    check_ends(costs, start, goal)
+    check_ends(costs, start, goal, via)
+    if budget is not None:
+        if planner != "grid" or via or footprint is not None:
+            raise ConfigError("a budget is for planner 'grid', without via and footprint")
+        return limits.within_budget(costs, start, goal, budget, max_e, options)
+    solver = _solver(planner, options)
+    stops = [start, *via, goal]
+    if footprint is not None:
+        solver = limits.clear_of_walls(solver, footprint)
+    if max_e is not None:
+        solver = limits.never_above(solver, max_e, bool(options.get("allow_corner_cutting", False)))
+    started = time.perf_counter()
+    found = solver(costs, stops)
+    elapsed = time.perf_counter() - started
+    result = finished(planner, costs, start, goal, found.pop("path", None), elapsed)
+    return dataclasses.replace(result, via=tuple(via), **found)
+
+
+def _solver(planner: str, options: dict[str, Any]) -> Solver:
+    """The planner as a function of what it is to plan on, from stop to stop."""
     module = import_module(_MODULES[planner])
-    module.prepare()
     solve = module.solve
     unknown = sorted(set(options) - set(solve.__kwdefaults__ or {}))
     if unknown:
         known = ", ".join(solve.__kwdefaults__ or {}) or "none"
         raise ConfigError(f"planner {planner!r} has no option {unknown[0]!r}; it has: {known}")
-    started = time.perf_counter()
-    path = solve(costs, start, goal, **options)
-    elapsed = time.perf_counter() - started
-    if path is None:
-        return Plan("unreachable", planner, start, goal, None, None, elapsed)
-    return Plan("solved", planner, start, goal, path, path_metrics(costs, path), elapsed)
+    module.prepare(**options)
+
+    def over_all(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
+        legs = []
+        for number, (start, goal) in enumerate(itertools.pairwise(stops), 1):
+            leg = solve(costs, start, goal, **options)
+            if leg is None:
+                note = f"no path leads to waypoint {number}" if number < len(stops) - 1 else ""
+                return {"note": note}
+            legs.append(leg.xy if number == 1 else leg.xy[1:])
+        return {"path": Path(np.vstack(legs))}
+
+    return over_all

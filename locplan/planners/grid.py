@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,46 +30,77 @@ def solve(
     allow_corner_cutting : bool
         Whether a diagonal step may pass a blocked cell's corner.
     """
-    from locplan._kernels.search import shortest_costs, trace
+    cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
+    return None if cells is None else through_centres(costs, cells, start, goal, trim=True)
 
-    first, last = costs.cell_of(start, "start"), costs.cell_of(goal, "goal")
-    if first == last:
-        return Path(np.array([start, goal]))
-    width = costs.grid.shape[1] + 2
-    source, target = ((row + 1) * width + col + 1 for row, col in (first, last))
-    cost = shortest_costs(costs.density, source, target, allow_corner_cutting)
+
+def prepare(**_: Any) -> None:
+    """Compile the search, so that the first plan is not timed with it."""
+    from locplan._kernels.search import bordered_half, shortest_costs, trace
+
+    half = bordered_half(np.ones((1, 1)), 1)
+    trace(half, 3, shortest_costs(half, 3, 4, 4, False), 4, False)
+
+
+def cheapest_cells(
+    costs: Costmap,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    allow_corner_cutting: bool,
+) -> NDArray[np.int64] | None:
+    """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none."""
+    from locplan._kernels.search import bordered_half, shortest_costs, trace
+
+    half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
+    source, target = (
+        bordered_index(costs, xy, role) for xy, role in ((start, "start"), (goal, "goal"))
+    )
+    cost = shortest_costs(half, columns, source, target, allow_corner_cutting)
     if not np.isfinite(cost[target]):
         return None
-    flat = trace(costs.density, cost, target, allow_corner_cutting)
-    cells = np.column_stack([flat // width - 1, flat % width - 1])
-    return cells_to_path(costs, cells, start, goal)
+    return cells_of(trace(half, columns, cost, target, allow_corner_cutting), columns)
 
 
-def prepare() -> None:
-    """Compile the search, so that the first plan is not timed with it."""
-    from locplan._kernels.search import shortest_costs, trace
-
-    density = np.ones((1, 1))
-    trace(density, shortest_costs(density, 4, 4, False), 4, False)
+def bordered_index(costs: Costmap, xy: tuple[float, float], role: str, border: int = 1) -> int:
+    """The flat index, in a grid with a border, of the cell at a world position [m]."""
+    row, col = costs.cell_of(xy, role)
+    return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
 
 
-def cells_to_path(
-    costs: Costmap, cells: NDArray[np.int64], start: tuple[float, float], goal: tuple[float, float]
+def cells_of(flat: NDArray[np.int64], columns: int, border: int = 1) -> NDArray[np.int64]:
+    """The inverse: (n, 2) of (row, col)."""
+    return np.column_stack([flat // columns - border, flat % columns - border])
+
+
+def through_centres(
+    costs: Costmap,
+    cells: NDArray[np.int64],
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    *,
+    trim: bool = False,
 ) -> Path:
     """A path from start over the cells' centres, (n, 2) of (row, col), to the goal.
 
-    Centres on a straight line between their neighbours are left out, and at either end the one
-    beside it if the way without it costs no more.
+    Centres on a straight line between their neighbours are left out and, to `trim` the path, at
+    either end that of the end's own cell if the way without it costs no more.
     """
     direction = np.diff(cells, axis=0)
     turns = np.any(direction[1:] != direction[:-1], axis=1)
     kept = cells[np.concatenate([[True], turns, [True]])] if len(cells) > 1 else cells
     centres = np.column_stack(costs.grid.grid_to_world(kept[:, 0] + 0.5, kept[:, 1] + 0.5))
     xy = np.vstack([start, centres, goal])
-    for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
-        if len(xy) > 2:  # not by the centre of the cell at the end, where that is a detour
-            direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
-            if path_metrics(costs, direct).cost <= path_metrics(costs, around).cost:
-                xy = np.delete(xy, between, axis=0)
-    distinct = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
-    return Path(xy[np.concatenate([[True], distinct])])
+    if trim:
+        for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
+            if len(xy) > 2:
+                direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
+                if path_metrics(costs, direct).cost <= path_metrics(costs, around).cost:
+                    xy = np.delete(xy, between, axis=0)
+    return distinct(costs, xy)
+
+
+def distinct(costs: Costmap, xy: NDArray[np.float64]) -> Path:
+    """The path over positions (n, 2) [m] without those that repeat the one before."""
+    moved = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
+    moved[-1] |= not moved.any()  # a path has two ends, even in one place
+    return Path(xy[np.concatenate([[True], moved])])

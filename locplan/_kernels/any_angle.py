@@ -1,0 +1,173 @@
+"""Any-angle paths: 32 neighbours, and dynamic programming over a path's own positions.
+
+Positions are continuous (row, col) in the cells of a bordered grid, as in
+`locplan._kernels.search`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.rays import segment_cost
+from locplan._kernels.search import bucket_scale, enqueue
+
+TIE = 1e-13
+"""Costs this close, relatively, count as equal."""
+
+
+@njit(nogil=True, cache=True)
+def shortcut(
+    half: NDArray[np.float64],
+    columns: int,
+    positions: NDArray[np.float64],
+    lookahead: int,
+    corner_cutting: bool,
+) -> NDArray:
+    """Which of a path's positions, (n, 2), to keep so that it costs least.
+
+    Each is reached from one of the `lookahead` before it, in a straight line, the longest of
+    equal ones; from the one just before it always, so that the result never costs more than the
+    path.
+    """
+    cheapest = 2 * half.min()
+    count = len(positions)
+    best, before = np.full(count, np.inf), np.full(count, -1)
+    best[0] = 0.0
+    for j in range(1, count):
+        row, col = positions[j]
+        for i in range(j - 1, max(-1, j - 1 - lookahead), -1):
+            from_row, from_col = positions[i]
+            apart = np.hypot(row - from_row, col - from_col)
+            enough = best[j] * (1 + TIE)
+            if best[i] + cheapest * apart > enough:
+                continue
+            step = 0.0
+            if apart > 0:
+                # The path itself is taken as it is, also where it cuts a corner.
+                allowed = corner_cutting or i == j - 1
+                step = segment_cost(half, columns, from_row, from_col, row, col, allowed)
+            if best[i] + step <= enough:
+                best[j], before[j] = best[i] + step, i
+    kept = [count - 1]
+    while kept[-1] > 0:
+        kept.append(before[kept[-1]])
+    return np.array(kept[::-1])
+
+
+@njit(nogil=True, cache=True)
+def shift(
+    half: NDArray[np.float64],
+    columns: int,
+    positions: NDArray[np.float64],
+    step: float,
+    sweeps: int,
+    corner_cutting: bool,
+) -> NDArray:
+    """The path with its inner positions shifted sideways by `step` while that costs less."""
+    shifted = positions.copy()
+    stirred = np.ones(len(shifted), np.bool_)
+    for _ in range(sweeps):
+        still = True
+        for k in range(1, len(shifted) - 1):
+            if not (stirred[k - 1] or stirred[k] or stirred[k + 1]):
+                continue
+            stirred[k] = False
+            (row0, col0), (row, col), (row1, col1) = shifted[k - 1], shifted[k], shifted[k + 1]
+            along = np.hypot(row1 - row0, col1 - col0)
+            if along == 0:
+                continue
+            aside_row, aside_col = step * (col0 - col1) / along, step * (row1 - row0) / along
+            least = segment_cost(half, columns, row0, col0, row, col, corner_cutting)
+            least += segment_cost(half, columns, row, col, row1, col1, corner_cutting)
+            for side in (-1.0, 1.0):
+                to_row, to_col = row + side * aside_row, col + side * aside_col
+                cost = segment_cost(half, columns, row0, col0, to_row, to_col, corner_cutting)
+                if cost < least:
+                    cost += segment_cost(half, columns, to_row, to_col, row1, col1, corner_cutting)
+                if cost < least:
+                    least, still, stirred[k] = cost, False, True
+                    shifted[k] = to_row, to_col
+        if still:
+            break
+    return shifted
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def cheapest_moves(
+    half: NDArray[np.float64],
+    start: int,
+    goal: int,
+    offsets: NDArray[np.int64],
+    crossed: NDArray[np.int64],
+    lengths: NDArray[np.float64],
+    touched: NDArray[np.int64],
+) -> NDArray:
+    """Cells of the cheapest path from start to goal over moves of any shape, or none.
+
+    Parameters
+    ----------
+    half : (n,) array
+        See `locplan._kernels.search`; the border as wide as the longest move.
+    start, goal : int
+        Flat indices.
+    offsets : (m,) array of int
+        Where each move leads.
+    crossed, lengths : (m, k) arrays
+        The cells that it crosses and twice its length in each [cells]; the rest has length 0.
+    touched : (m, t) array of int
+        Cells that must not be blocked besides.
+    """
+    nothing = np.empty(0, np.int64)
+    if half[start] == np.inf or half[goal] == np.inf:
+        return nothing
+    cost = np.full(half.size, np.inf)
+    move_to = np.full(half.size, -1, np.int8)
+    done = np.zeros(half.size, np.uint8)
+    cost[start] = 0.0
+    per_cost, buckets = bucket_scale(half, lengths.sum(axis=1).max() / 2)
+    if not buckets:
+        return nothing  # not with costs so far apart
+    mask = np.uint64(buckets - 1)
+    heads = np.full(buckets, -1, np.int32)
+    cells, following = np.empty(4096, np.uint32), np.empty(4096, np.int32)
+    pool = np.array([-1, 1, 1])
+    cells[0], following[0], heads[0] = start, -1, 0
+    lowest = 0
+    while pool[2] and lowest <= cost[goal] * per_cost:
+        slot = np.uint64(lowest) & mask
+        while heads[slot] >= 0:
+            entry = heads[slot]
+            heads[slot], following[entry] = following[entry], pool[0]
+            pool[0] = entry
+            pool[2] -= 1
+            cell = np.int64(cells[entry])
+            if done[cell]:
+                continue
+            done[cell] = 1
+            if pool[1] + len(offsets) > cells.size:
+                cells = np.concatenate((cells, np.empty_like(cells)))
+                following = np.concatenate((following, np.empty_like(following)))
+            here = cost[cell]
+            for move in range(len(offsets)):
+                other = cell + offsets[move]
+                reached = here
+                for k in range(crossed.shape[1]):
+                    if lengths[move, k] > 0:
+                        reached += lengths[move, k] * half[cell + crossed[move, k]]
+                if not reached < cost[other]:
+                    continue
+                for k in range(touched.shape[1]):
+                    reached += 0.0 if half[cell + touched[move, k]] < np.inf else np.inf
+                if reached < cost[other]:
+                    cost[other], done[other], move_to[other] = reached, 0, move
+                    bucket = np.uint64(reached * per_cost) & mask
+                    enqueue(other, bucket, heads, cells, following, pool)
+        lowest += 1
+    if cost[goal] == np.inf:
+        return nothing
+    path = [goal]
+    while path[-1] != start:
+        path.append(path[-1] - offsets[move_to[path[-1]]])
+    return np.array(path[::-1])

@@ -1,0 +1,124 @@
+"""Limits that a path must keep: a greatest e, a budget, the robot's outline."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError
+from locplan.footprint import Footprint
+from locplan.planners.budget import shortest_within
+from locplan.planners.result import Plan, Position, Solver, finished
+
+
+def never_above(solver: Solver, max_e: float, allow_corner_cutting: bool) -> Solver:
+    """A solver that enters no cell whose e is above `max_e` [m^2 rad]."""
+    if not (isinstance(max_e, float | int) and math.isfinite(max_e) and max_e > 0):
+        raise ConfigError(f"max_e must be a positive number of m^2 rad, not {max_e!r}")
+
+    def limited(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
+        allowed = _allowed(costs, max_e)
+        found: dict[str, Any] = {}
+        if all(np.isfinite(allowed.density[costs.cell_of(xy)]) for xy in stops):
+            found = solver(allowed, stops)
+        if "path" in found:
+            return found
+        least = least_max_e(costs, stops, allow_corner_cutting)
+        if least is None or least <= max_e:
+            return found  # it is not for max_e that there is none
+        note = f"every path enters cells with e above {max_e:g}; max_e {least:.6g} would do"
+        return {"status": "infeasible", "feasible_from": least, "note": note}
+
+    return limited
+
+
+def least_max_e(
+    costs: Costmap, stops: list[Position], allow_corner_cutting: bool = False
+) -> float | None:
+    """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""
+    from locplan._kernels.search import bordered_half, shortest_costs
+    from locplan.planners.grid import bordered_index
+
+    columns = costs.grid.shape[1] + 2
+    cells = [bordered_index(costs, xy, "position") for xy in stops]
+
+    def joined(max_e: float) -> bool:
+        half = bordered_half(_allowed(costs, max_e).density, 1)
+        cost = shortest_costs(half, columns, cells[0], -1, allow_corner_cutting)
+        return bool(np.isfinite(cost[cells]).all())
+
+    levels = np.unique(costs.e[np.isfinite(costs.density)])
+    low, high = 0, len(levels) - 1
+    if not joined(float(levels[high])):
+        return None
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if joined(float(levels[middle])) else (middle + 1, high)
+    return float(levels[low])
+
+
+def clear_of_walls(solver: Solver, footprint: Footprint | ArrayLike) -> Solver:
+    """A solver whose paths keep the robot's outline clear of walls."""
+    outline = footprint if isinstance(footprint, Footprint) else Footprint(np.asarray(footprint))
+
+    def clear(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
+        meets = None
+        for radius in (outline.circumscribed_radius, outline.inscribed_radius):
+            wide = costs.with_robot_radius(max(radius, costs.robot_radius))
+            if not all(np.isfinite(wide.density[costs.cell_of(xy)]) for xy in stops):
+                continue
+            found = solver(wide, stops)
+            if "path" in found:
+                meets = outline.first_collision(costs.grid, found["path"])
+                if meets is None:
+                    return found
+        if meets is None:
+            return {"note": "no path is wide enough for the footprint"}
+        where = f"{meets[0]:.2f},{meets[1]:.2f}"
+        return {"note": f"where its inscribed circle passes, the footprint meets a wall ({where})"}
+
+    return clear
+
+
+def within_budget(
+    costs: Costmap,
+    start: Position,
+    goal: Position,
+    budget: float,
+    max_e: float | None,
+    options: dict[str, Any],
+) -> Plan:
+    """The shortest path within a budget; see `locplan.planners.plan`."""
+    known = shortest_within.__kwdefaults__ or {}
+    for name in options:
+        if name not in known:
+            raise ConfigError(f"a budget has no option {name!r}; it has: {', '.join(known)}")
+    if max_e is not None:
+        raise ConfigError("budget and max_e are one or the other")
+    started = time.perf_counter()
+    found = shortest_within(costs, start, goal, budget, **options)
+    elapsed = time.perf_counter() - started
+    result = finished("grid", costs, start, goal, found.path, elapsed)
+    if found.path is not None:
+        return dataclasses.replace(result, bound=found.bound)
+    if math.isinf(found.least):
+        return result
+    objective = options.get("objective", "u")
+    note = (
+        f"no path has an integral of {objective} within {budget:g}; the least is {found.least:.6g}"
+    )
+    return dataclasses.replace(result, status="infeasible", feasible_from=found.least, note=note)
+
+
+def _allowed(costs: Costmap, max_e: float) -> Costmap:
+    """With the cells above it blocked; without a field there is no e to limit."""
+    free: NDArray[np.bool_] = np.isfinite(costs.density)
+    if not np.isfinite(costs.e[free]).all():
+        raise ConfigError("a costmap without a field has no e to limit")
+    return costs.blocked_where(costs.e > max_e)

@@ -1,0 +1,121 @@
+import math
+
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError
+from locplan.footprint import Footprint
+from locplan.grid import OCCUPIED, OccupancyGrid
+from locplan.path import Path
+from locplan.planners import plan
+
+LONG = [(1.2, 0.35), (1.2, -0.35), (-0.8, -0.35), (-0.8, 0.35)]
+
+
+def test_radii():
+    outline = Footprint(LONG)
+    assert outline.circumscribed_radius == pytest.approx(math.hypot(1.2, 0.35))
+    assert outline.inscribed_radius == pytest.approx(0.35)
+
+
+def test_order_and_inner_corners_do_not_matter():
+    turned = Footprint([*LONG[::-1], (0.1, 0.1)])
+    assert turned.inscribed_radius == pytest.approx(0.35)
+    assert len(turned.vertices) == 4
+
+
+@pytest.mark.parametrize(
+    "vertices",
+    [
+        [(0, 0), (1, 1)],
+        [(1, 1), (2, 1), (2, 2)],
+        [(0, 1), (0, 2), (0, -3)],
+        "abc",
+        [[np.nan, 0]] * 3,
+    ],
+)
+def test_outlines_that_are_none_are_refused(vertices):
+    with pytest.raises(ConfigError, match="footprint"):
+        Footprint(vertices)
+
+
+def sampled_collision(outline: Footprint, grid: OccupancyGrid, path: Path) -> bool:
+    """By points all over the outline, at close steps along lines and turns."""
+    low, high = outline.vertices.min(axis=0), outline.vertices.max(axis=0)
+    points = np.stack(np.meshgrid(*np.linspace(low, high, 25).T), axis=-1).reshape(-1, 2)
+    edges = np.roll(outline.vertices, -1, axis=0) - outline.vertices
+    to = points[:, None] - outline.vertices[None]
+    inside = (edges[None, :, 0] * to[..., 1] - edges[None, :, 1] * to[..., 0] >= -1e-9).all(axis=1)
+    points = points[inside]
+    poses, previous = [], None
+    for a, b in zip(path.xy[:-1], path.xy[1:], strict=True):
+        heading = math.atan2(b[1] - a[1], b[0] - a[0])
+        if previous is not None:
+            turn = (heading - previous + math.pi) % (2 * math.pi) - math.pi
+            poses += [(*a, previous + share * turn) for share in np.linspace(0, 1, 60)]
+        poses += [(*(a + share * (b - a)), heading) for share in np.linspace(0, 1, 80)]
+        previous = heading
+    for x, y, theta in poses:
+        turn = np.array([[math.cos(theta), math.sin(theta)], [-math.sin(theta), math.cos(theta)]])
+        world = points @ turn + (x, y)
+        rows, cols = (np.floor(v).astype(int) for v in grid.world_to_grid(*world.T))
+        here = (rows >= 0) & (cols >= 0) & (rows < grid.shape[0]) & (cols < grid.shape[1])
+        if (grid.cells[rows[here], cols[here]] == OCCUPIED).any():
+            return True
+    return False
+
+
+def test_collisions_agree_with_sampling():
+    outcomes = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        cells = random_rooms((60, 60), seed, blocks=5)
+        grid = OccupancyGrid(cells, 0.2, (-1.0, 0.5, 0.3))
+        path = Path(np.column_stack(grid.grid_to_world(*rng.uniform(12, 48, (2, 3)))))
+        outline = Footprint(LONG)
+        exact = outline.first_collision(grid, path) is not None
+        sampled = sampled_collision(outline, grid, path)
+        assert exact >= sampled, seed  # a sample may miss what is hardly touched
+        outcomes.append((exact, sampled))
+    assert {(True, True), (False, False)} <= set(outcomes)
+    assert sum(exact != sampled for exact, sampled in outcomes) <= 6
+
+
+def door(width: int) -> OccupancyGrid:
+    """Two rooms and a door of so many cells of 0.1 m."""
+    cells = np.full((80, 120), 254, np.uint8)
+    cells[:, 58:62] = OCCUPIED
+    middle = 40 - width // 2
+    cells[middle : middle + width, 58:62] = 254
+    return OccupancyGrid(cells, 0.1)
+
+
+@pytest.mark.parametrize("planner", ["grid", "any-angle"])
+def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
+    grid = door(10)
+    costs = Costmap.blank(grid)
+    ends = (2.0, 4.05), (10.0, 4.05)
+    round_one = plan(costs.with_robot_radius(1.25), *ends, planner=planner)
+    assert round_one.status == "unreachable"
+    result = plan(costs, *ends, planner=planner, footprint=LONG)
+    assert result.status == "solved"
+    assert Footprint(LONG).first_collision(grid, result.path) is None
+
+
+def test_a_door_too_narrow_is_told():
+    result = plan(Costmap.blank(door(6)), (2.0, 4.05), (10.0, 4.05), footprint=LONG)
+    assert result.status == "unreachable"
+    assert "footprint" in result.note
+
+
+def test_a_wide_room_needs_no_second_search():
+    grid = drawn(*["." * 60] * 60, resolution=0.1)
+    result = plan(Costmap.blank(grid), (2.0, 2.0), (4.0, 3.0), footprint=LONG)
+    assert result.status == "solved"
+
+
+def test_a_radius_cannot_shrink():
+    with pytest.raises(ConfigError, match="cannot serve"):
+        Costmap.blank(door(10), robot_radius=0.5).with_robot_radius(0.3)

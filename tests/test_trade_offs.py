@@ -1,0 +1,224 @@
+"""Pareto fronts and budgets."""
+
+import dataclasses
+
+import naive
+import numpy as np
+import pytest
+from conftest import drawn
+
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, PoseError
+from locplan.grid import FREE, OccupancyGrid
+from locplan.planners import plan
+from locplan.planners.pareto import ParetoFront, pareto_front
+
+
+def costs_of(u, free, resolution=1.0) -> Costmap:
+    """A costmap with this u, and an e that is three times as much."""
+    grid = OccupancyGrid(np.where(free, FREE, 0), resolution)
+    u = np.where(free, u, np.nan)
+    blank = Costmap.blank(grid)
+    return dataclasses.replace(blank, u=u, e=3 * u + 0.5, weight=1.0)
+
+
+def random_costs(seed, shape=(8, 9), blocked=0.25, zeros=0.0) -> Costmap:
+    rng = np.random.default_rng(seed)
+    free = rng.random(shape) >= blocked
+    free[0, 0] = free[-1, -1] = True
+    u = rng.random(shape)
+    u[rng.random(shape) < zeros] = 0.0
+    return costs_of(u, free)
+
+
+def far_corner(costs: Costmap) -> tuple[float, float]:
+    return costs.grid.cell_to_world(*(size - 1 for size in costs.grid.shape))
+
+
+def front_of(costs: Costmap, **options) -> ParetoFront:
+    return pareto_front(costs, costs.grid.cell_to_world(0, 0), far_corner(costs), **options)
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+@pytest.mark.parametrize("zeros", [0.0, 0.5])
+def test_fronts_equal_brute_force(zeros, corner_cutting):
+    sizes = []
+    for seed in range(50):
+        costs = random_costs(seed, zeros=zeros)
+        last = tuple(size - 1 for size in costs.grid.shape)
+        free = costs.grid.free.astype(int)
+        expected = naive.pareto_front(costs.u, free, (0, 0), last, corner_cutting)
+        front = front_of(costs, allow_corner_cutting=corner_cutting)
+        assert front.epsilon == 0
+        points = np.column_stack([front.length, front.integral])
+        np.testing.assert_allclose(points, np.reshape(expected, (-1, 2)), atol=1e-4)
+        sizes.append(len(front))
+    assert max(sizes) > 3
+
+
+@pytest.mark.parametrize("objective", ["u", "e"])
+def test_the_paths_are_what_the_front_says(objective):
+    costs = random_costs(3, (20, 24), blocked=0.15)
+    front = front_of(costs, objective=objective)
+    assert len(front) > 5
+    for index in range(len(front)):
+        metrics = front.plan(index).metrics
+        assert metrics.length == pytest.approx(front.length[index], abs=1e-4)
+        integral = metrics.integrated_e if objective == "e" else metrics.integrated_u
+        assert integral == pytest.approx(front.integral[index], abs=1e-3)
+        assert np.isfinite(metrics.cost)
+    assert (np.diff(front.length) > 0).all()
+    assert (np.diff(front.integral) < 0).all()
+
+
+def test_the_ends_count_from_where_they_are():
+    costs = costs_of(np.full((3, 6), 0.5), np.ones((3, 6), bool))
+    front = pareto_front(costs, (0.2, 1.5), (5.9, 1.5))
+    assert front.length[0] == pytest.approx(0.3 + 5 + 0.4, abs=1e-4)
+    assert front.integral[0] == pytest.approx(0.5 * 5.7, abs=1e-4)
+
+
+def test_every_weighted_optimum_lies_on_the_front():
+    costs = random_costs(5, (30, 30), blocked=0.2)
+    front = front_of(costs)
+    start, goal = (0.5, 0.5), far_corner(costs)
+    for weight in (0.5, 2.0, 10.0):
+        density = np.where(costs.grid.free, 1 + weight * costs.u, np.inf)
+        best = plan(dataclasses.replace(costs, density=density), start, goal).metrics.cost
+        assert (front.length + weight * front.integral).min() == pytest.approx(best, abs=1e-3)
+
+
+@pytest.mark.parametrize("cap", [{"max_labels": 100}, {"time_limit": 1e-6}])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_capped_front_is_as_good_as_it_says(seed, cap, monkeypatch):
+    monkeypatch.setattr("locplan.planners.trade_offs.ROOM", 100)
+    monkeypatch.setattr("locplan.planners.trade_offs.STRETCH", 50)
+    costs = random_costs(seed, (40, 40), blocked=0.2)
+    exact, capped = front_of(costs), front_of(costs, **cap)
+    assert exact.epsilon == 0
+    assert len(exact) > 5
+    assert 0 < capped.epsilon < 1
+    for length, integral in zip(exact.length, exact.integral, strict=True):
+        better = np.maximum(capped.length / length, capped.integral / integral)
+        assert better.min() <= 1 + capped.epsilon + 1e-6
+    if "max_labels" in cap:
+        assert capped.labels <= 100
+
+
+def test_the_knee_is_where_it_bends():
+    lines = ["..........", ".########.", "..........", "..........", ".........."]
+    grid = drawn(*lines)
+    u = np.full(grid.shape, 0.1)
+    u[0:1] = 1.0
+    costs = costs_of(u, grid.free)
+    front = pareto_front(costs, (0.5, 0.5), (9.5, 0.5))
+    knee = front.plan(front.knee)
+    assert 0 < front.knee < len(front) - 1 or len(front) == 2
+    assert knee.metrics.length < front.length[-1] + 1e-6
+
+
+def test_an_unreachable_goal_has_an_empty_front():
+    costs = costs_of(np.ones((1, 3)), np.array([[True, False, True]]))
+    front = pareto_front(costs, (0.5, 0.5), (2.5, 0.5))
+    assert len(front) == 0
+    assert front.epsilon == 0
+    with pytest.raises(ConfigError, match="unreachable"):
+        _ = front.knee
+    result = plan(costs, (0.5, 0.5), (2.5, 0.5), budget=9.0)
+    assert result.status == "unreachable"
+
+
+def test_start_and_goal_in_one_cell_make_one_path():
+    costs = costs_of(np.full((2, 2), 0.5), np.ones((2, 2), bool))
+    front = pareto_front(costs, (0.5, 0.5), (0.7, 0.5))
+    assert len(front) == 1
+    assert plan(costs, (0.5, 0.5), (0.7, 0.5), budget=1.0).status == "solved"
+
+
+def test_bad_options_are_refused():
+    costs = random_costs(1)
+    with pytest.raises(ConfigError, match="objective"):
+        front_of(costs, objective="length")
+    with pytest.raises(ConfigError, match="time_limit"):
+        front_of(costs, time_limit=0)
+    with pytest.raises(ConfigError, match="without a field"):
+        front_of(Costmap.blank(costs.grid))
+    with pytest.raises(PoseError, match="goal"):
+        pareto_front(costs, (0.5, 0.5), (99.0, 0.5))
+
+
+@pytest.mark.parametrize("objective", ["u", "e"])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_budget_gives_the_fronts_answer(seed, objective):
+    costs = random_costs(seed, (25, 25), blocked=0.12, zeros=0.2 * (seed % 2))
+    front = front_of(costs, objective=objective)
+    start, goal = (0.5, 0.5), far_corner(costs)
+    for share in (0.0, 0.1, 0.35, 0.6, 0.9, 1.0, 1.5):
+        budget = front.integral[-1] + share * (front.integral[0] - front.integral[-1])
+        result = plan(costs, start, goal, budget=budget, objective=objective)
+        assert result.status == "solved"
+        integral = result.metrics.integrated_e if objective == "e" else result.metrics.integrated_u
+        assert integral <= budget + 1e-9
+        expected = front.length[front.integral <= budget + 1e-9][0]
+        assert result.metrics.length == pytest.approx(expected, abs=1e-4)
+        assert result.bound == pytest.approx(result.metrics.length, abs=1e-4)
+
+
+def test_a_budget_that_is_too_small_says_what_would_do():
+    costs = random_costs(2, (15, 15), blocked=0.1)
+    ends = (0.5, 0.5), far_corner(costs)
+    least = front_of(costs).integral[-1]
+    result = plan(costs, *ends, budget=0.9 * least)
+    assert result.status == "infeasible"
+    assert result.path is None
+    assert result.feasible_from == pytest.approx(least, abs=1e-6)
+    assert plan(costs, *ends, budget=result.feasible_from).status == "solved"
+
+
+def test_a_budget_without_time_gives_a_path_and_a_bound(monkeypatch):
+    monkeypatch.setattr("locplan.planners.trade_offs.STRETCH", 1)
+    costs = random_costs(0, (40, 40), blocked=0.2)
+    front = front_of(costs)
+    for index in (2, len(front) // 2, len(front) - 3):
+        budget = front.integral[index]
+        ends = (0.5, 0.5), far_corner(costs)
+        result = plan(costs, *ends, budget=budget, time_limit=1e-9)
+        assert result.metrics.integrated_u <= budget + 1e-9
+        assert result.bound <= front.length[index] + 1e-4 <= result.metrics.length + 2e-4
+
+
+def test_a_budget_goes_with_the_grid_planner_alone():
+    costs = random_costs(1)
+    ends = (0.5, 0.5), far_corner(costs)
+    for options in ({"planner": "any-angle"}, {"via": [(0.5, 0.5)]}, {"max_e": 1.0}):
+        with pytest.raises(ConfigError, match="budget"):
+            plan(costs, *ends, budget=1.0, **options)
+    with pytest.raises(ConfigError, match="no option 'patience'"):
+        plan(costs, *ends, budget=1.0, patience=1)
+    with pytest.raises(ConfigError, match="at least 0"):
+        plan(costs, *ends, budget=float("nan"))
+
+
+@pytest.mark.parametrize("planner", ["grid", "any-angle"])
+@pytest.mark.parametrize("seed", range(5))
+def test_cells_above_max_e_are_never_entered(seed, planner):
+    costs = random_costs(seed, (30, 30), blocked=0.05)
+    ends = (0.5, 0.5), far_corner(costs)
+    refused = plan(costs, *ends, planner=planner, max_e=0.6)
+    assert refused.status == "infeasible"
+    least = refused.feasible_from
+    result = plan(costs, *ends, planner=planner, max_e=least)
+    assert result.status == "solved"
+    assert result.metrics.max_e <= least
+    below = plan(costs, *ends, planner=planner, max_e=np.nextafter(least, 0))
+    assert below.status == "infeasible"
+    assert below.feasible_from == least
+
+
+def test_a_limit_does_not_join_what_is_apart():
+    costs = costs_of(np.ones((1, 3)), np.array([[True, False, True]]))
+    assert plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=0.1).status == "unreachable"
+    with pytest.raises(ConfigError, match="max_e"):
+        plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=-1)
+    with pytest.raises(ConfigError, match="without a field"):
+        plan(Costmap.blank(costs.grid), (0.5, 0.5), (0.7, 0.5), max_e=1.0)
