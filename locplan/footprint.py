@@ -31,7 +31,7 @@ class Footprint:
     Examples
     --------
     >>> outline = Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
-    >>> round(outline.circumscribed_radius, 3), outline.inscribed_radius
+    >>> round(outline.circumscribed_radius, 3), round(outline.inscribed_radius, 3)
     (0.539, 0.2)
     """
 

@@ -33,7 +33,7 @@ class Banner(socketserver.BaseRequestHandler):
 @pytest.fixture(scope="module")
 def scheduler():
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as running:
         yield running
 
@@ -74,7 +74,7 @@ def test_a_worker_killed_mid_run_costs_nothing_but_time(scheduler, grid, tmp_pat
 def test_a_cluster_without_workers_is_not_waited_for_forever(grid, monkeypatch):
     monkeypatch.setattr(cluster, "WORKERLESS", 0.5)
     with (
-        distributed.LocalCluster(n_workers=1, dashboard_address=None) as dying,
+        distributed.LocalCluster(n_workers=1, dashboard_address=":0") as dying,
         cluster.executor_of(dying.scheduler_address) as executor,
     ):
         dying.scale(0)

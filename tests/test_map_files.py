@@ -273,7 +273,7 @@ def test_what_is_no_map_yaml_is_refused(tmp_path, content, phrase):
 
 def test_missing_files_folders_and_pipes_are_refused(tmp_path):
     assert "No such file" in refusal(tmp_path / "none.yaml")
-    assert "no plain file" in refusal(tmp_path)
+    assert "is a folder without any map" in refusal(tmp_path)
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.pgm")
         assert "no plain file" in refusal(write_yaml(tmp_path, image="pipe.pgm"))

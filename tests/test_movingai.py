@@ -21,11 +21,16 @@ def read_map(path) -> np.ndarray:
     return np.where(passable, 1.0, np.inf)
 
 
-def read_scenarios(path) -> list[tuple[tuple[int, int], tuple[int, int], float]]:
-    """(row, col) of start and goal, and the optimal length, of scenarios of all lengths."""
+def read_all_scenarios(path) -> list[tuple[tuple[int, int], tuple[int, int], float]]:
+    """(row, col) of start and goal, and the optimal length."""
     lines = [line.split() for line in path.read_text().splitlines()[1:] if line.strip()]
-    chosen = lines[:: max(1, len(lines) // SCENARIOS_A_MAP)] + lines[-1:]
-    return [((int(f[5]), int(f[4])), (int(f[7]), int(f[6])), float(f[8])) for f in chosen]
+    return [((int(f[5]), int(f[4])), (int(f[7]), int(f[6])), float(f[8])) for f in lines]
+
+
+def read_scenarios(path):
+    """Some of them, of all lengths."""
+    every = read_all_scenarios(path)
+    return every[:: max(1, len(every) // SCENARIOS_A_MAP)] + every[-1:]
 
 
 def scenario_files():

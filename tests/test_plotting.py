@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from conftest import drawn, random_rooms
@@ -8,8 +10,9 @@ from locplan.config import FieldConfig
 from locplan.costmap import Costmap
 from locplan.errors import LocplanError
 from locplan.field import covariance_field
-from locplan.grid import OccupancyGrid
+from locplan.grid import FREE, OccupancyGrid
 from locplan.planners import Plan, plan
+from locplan.planners.pareto import pareto_front
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +24,7 @@ def field():
 def test_field_figure_names_map_scalar_and_unit(field):
     figure = plotting.field_figure(field, "position_std")
     axes, bar = figure.axes
-    assert axes.get_title().startswith("rooms: sad, disc, exponential")
+    assert axes.get_title().startswith("rooms: 0% saturated\nsad, disc, exponential")
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert bar.get_ylabel() == "largest position std. deviation [m]"
 
@@ -69,3 +72,17 @@ def test_unknown_picture_formats_are_refused(field, tmp_path):
     with pytest.raises(LocplanError, match=r"\.png"):
         plotting.save_figure(plotting.field_figure(field), tmp_path / "field.doc")
     assert not list(tmp_path.iterdir())
+
+
+def test_front_figure_shows_paths_the_front_and_its_knee():
+    grid = OccupancyGrid(np.full((40, 60), FREE), 0.1, name="room")
+    u = np.tile(np.linspace(1, 0, 40)[:, None], (1, 60))
+    costs = dataclasses.replace(Costmap.blank(grid), u=u, e=u + 0.1, weight=1.0)
+    front = pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
+    figure = plotting.front_figure(front)
+    upper, lower = figure.axes[:2]
+    assert "exact" in upper.get_title()
+    assert f"of {len(front)} paths" in upper.get_title()
+    assert lower.get_xlabel() == "length [m]"
+    assert "∫u ds [m]" in lower.get_ylabel()
+    assert "knee" in lower.get_legend().get_texts()[0].get_text()

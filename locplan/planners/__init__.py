@@ -100,7 +100,7 @@ def plan(
     >>> grid = OccupancyGrid(np.full((4, 4), FREE), resolution=1.0)
     >>> result = plan(Costmap.from_density(grid, np.ones((4, 4))), (0.5, 0.5), (3.5, 2.5))
     >>> result.path.xy.tolist()
-    [[0.5, 0.5], [1.5, 1.5], [2.5, 1.5], [3.5, 2.5]]
+    [[0.5, 0.5], [1.5, 0.5], [3.5, 2.5]]
     >>> round(result.metrics.cost, 3)
     3.828
     """

@@ -110,7 +110,7 @@ def test_a_second_dask_worker(benchmark):
     for workers in (1, 2):
         with (
             distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None
+                n_workers=workers, threads_per_worker=1, dashboard_address=":0"
             ) as running,
             cluster.executor_of(running.scheduler_address) as executor,
         ):
