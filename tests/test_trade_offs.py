@@ -85,7 +85,7 @@ def test_every_weighted_optimum_lies_on_the_front():
     for weight in (0.5, 2.0, 10.0):
         density = np.where(costs.grid.free, 1 + weight * costs.u, np.inf)
         best = plan(dataclasses.replace(costs, density=density), start, goal).metrics.cost
-        assert (front.length + weight * front.integral).min() == pytest.approx(best, abs=1e-3)
+        assert (front.length + weight * front.integral).min() == pytest.approx(best, abs=5e-3)
 
 
 @pytest.mark.parametrize("cap", [{"max_labels": 100}, {"time_limit": 1e-6}])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from locplan._kernels.search import SQRT2
 
-SCALE = 1 << 20
+SCALE = 1 << 18
 """Units of a cell's length; costs are rounded up to whole ones at each step."""
 BUCKETS, BUCKETS_A_CELL = 64, 16
 """Buckets in turn, and how finely; a step raises the first cost's bound by 2 sqrt(2) cells."""

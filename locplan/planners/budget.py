@@ -41,7 +41,7 @@ def shortest_within(
     """The shortest grid path whose integral of u [m], or of e [m^2 rad m], is within the budget.
 
     Exact: Lagrangian bounds first, then a bi-objective search that they keep small. Integrals
-    count rounded up by at most 1/524288 of their greatest rate at each step.
+    count rounded up by at most 1/131072 of their greatest rate at each step.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def shortest_within(
     if frugal is None:
         return WithinBudget(None, np.inf, np.inf)
     least = float(problem.integral(problem.measured(frugal)[1]))
-    within = np.floor((budget - problem.ends[1]) * problem.per_integral + 1e-6)
+    within = np.floor((budget - problem.ends[1]) * problem.per_integral + 1e-3)
     if problem.measured(frugal)[1] > within:
         return WithinBudget(None, np.inf, least)
     first_to_go, short = problem.to_go(1, 0)

@@ -100,7 +100,7 @@ def pareto_front(
         World positions [m].
     objective : "u" or "e"
         Metres of blind travel, or the integral of e [m^2 rad m]. Each step counts rounded up by
-        at most 1/524288 of the greatest rate.
+        at most 1/131072 of the greatest rate.
     allow_corner_cutting : bool
         Whether a diagonal step may pass a blocked cell's corner.
     time_limit : float
