@@ -54,7 +54,7 @@ def _connected(client: Any, scheduler: str) -> Any:
 
     def connect() -> None:
         try:
-            answer.put(client(scheduler, timeout=PATIENCE))
+            answer.put(client(scheduler, timeout=PATIENCE, set_as_default=False))
         except Exception as error:  # or it answers nonsense, which fails in any way
             answer.put(error)
 
