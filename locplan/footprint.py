@@ -42,7 +42,7 @@ class Footprint:
 
         corners = _corners(self.vertices)
         hull = np.asarray(cv2.convexHull(corners.astype(np.float32), returnPoints=False))
-        hull = corners[np.sort(hull.ravel())] if len(hull) else corners
+        hull = corners[hull.ravel()]
         area = np.sum(hull[:, 0] * np.roll(hull[:, 1], -1) - hull[:, 1] * np.roll(hull[:, 0], -1))
         hull = hull if area > 0 else hull[::-1]
         edges = np.roll(hull, -1, axis=0) - hull

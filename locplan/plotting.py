@@ -144,13 +144,15 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     return figure
 
 
-def front_figure(front: ParetoFront) -> Figure:
+def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     """A Pareto front and, over the map, paths along it in the same colours; a star at the knee.
 
     Parameters
     ----------
     front : ParetoFront
         With at least one path.
+    e_unit : str
+        `CovarianceField.e_unit`.
     """
     grid = front.costs.grid
     width, height = _map_size(grid)
@@ -169,7 +171,7 @@ def front_figure(front: ParetoFront) -> Figure:
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
     name = grid.name or "map"
     upper.set_title(f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}")
-    unit = "m" if front.objective == "u" else "m² rad m"
+    unit = "m" if front.objective == "u" else f"{e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
     image = lower.scatter(
         front.length, front.integral, c=front.length, cmap=FRONT_COLOURS, norm=norm, s=14

@@ -207,11 +207,11 @@ def front_summary(front: ParetoFront) -> dict[str, Any]:
     }
 
 
-def front_table(front: ParetoFront) -> str:
+def front_table(front: ParetoFront, e_unit: str) -> str:
     """Up to twelve points of a front with what each metre more saves, the knee marked."""
     if not len(front):
         return "unreachable: no path leads to the goal"
-    unit = "m" if front.objective == "u" else "m² rad m"
+    unit = "m" if front.objective == "u" else f"{e_unit} m"
     wanted = np.linspace(front.length[0], front.length[-1], 12)
     shown = np.abs(front.length[:, None] - wanted).argmin(axis=0)
     rows = []
@@ -257,7 +257,11 @@ def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> Non
         path = front.plan(front.knee).path
         assert path is not None
         _write_csv(folder / "knee.csv", path.xy, "x_m,y_m")
-        plotting.save_figure(plotting.front_figure(front), folder / "front.png")
+        figure = plotting.front_figure(front, field.e_unit)
+        plotting.save_figure(figure, folder / "front.png")
+    else:
+        for name in ("knee.csv", "front.png"):
+            (folder / name).unlink(missing_ok=True)
 
 
 def _write_csv(target: Path, values: NDArray[np.float64], header: str) -> None:

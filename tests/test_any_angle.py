@@ -201,3 +201,24 @@ def test_start_and_goal_may_be_one():
     assert result.metrics.length == 0.0
     near = plan(costs, (1.2, 1.2), (1.4, 1.3), planner="any-angle")
     assert near.metrics.length == pytest.approx(math.hypot(0.2, 0.1))
+
+
+@pytest.mark.parametrize("accuracy", ["normal", "high"])
+def test_small_turned_maps_with_thin_walls_are_no_exception(accuracy):
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        density = random_density((12, 15), seed, blocked=0.25, greatest=3.0)
+        cells = np.where(np.isinf(density), 0, FREE)
+        costs = Costmap.from_density(OccupancyGrid(cells, 0.05, (0.3, 0.1, 0.4)), density)
+        corners = rng.integers(0, 2, 4) / 2  # on edges and corners of cells, too
+        ends = [
+            costs.grid.grid_to_world(r, c) for r, c in (corners[:2] + 0.25, corners[2:] + 11.25)
+        ]
+        ends = [tuple(map(float, xy)) for xy in ends]
+        if any(np.isinf(density[costs.grid.world_to_cell(*xy)]) for xy in ends):
+            continue
+        on_grid = plan(costs, *ends)
+        result = plan(costs, *ends, planner="any-angle", accuracy=accuracy)
+        assert result.status == on_grid.status
+        if result.path:
+            assert result.metrics.cost <= on_grid.metrics.cost

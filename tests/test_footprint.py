@@ -26,6 +26,12 @@ def test_order_and_inner_corners_do_not_matter():
     assert len(turned.vertices) == 4
 
 
+def test_corners_may_come_in_any_order():
+    corners = np.array([[math.cos(a), math.sin(a)] for a in np.arange(5) * 0.4 * np.pi])
+    star = Footprint(corners[[0, 2, 4, 1, 3]])
+    assert star.inscribed_radius == pytest.approx(math.cos(math.pi / 5))
+
+
 @pytest.mark.parametrize(
     "vertices",
     [
@@ -106,7 +112,7 @@ def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
 
 def test_a_door_too_narrow_is_told():
     result = plan(Costmap.blank(door(6)), (2.0, 4.05), (10.0, 4.05), footprint=LONG)
-    assert result.status == "unreachable"
+    assert result.status == "infeasible"
     assert "footprint" in result.note
 
 

@@ -91,7 +91,6 @@ def test_every_weighted_optimum_lies_on_the_front():
 @pytest.mark.parametrize("cap", [{"max_labels": 100}, {"time_limit": 1e-6}])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_capped_front_is_as_good_as_it_says(seed, cap, monkeypatch):
-    monkeypatch.setattr("locplan.planners.trade_offs.ROOM", 100)
     monkeypatch.setattr("locplan.planners.trade_offs.STRETCH", 50)
     costs = random_costs(seed, (40, 40), blocked=0.2)
     exact, capped = front_of(costs), front_of(costs, **cap)
@@ -112,9 +111,9 @@ def test_the_knee_is_where_it_bends():
     u[0:1] = 1.0
     costs = costs_of(u, grid.free)
     front = pareto_front(costs, (0.5, 0.5), (9.5, 0.5))
-    knee = front.plan(front.knee)
-    assert 0 < front.knee < len(front) - 1 or len(front) == 2
-    assert knee.metrics.length < front.length[-1] + 1e-6
+    assert 0 < front.knee < len(front) - 1
+    scaled = [(v - v.min()) / np.ptp(v) for v in (front.length, front.integral)]
+    assert np.sum(scaled, axis=0).argmin() == front.knee
 
 
 def test_an_unreachable_goal_has_an_empty_front():
@@ -162,6 +161,9 @@ def test_a_budget_gives_the_fronts_answer(seed, objective):
         expected = front.length[front.integral <= budget + 1e-9][0]
         assert result.metrics.length == pytest.approx(expected, abs=1e-4)
         assert result.bound == pytest.approx(result.metrics.length, abs=1e-4)
+    for index in range(len(front)):  # and just what a path needs is enough for it
+        result = plan(costs, start, goal, budget=front.integral[index], objective=objective)
+        assert result.metrics.length == pytest.approx(front.length[index], abs=1e-4)
 
 
 def test_a_budget_that_is_too_small_says_what_would_do():
@@ -173,6 +175,8 @@ def test_a_budget_that_is_too_small_says_what_would_do():
     assert result.path is None
     assert result.feasible_from == pytest.approx(least, abs=1e-6)
     assert plan(costs, *ends, budget=result.feasible_from).status == "solved"
+    told = float(result.note.split()[-1])
+    assert plan(costs, *ends, budget=told).status == "solved"
 
 
 def test_a_budget_without_time_gives_a_path_and_a_bound(monkeypatch):
@@ -191,7 +195,7 @@ def test_a_budget_goes_with_the_grid_planner_alone():
     costs = random_costs(1)
     ends = (0.5, 0.5), far_corner(costs)
     for options in ({"planner": "any-angle"}, {"via": [(0.5, 0.5)]}, {"max_e": 1.0}):
-        with pytest.raises(ConfigError, match="budget"):
+        with pytest.raises(ConfigError, match="budget is for"):
             plan(costs, *ends, budget=1.0, **options)
     with pytest.raises(ConfigError, match="no option 'patience'"):
         plan(costs, *ends, budget=1.0, patience=1)
@@ -210,6 +214,8 @@ def test_cells_above_max_e_are_never_entered(seed, planner):
     result = plan(costs, *ends, planner=planner, max_e=least)
     assert result.status == "solved"
     assert result.metrics.max_e <= least
+    told = float(refused.note.split("max_e ")[1].split()[0])
+    assert plan(costs, *ends, planner=planner, max_e=told).status == "solved"
     below = plan(costs, *ends, planner=planner, max_e=np.nextafter(least, 0))
     assert below.status == "infeasible"
     assert below.feasible_from == least

@@ -89,7 +89,7 @@ def plan(
     options |= {"footprint": outline} if outline else {}
     grid = load(map_file)
     config = config_of(preset, sensor_range, template, stride)
-    planners.check_planner(planner)
+    planners.check_request(planner, max_e=max_e, budget=budget, **options)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends, stops)
     check_weight(weight)
     if output:
@@ -141,10 +141,11 @@ def pareto(
     from locplan import planners, reporting
     from locplan.costmap import Costmap
     from locplan.files import make_folder
-    from locplan.planners.pareto import check_front_options, pareto_front
+    from locplan.planners.pareto import pareto_front
+    from locplan.planners.trade_offs import check_caps
 
     ends = position("start", start), position("goal", goal)
-    check_front_options(objective, time_limit, max_labels)
+    check_caps(objective, time_limit, max_labels)
     grid = load(map_file)
     config = config_of(preset, sensor_range, template, stride)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends)
@@ -158,5 +159,9 @@ def pareto(
     )
     if output:
         reporting.write_front(output, front, computed)
-    print(to_json(reporting.front_summary(front)) if as_json else reporting.front_table(front))
+    print(
+        to_json(reporting.front_summary(front))
+        if as_json
+        else reporting.front_table(front, computed.e_unit)
+    )
     say_written(output)

@@ -28,10 +28,27 @@ def names() -> tuple[str, ...]:
     return tuple(_MODULES)
 
 
-def check_planner(name: str) -> None:
-    """Raise a ConfigError unless `plan` knows the planner."""
-    if name not in _MODULES:
-        raise ConfigError(f"planner must be one of {', '.join(names())}, not {name!r}")
+def check_request(
+    planner: str,
+    *,
+    via: Sequence[Position] = (),
+    max_e: float | None = None,
+    budget: float | None = None,
+    footprint: Footprint | None = None,
+    **options: Any,
+) -> None:
+    """Raise a ConfigError unless `plan` knows the planner and takes these arguments together."""
+    if planner not in _MODULES:
+        raise ConfigError(f"planner must be one of {', '.join(names())}, not {planner!r}")
+    limits.check_limits(planner, via, max_e, budget, footprint, options)
+    if budget is None:
+        module = import_module(_MODULES[planner])
+        known = module.solve.__kwdefaults__ or {}
+        for name in options:
+            if name not in known:
+                told = ", ".join(known) or "none"
+                raise ConfigError(f"planner {planner!r} has no option {name!r}; it has: {told}")
+        module.check_options(**options)
 
 
 def check_ends(
@@ -104,18 +121,23 @@ def plan(
     >>> round(result.metrics.cost, 3)
     3.828
     """
-    check_planner(planner)
+    via = [(float(x), float(y)) for x, y in via]
+    outline = None
+    if footprint is not None:
+        outline = (
+            footprint if isinstance(footprint, Footprint) else Footprint(np.asarray(footprint))
+        )
+    check_request(planner, via=via, max_e=max_e, budget=budget, footprint=outline, **options)
     check_ends(costs, start, goal, via)
     if budget is not None:
-        if planner != "grid" or via or footprint is not None:
-            raise ConfigError("a budget is for planner 'grid', without via and footprint")
-        return limits.within_budget(costs, start, goal, budget, max_e, options)
+        return limits.within_budget(costs, start, goal, budget, options)
     solver = _solver(planner, options)
     stops = [start, *via, goal]
-    if footprint is not None:
-        solver = limits.clear_of_walls(solver, footprint)
+    if outline is not None:
+        solver = limits.clear_of_walls(solver, outline)
     if max_e is not None:
-        solver = limits.never_above(solver, max_e, bool(options.get("allow_corner_cutting", False)))
+        corners = bool(options.get("allow_corner_cutting", False))
+        solver = limits.never_above(solver, max_e, outline, corners)
     started = time.perf_counter()
     found = solver(costs, stops)
     elapsed = time.perf_counter() - started
@@ -127,10 +149,6 @@ def _solver(planner: str, options: dict[str, Any]) -> Solver:
     """The planner as a function of what it is to plan on, from stop to stop."""
     module = import_module(_MODULES[planner])
     solve = module.solve
-    unknown = sorted(set(options) - set(solve.__kwdefaults__ or {}))
-    if unknown:
-        known = ", ".join(solve.__kwdefaults__ or {}) or "none"
-        raise ConfigError(f"planner {planner!r} has no option {unknown[0]!r}; it has: {known}")
     module.prepare(**options)
 
     def over_all(costs: Costmap, stops: list[Position]) -> dict[str, Any]:

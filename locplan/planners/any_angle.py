@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 
 from locplan.costmap import Costmap
 from locplan.errors import ConfigError
+from locplan.metrics import path_metrics
 from locplan.path import Path
-from locplan.planners.grid import bordered_index, cells_of, cheapest_cells, distinct
+from locplan.planners.grid import (
+    bordered_index,
+    cells_of,
+    cheapest_cells,
+    distinct,
+    through_centres,
+)
 from locplan.planners.grid import prepare as prepare_grid
 
 ACCURACIES = ("normal", "high")
@@ -41,8 +48,8 @@ def solve(
 ) -> Path | None:
     """A path of straight lines in any direction, or None if there is none.
 
-    It never costs more than the path that it begins with: that of the grid planner, or with
-    accuracy "high" the cheapest one over 32 neighbours.
+    It begins with the path of the grid planner, or with accuracy "high" the cheapest one over 32
+    neighbours, and never costs more than the grid planner's.
 
     Parameters
     ----------
@@ -57,21 +64,27 @@ def solve(
     """
     from locplan._kernels.search import bordered_half
 
-    if accuracy not in ACCURACIES:
-        raise ConfigError(f"accuracy must be one of {', '.join(ACCURACIES)}, not {accuracy!r}")
-    cells = None
-    if accuracy == "high":
-        cells = _cells_of_32_moves(costs, start, goal, allow_corner_cutting)
-    if cells is None:
-        cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
+    cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
     if cells is None:
         return None
+    on_grid = through_centres(costs, cells, start, goal, trim=True)
+    if accuracy == "high":
+        wider = _cells_of_32_moves(costs, start, goal, allow_corner_cutting)
+        cells = cells if wider is None else wider
     first, last = (np.array(costs.grid.world_to_grid(*xy)).T for xy in (start, goal))
     positions = np.vstack([first, cells + 0.5, last])
     half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
     positions = improved(half, columns, positions + 1, allow_corner_cutting) - 1
     xy = np.column_stack(costs.grid.grid_to_world(*positions.T))
-    return distinct(costs, np.vstack([start, xy[1:-1], goal]))
+    straight = distinct(costs, np.vstack([start, xy[1:-1], goal]))
+    # Rounding can push a line along a wall's edge into the wall: then the grid's path is better.
+    return min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost)
+
+
+def check_options(*, accuracy: str = "normal", allow_corner_cutting: bool = False) -> None:
+    """Raise a ConfigError unless `solve` takes these."""
+    if accuracy not in ACCURACIES:
+        raise ConfigError(f"accuracy must be one of {', '.join(ACCURACIES)}, not {accuracy!r}")
 
 
 def prepare(**options: Any) -> None:

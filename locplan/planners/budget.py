@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from locplan.costmap import Costmap
 from locplan.errors import ConfigError
 from locplan.path import Path
 from locplan.planners.grid import cells_of, through_centres
-from locplan.planners.trade_offs import Problem, Search
+from locplan.planners.trade_offs import Problem, Search, check_caps, prepare
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,8 @@ def shortest_within(
     ConfigError
         If the budget is negative, or the costmap has no field.
     """
-    if not budget >= 0:
-        raise ConfigError(f"budget must be at least 0, not {budget!r}")
+    check_budget(budget, objective, time_limit, max_labels)
+    prepare()
     began = time.perf_counter()
     problem = Problem.between(costs, start, goal, objective, allow_corner_cutting)
     second_to_go, frugal = problem.to_go(0, 1)
@@ -71,8 +72,9 @@ def shortest_within(
             both_to_go=bounds.both_to_go,
             multiplier=bounds.multiplier,
             most=bounds.most,
+            max_labels=max_labels,
         )
-        found, to_come = search.run(1, began + time_limit, max_labels)
+        found, to_come = search.run(1, began + time_limit)
         if found.size:
             path = through_centres(costs, search.cells_of(int(found[0])), start, goal)
             return WithinBudget(path, path.length, least)
@@ -81,6 +83,19 @@ def shortest_within(
         lower = bounds.upper
     best = through_centres(costs, cells_of(bounds.best, problem.columns), start, goal)
     return WithinBudget(best, min(float(problem.length(lower)), best.length), least)
+
+
+def check_budget(
+    budget: float,
+    objective: str = "u",
+    time_limit: float = 60.0,
+    max_labels: int = 20_000_000,
+    allow_corner_cutting: bool = False,
+) -> None:
+    """Raise a ConfigError unless these arguments of `shortest_within` are within their ranges."""
+    if not (isinstance(budget, Real) and budget >= 0):
+        raise ConfigError(f"budget must be at least 0, not {budget!r}")
+    check_caps(objective, time_limit, max_labels)
 
 
 @dataclass(frozen=True)

@@ -34,12 +34,15 @@ def solve(
     return None if cells is None else through_centres(costs, cells, start, goal, trim=True)
 
 
+def check_options(**_: Any) -> None:
+    """Any option of `solve` will do."""
+
+
 def prepare(**_: Any) -> None:
     """Compile the search, so that the first plan is not timed with it."""
-    from locplan._kernels.search import bordered_half, shortest_costs, trace
+    from locplan.grid import FREE, OccupancyGrid
 
-    half = bordered_half(np.ones((1, 1)), 1)
-    trace(half, 3, shortest_costs(half, 3, 4, 4, False), 4, False)
+    solve(Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0)), (0.5, 0.5), (2.5, 0.5))
 
 
 def cheapest_cells(

@@ -5,22 +5,24 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from locplan.costmap import Costmap
 from locplan.errors import ConfigError
 from locplan.footprint import Footprint
-from locplan.planners.budget import shortest_within
+from locplan.planners.budget import check_budget, shortest_within
 from locplan.planners.result import Plan, Position, Solver, finished
 
 
-def never_above(solver: Solver, max_e: float, allow_corner_cutting: bool) -> Solver:
+def never_above(
+    solver: Solver, max_e: float, outline: Footprint | None, allow_corner_cutting: bool
+) -> Solver:
     """A solver that enters no cell whose e is above `max_e` [m^2 rad]."""
-    if not (isinstance(max_e, float | int) and math.isfinite(max_e) and max_e > 0):
-        raise ConfigError(f"max_e must be a positive number of m^2 rad, not {max_e!r}")
 
     def limited(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
         allowed = _allowed(costs, max_e)
@@ -29,10 +31,16 @@ def never_above(solver: Solver, max_e: float, allow_corner_cutting: bool) -> Sol
             found = solver(allowed, stops)
         if "path" in found:
             return found
-        least = least_max_e(costs, stops, allow_corner_cutting)
+        inner = max(outline.inscribed_radius, costs.robot_radius) if outline else costs.robot_radius
+        least = least_max_e(costs.with_robot_radius(inner), stops, allow_corner_cutting)
         if least is None or least <= max_e:
-            return found  # it is not for max_e that there is none
-        note = f"every path enters cells with e above {max_e:g}; max_e {least:.6g} would do"
+            return found or solver(costs, stops)  # it is not for max_e that there is none
+        remedy = (
+            f"at least {_rounded_up(least)} is needed"
+            if outline
+            else f"{_rounded_up(least)} would do"
+        )
+        note = f"every path enters cells with e above {max_e:g}; max_e {remedy}"
         return {"status": "infeasible", "feasible_from": least, "note": note}
 
     return limited
@@ -63,9 +71,8 @@ def least_max_e(
     return float(levels[low])
 
 
-def clear_of_walls(solver: Solver, footprint: Footprint | ArrayLike) -> Solver:
+def clear_of_walls(solver: Solver, outline: Footprint) -> Solver:
     """A solver whose paths keep the robot's outline clear of walls."""
-    outline = footprint if isinstance(footprint, Footprint) else Footprint(np.asarray(footprint))
 
     def clear(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
         meets = None
@@ -78,10 +85,14 @@ def clear_of_walls(solver: Solver, footprint: Footprint | ArrayLike) -> Solver:
                 meets = outline.first_collision(costs.grid, found["path"])
                 if meets is None:
                     return found
-        if meets is None:
-            return {"note": "no path is wide enough for the footprint"}
-        where = f"{meets[0]:.2f},{meets[1]:.2f}"
-        return {"note": f"where its inscribed circle passes, the footprint meets a wall ({where})"}
+        without = solver(costs, stops)
+        if "path" not in without:
+            return without
+        note = "no path is wide enough for the footprint"
+        if meets:
+            where = f"{meets[0]:.2f},{meets[1]:.2f}"
+            note = f"where its inscribed circle passes, the footprint meets a wall (near {where})"
+        return {"status": "infeasible", "note": note}
 
     return clear
 
@@ -91,16 +102,9 @@ def within_budget(
     start: Position,
     goal: Position,
     budget: float,
-    max_e: float | None,
     options: dict[str, Any],
 ) -> Plan:
     """The shortest path within a budget; see `locplan.planners.plan`."""
-    known = shortest_within.__kwdefaults__ or {}
-    for name in options:
-        if name not in known:
-            raise ConfigError(f"a budget has no option {name!r}; it has: {', '.join(known)}")
-    if max_e is not None:
-        raise ConfigError("budget and max_e are one or the other")
     started = time.perf_counter()
     found = shortest_within(costs, start, goal, budget, **options)
     elapsed = time.perf_counter() - started
@@ -110,10 +114,35 @@ def within_budget(
     if math.isinf(found.least):
         return result
     objective = options.get("objective", "u")
-    note = (
-        f"no path has an integral of {objective} within {budget:g}; the least is {found.least:.6g}"
-    )
+    note = f"no path has an integral of {objective} within {budget:g}; the least is {_rounded_up(found.least)}"
     return dataclasses.replace(result, status="infeasible", feasible_from=found.least, note=note)
+
+
+def check_limits(
+    planner: str,
+    via: Sequence[Position],
+    max_e: float | None,
+    budget: float | None,
+    footprint: Footprint | None,
+    options: Mapping[str, Any],
+) -> None:
+    """Raise a ConfigError unless these arguments of `locplan.plan` go together."""
+    if max_e is not None and not (isinstance(max_e, Real) and 0 < max_e < math.inf):
+        raise ConfigError(f"max_e must be a positive number of m^2 rad, not {max_e!r}")
+    if budget is None:
+        return
+    if planner != "grid" or len(via) or footprint is not None or max_e is not None:
+        raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
+    known = shortest_within.__kwdefaults__ or {}
+    for name in options:
+        if name not in known:
+            raise ConfigError(f"a budget has no option {name!r}; it has: {', '.join(known)}")
+    check_budget(budget, **options)
+
+
+def _rounded_up(value: float) -> str:
+    """In six digits, and not below the value: fit to be typed in again."""
+    return f"{value * (1 + 1e-5):.6g}"
 
 
 def _allowed(costs: Costmap, max_e: float) -> Costmap:

@@ -13,7 +13,7 @@ from locplan.costmap import Costmap
 from locplan.errors import ConfigError
 from locplan.planners.grid import cells_of, through_centres
 from locplan.planners.result import Plan, finished
-from locplan.planners.trade_offs import OBJECTIVES, Problem, Search
+from locplan.planners.trade_offs import Problem, Search, check_caps, prepare
 
 SUPPORTED = 24
 """How many paths of least weighted sums complete a front at its caps."""
@@ -120,15 +120,16 @@ def pareto_front(
     ConfigError
         If an option is out of its range, or the costmap has no field.
     """
-    check_front_options(objective, time_limit, max_labels)
+    check_caps(objective, time_limit, max_labels)
+    prepare()
     began = time.perf_counter()
     problem = Problem.between(costs, start, goal, objective, allow_corner_cutting)
     second_to_go, frugal = problem.to_go(0, 1)
     first_to_go, short = problem.to_go(1, 0)
     front, epsilon, labels = _Front(problem), 0.0, 0
     if short is not None and frugal is not None:
-        search = Search(problem, first_to_go, second_to_go)
-        found, to_come = search.run(MOST_POINTS, began + time_limit, max_labels)
+        search = Search(problem, first_to_go, second_to_go, max_labels=max_labels)
+        found, to_come = search.run(MOST_POINTS, began + time_limit)
         labels = search.labels
         for label, first, second in zip(found, *search.costs_of(found), strict=True):
             front.add(float(first), float(second), search.cells_of(int(label)))
@@ -149,15 +150,6 @@ def pareto_front(
         solve_time=time.perf_counter() - began,
         _cells=tuple(cells for *_, cells in points),
     )
-
-
-def check_front_options(objective: str, time_limit: float, max_labels: int) -> None:
-    """Raise a ConfigError unless these options of `pareto_front` are within their ranges."""
-    if objective not in OBJECTIVES:
-        raise ConfigError(f"objective must be one of {', '.join(OBJECTIVES)}, not {objective!r}")
-    for name, value in (("time_limit", time_limit), ("max_labels", max_labels)):
-        if not value > 0:
-            raise ConfigError(f"{name} must be positive, not {value!r}")
 
 
 class _Front:

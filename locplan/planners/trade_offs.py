@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from dataclasses import dataclass
 
@@ -66,17 +67,13 @@ class Problem:
         Raises
         ------
         ConfigError
-            If the objective is unknown, or the costmap has no field.
+            If the costmap has no field.
         PoseError
             If start or goal lies outside the map or in a blocked cell.
         """
         from locplan._kernels.pareto import SCALE
         from locplan._kernels.search import bordered_half
 
-        if objective not in OBJECTIVES:
-            raise ConfigError(
-                f"objective must be one of {', '.join(OBJECTIVES)}, not {objective!r}"
-            )
         layer = costs.e if objective == "e" else costs.u
         free = np.isfinite(costs.density)
         if not np.isfinite(layer[free]).all():
@@ -112,7 +109,7 @@ class Problem:
     def to_go(self, length: float, integral: float) -> tuple[NDArray, NDArray[np.int64] | None]:
         """Least weighted sum of both costs from every cell to the goal, and the start's path.
 
-        The sum is understated by less than one unit; of equal ones the shortest path is taken.
+        The sum is never overstated; of equal ones the shortest path is taken.
         """
         from locplan._kernels.search import shortest_costs, trace
 
@@ -124,7 +121,8 @@ class Problem:
         if not np.isfinite(cost[self.source]):
             return cost, None
         flat = trace(half, self.columns, cost, self.source, self.allow_corner_cutting)
-        return cost * (1 - TIE), flat[::-1]
+        # Whole units, so that without the ties, too, no path costs less.
+        return (cost * (1 - 1e-14) if length else np.floor(cost)), flat[::-1]
 
     def measured(self, flat: NDArray[np.int64]) -> tuple[float, float]:
         """Both costs of a path over cells, in whole units."""
@@ -146,6 +144,30 @@ class Problem:
         return second / self.per_integral + self.ends[1]
 
 
+def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
+    """Raise a ConfigError unless these options of a search are within their ranges."""
+    if objective not in OBJECTIVES:
+        raise ConfigError(f"objective must be one of {', '.join(OBJECTIVES)}, not {objective!r}")
+    for name, value in (("time_limit", time_limit), ("max_labels", max_labels)):
+        if not value > 0:
+            raise ConfigError(f"{name} must be positive, not {value!r}")
+
+
+def prepare() -> None:
+    """Compile the kernels, so that no time limit is spent on that."""
+    from locplan._kernels.search import bordered_half, costs_by_heap
+    from locplan.grid import FREE, OccupancyGrid
+
+    costs_by_heap(bordered_half(np.ones((1, 1)), 1), 3, 4, 4, False)
+    blank = Costmap.blank(OccupancyGrid(np.full((2, 3), FREE), 1.0))
+    costs = dataclasses.replace(blank, u=np.ones((2, 3)))
+    problem = Problem.between(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
+    bounds = problem.to_go(1, 0)[0], problem.to_go(0, 1)[0]
+    search = Search(problem, *bounds, max_labels=100)
+    found, _ = search.run(1, np.inf)
+    search.cells_of(int(found[0]))
+
+
 class Search:
     """A bi-objective search that can be paused, with its labels.
 
@@ -155,6 +177,8 @@ class Search:
         What to search.
     first_to_go, second_to_go : (n,) arrays
         Lower bounds, as `Problem.to_go` gives them.
+    max_labels : int
+        How many there may be.
     within : float
         Second costs of this or less are wanted.
     both_to_go, multiplier, most
@@ -167,6 +191,7 @@ class Search:
         first_to_go: NDArray[np.float64],
         second_to_go: NDArray[np.float64],
         *,
+        max_labels: int,
         within: float = np.inf,
         both_to_go: NDArray[np.float64] | None = None,
         multiplier: float = 0.0,
@@ -175,8 +200,10 @@ class Search:
         from locplan._kernels import pareto
 
         self.problem = problem
+        self._max_labels = max(max_labels, 9)
         self._bounds = first_to_go, second_to_go
         self._joint = first_to_go if both_to_go is None else both_to_go, multiplier, most
+        room = min(ROOM, self._max_labels)
         lowest = int(first_to_go[problem.source] * pareto.BUCKETS_A_CELL / pareto.SCALE)
         state = np.zeros(7, np.int64)
         state[[pareto.UNUSED, pareto.USED, pareto.WAITING]] = -1, 1, 1
@@ -187,15 +214,15 @@ class Search:
         least[problem.target] = within + 0.5
         self._labels = pareto.Labels(
             state=state,
-            cell=np.full(ROOM, problem.source, np.int32),
-            first=np.zeros(ROOM),
-            second=np.zeros(ROOM),
-            parent=np.full(ROOM, -1, np.int32),
-            following=np.full(ROOM, -1, np.int32),
+            cell=np.full(room, problem.source, np.int32),
+            first=np.zeros(room),
+            second=np.zeros(room),
+            parent=np.full(room, -1, np.int32),
+            following=np.full(room, -1, np.int32),
             heads=heads,
-            heap=np.zeros(ROOM, np.int32),
-            heap_first=np.zeros(ROOM),
-            heap_second=np.zeros(ROOM),
+            heap=np.zeros(room, np.int32),
+            heap_first=np.zeros(room),
+            heap_second=np.zeros(room),
             least=least,
         )
 
@@ -206,7 +233,7 @@ class Search:
 
         return int(self._labels.state[USED])
 
-    def run(self, solutions: int, until: float, max_labels: int) -> tuple[NDArray[np.int32], float]:
+    def run(self, solutions: int, until: float) -> tuple[NDArray[np.int32], float]:
         """Search until so many solutions, a moment of `time.perf_counter`, or so many labels.
 
         Returns
@@ -232,7 +259,7 @@ class Search:
                 found,
             )
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
-            full = status == pareto.OUT_OF_LABELS and not self._grow(max_labels)
+            full = status == pareto.OUT_OF_LABELS and not self._grow()
             late = time.perf_counter() > until
             if status == pareto.FINISHED or count == solutions or full or late:
                 return found[:count], bound
@@ -247,9 +274,9 @@ class Search:
 
         return cells_of(path_of(self._labels, label), self.problem.columns)
 
-    def _grow(self, max_labels: int) -> bool:
+    def _grow(self) -> bool:
         """Twice the room, or as much as is allowed; whether there is any."""
-        room = min(2 * self._labels.cell.size, max(max_labels, ROOM))
+        room = min(2 * self._labels.cell.size, self._max_labels)
         if self.labels + 8 > room:
             return False
         twice = {
