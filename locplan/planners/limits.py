@@ -114,7 +114,8 @@ def within_budget(
     if math.isinf(found.least):
         return result
     objective = options.get("objective", "u")
-    note = f"no path has an integral of {objective} within {budget:g}; the least is {_rounded_up(found.least)}"
+    least = _rounded_up(found.least)
+    note = f"no path has an integral of {objective} within {budget:g}; the least is {least}"
     return dataclasses.replace(result, status="infeasible", feasible_from=found.least, note=note)
 
 
