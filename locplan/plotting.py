@@ -127,6 +127,9 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
         Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
     ]
+    if any(plan.via for plan in plans.values()):
+        square = Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE)
+        handles.append(square)
     lower.axhline(DEGRADED, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="blindness u", ylim=(-0.03, 1.03))
     lower.margins(x=0.01)
@@ -145,7 +148,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
 
 
 def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
-    """A Pareto front and, over the map, paths along it in the same colours; a star at the knee.
+    """A Pareto front and, over the map, paths along it in the same colours, the knee's bold.
 
     Parameters
     ----------
@@ -159,14 +162,18 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     figure = Figure(figsize=(width, height + 3.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 3.0))
     draw_map(upper, grid)
-    norm = Normalize(front.length[0], max(front.length[-1], front.length[0] + 1e-9))
+    norm = Normalize(front.length[0], max(front.length[-1], front.length[0] + 1))
     wanted = np.linspace(front.length[0], front.length[-1], FRONT_PATHS)
     chosen = np.unique(np.abs(front.length[:, None] - wanted).argmin(axis=0))
     for index in chosen:
         plan = front.plan(int(index))
         assert plan.path is not None
         colour = colormaps[FRONT_COLOURS](norm(front.length[index]))
-        draw_path(upper, plan.path, color=colour, linewidth=1.6)
+        draw_path(upper, plan.path, color=colour, linewidth=1.6, path_effects=[])
+    knee = front.knee
+    best = front.plan(knee).path
+    assert best is not None
+    draw_path(upper, best, color=colormaps[FRONT_COLOURS](norm(front.length[knee])), linewidth=3)
     draw_ends(upper, front.start, front.goal)
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
     name = grid.name or "map"
@@ -176,10 +183,9 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     image = lower.scatter(
         front.length, front.integral, c=front.length, cmap=FRONT_COLOURS, norm=norm, s=14
     )
-    knee = front.knee
-    label = f"knee: {front.length[knee]:.1f} m, {front.integral[knee]:.3g} {unit}"
+    label = f"knee, bold above: {front.length[knee]:.1f} m long, {front.integral[knee]:.3g} {unit}"
     lower.plot(
-        front.length[knee], front.integral[knee], "*", markersize=15, label=label, **END_STYLE
+        front.length[knee], front.integral[knee], "D", markersize=9, label=label, **END_STYLE
     )
     label = "blind, ∫u ds" if front.objective == "u" else "∫e ds"
     lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")

@@ -5,7 +5,6 @@ import dataclasses
 import naive
 import numpy as np
 import pytest
-from conftest import drawn
 
 from locplan.costmap import Costmap
 from locplan.errors import ConfigError, PoseError
@@ -104,16 +103,13 @@ def test_a_capped_front_is_as_good_as_it_says(seed, cap, monkeypatch):
         assert capped.labels <= 100
 
 
-def test_the_knee_is_where_it_bends():
-    lines = ["..........", ".########.", "..........", "..........", ".........."]
-    grid = drawn(*lines)
-    u = np.full(grid.shape, 0.1)
-    u[0:1] = 1.0
-    costs = costs_of(u, grid.free)
-    front = pareto_front(costs, (0.5, 0.5), (9.5, 0.5))
-    assert 0 < front.knee < len(front) - 1
-    scaled = [(v - v.min()) / np.ptp(v) for v in (front.length, front.integral)]
-    assert np.sum(scaled, axis=0).argmin() == front.knee
+@pytest.mark.parametrize("objective", ["u", "e"])
+def test_past_the_knee_length_saves_less_than_its_share(objective):
+    front = front_of(random_costs(5, (40, 40), blocked=0.2), objective=objective)
+    knee = front.knee
+    for index in range(len(front)):
+        longer = front.length[index] / front.length[knee]
+        assert front.integral[index] / front.integral[knee] >= 1 / longer - 1e-12
 
 
 def test_an_unreachable_goal_has_an_empty_front():

@@ -92,8 +92,9 @@ def plan(
         ``objective="e"``, whose integral of e is [m^2 rad m]. Exact, by the grid planner only;
         options: see `locplan.planners.budget.shortest_within`.
     footprint : Footprint or (n, 2) array, optional
-        The robot's outline [m], checked along the path that is returned. Searched for with its
-        circumscribed circle, and where that does not pass with the inscribed one.
+        The robot's outline [m], checked exactly along the path that is returned: the cheapest
+        for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
+        one. Between the two a way may be missed.
     **options
         Of the planner: see the `solve` function of its module.
 
@@ -156,8 +157,8 @@ def _solver(planner: str, options: dict[str, Any]) -> Solver:
         for number, (start, goal) in enumerate(itertools.pairwise(stops), 1):
             leg = solve(costs, start, goal, **options)
             if leg is None:
-                note = f"no path leads to waypoint {number}" if number < len(stops) - 1 else ""
-                return {"note": note}
+                last = number == len(stops) - 1
+                return {} if last else {"note": f"no path leads to waypoint {number}"}
             legs.append(leg.xy if number == 1 else leg.xy[1:])
         return {"path": Path(np.vstack(legs))}
 

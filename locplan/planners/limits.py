@@ -72,26 +72,31 @@ def least_max_e(
 
 
 def clear_of_walls(solver: Solver, outline: Footprint) -> Solver:
-    """A solver whose paths keep the robot's outline clear of walls."""
+    """A solver whose paths keep the robot's outline clear of walls.
+
+    It tries the cheapest path for the inscribed circle and, where the outline meets a wall on
+    that, the one for the circumscribed circle.
+    """
 
     def clear(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
         meets = None
-        for radius in (outline.circumscribed_radius, outline.inscribed_radius):
+        for radius in (outline.inscribed_radius, outline.circumscribed_radius):
             wide = costs.with_robot_radius(max(radius, costs.robot_radius))
             if not all(np.isfinite(wide.density[costs.cell_of(xy)]) for xy in stops):
                 continue
             found = solver(wide, stops)
             if "path" in found:
-                meets = outline.first_collision(costs.grid, found["path"])
-                if meets is None:
+                collision = outline.first_collision(costs.grid, found["path"])
+                if collision is None:
                     return found
+                meets = meets or collision
         without = solver(costs, stops)
         if "path" not in without:
             return without
         note = "no path is wide enough for the footprint"
         if meets:
             where = f"{meets[0]:.2f},{meets[1]:.2f}"
-            note = f"where its inscribed circle passes, the footprint meets a wall (near {where})"
+            note = f"where its inner circle passes the footprint meets a wall (near {where})"
         return {"status": "infeasible", "note": note}
 
     return clear

@@ -61,10 +61,9 @@ class ParetoFront:
 
     @property
     def knee(self) -> int:
-        """Index of the path furthest below the line between the ends of the front.
+        """Index of the path whose length times integral is least.
 
-        Both axes are scaled by the front's extent, so that it marks where a little more length
-        stops to save much uncertainty.
+        Beyond it a per cent of length saves less than a per cent of the integral.
 
         Raises
         ------
@@ -73,8 +72,7 @@ class ParetoFront:
         """
         if not len(self):
             raise ConfigError("an empty front has no knee: the goal is unreachable")
-        x, y = ((v - v.min()) / (np.ptp(v) or 1.0) for v in (self.length, self.integral))
-        return int(np.argmin(x + y))
+        return int(np.argmin(self.length * self.integral))
 
 
 def pareto_front(
@@ -89,6 +87,7 @@ def pareto_front(
 ) -> ParetoFront:
     """The exact front of length against an integral along the path, over 8 neighbours.
 
+    A path goes from the start to its cell's centre, over centres, and from the last to the goal.
     Where time or labels run out, the front is completed by paths of least weighted sums, and
     `epsilon` says how good it is for certain: their values bound what may have been missed.
 

@@ -62,5 +62,6 @@ def finished(
 ) -> Plan:
     """A plan with its metrics, "unreachable" without a path."""
     if path is None:
-        return Plan("unreachable", planner, start, goal, None, None, elapsed)
+        note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
+        return Plan("unreachable", planner, start, goal, None, None, elapsed, note=note)
     return Plan("solved", planner, start, goal, path, path_metrics(costs, path), elapsed)

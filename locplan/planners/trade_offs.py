@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,8 +150,8 @@ def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
     if objective not in OBJECTIVES:
         raise ConfigError(f"objective must be one of {', '.join(OBJECTIVES)}, not {objective!r}")
     for name, value in (("time_limit", time_limit), ("max_labels", max_labels)):
-        if not value > 0:
-            raise ConfigError(f"{name} must be positive, not {value!r}")
+        if not (isinstance(value, Real) and value > 0):
+            raise ConfigError(f"{name} must be a positive number, not {value!r}")
 
 
 def prepare() -> None:
