@@ -139,11 +139,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     figure.legend(
         handles=handles, loc="outside lower center", frameon=False, fontsize="medium", ncols=2
     )
-    upper.set_title(
-        f"{costs.grid.name or 'map'}: weight {costs.weight:g}, robot radius"
-        f" {costs.robot_radius:g} m",
-        fontsize="medium",
-    )
+    upper.set_title(f"{costs.grid.name or 'map'}: {_request(costs, plans)}", fontsize="medium")
     return figure
 
 
@@ -233,6 +229,19 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
     suffix = FilePath(path).suffix.lower().lstrip(".")
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
+
+
+def _request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
+    """What was asked of the plans."""
+    asked = [f"weight {costs.weight:g}"]
+    for plan in plans.values():
+        if plan.budget is not None:
+            asked = [f"budget {plan.budget:g} m"]
+        if plan.max_e is not None:
+            asked.append(f"e at most {plan.max_e:g}")
+        if plan.footprint is not None and "footprint" not in asked:
+            asked.append("footprint")
+    return ", ".join([*asked, f"robot radius {costs.robot_radius:g} m"])
 
 
 def _draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray, **options: Any) -> AxesImage:

@@ -86,3 +86,17 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
     assert lower.get_xlabel() == "length [m]"
     assert "∫u ds [m]" in lower.get_ylabel()
     assert "knee" in lower.get_legend().get_texts()[0].get_text()
+
+
+def test_plan_figure_says_what_was_asked(field):
+    costs = Costmap.from_field(field.grid, field)
+    free = np.argwhere(np.isfinite(costs.density))
+    xy = field.grid.cell_to_world(*map(int, free[0]))
+    limited = plan(costs, xy, xy, max_e=1.0, footprint=[(0.1, 0), (-0.1, 0.1), (-0.1, -0.1)])
+    title = plotting.plan_figure(costs, field, {"limited": limited}).axes[0].get_title()
+    assert "weight 4" in title
+    assert "e at most 1" in title
+    assert "footprint" in title
+    cheap = plan(costs, xy, xy, budget=2.5)
+    title = plotting.plan_figure(costs, field, {"cheap": cheap}).axes[0].get_title()
+    assert "budget 2.5 m" in title

@@ -131,19 +131,21 @@ def plan(
     check_request(planner, via=via, max_e=max_e, budget=budget, footprint=outline, **options)
     check_ends(costs, start, goal, via)
     if budget is not None:
-        return limits.within_budget(costs, start, goal, budget, options)
+        result = limits.within_budget(costs, start, goal, budget, options)
+        return dataclasses.replace(result, budget=float(budget))
     solver = _solver(planner, options)
     stops = [start, *via, goal]
     if outline is not None:
         solver = limits.clear_of_walls(solver, outline)
     if max_e is not None:
-        corners = bool(options.get("allow_corner_cutting", False))
-        solver = limits.never_above(solver, max_e, outline, corners)
+        cutting = bool(options.get("allow_corner_cutting", False))
+        solver = limits.never_above(solver, max_e, outline, cutting)
     started = time.perf_counter()
     found = solver(costs, stops)
     elapsed = time.perf_counter() - started
     result = finished(planner, costs, start, goal, found.pop("path", None), elapsed)
-    return dataclasses.replace(result, via=tuple(via), **found)
+    corners = None if outline is None else tuple((x, y) for x, y in outline.vertices.tolist())
+    return dataclasses.replace(result, via=tuple(via), max_e=max_e, footprint=corners, **found)
 
 
 def _solver(planner: str, options: dict[str, Any]) -> Solver:

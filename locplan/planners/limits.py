@@ -27,20 +27,19 @@ def never_above(
     def limited(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
         allowed = _allowed(costs, max_e)
         found: dict[str, Any] = {}
-        if all(np.isfinite(allowed.density[costs.cell_of(xy)]) for xy in stops):
+        if _free(allowed, stops):
             found = solver(allowed, stops)
         if "path" in found:
             return found
-        inner = max(outline.inscribed_radius, costs.robot_radius) if outline else costs.robot_radius
-        least = least_max_e(costs.with_robot_radius(inner), stops, allow_corner_cutting)
+        inner = costs
+        if outline:
+            inner = costs.with_robot_radius(max(outline.inscribed_radius, costs.robot_radius))
+        least = least_max_e(inner, stops, allow_corner_cutting)
         if least is None or least <= max_e:
             return found or solver(costs, stops)  # it is not for max_e that there is none
-        remedy = (
-            f"at least {_rounded_up(least)} is needed"
-            if outline
-            else f"{_rounded_up(least)} would do"
-        )
-        note = f"every path enters cells with e above {max_e:g}; max_e {remedy}"
+        verdict = "is needed at least" if outline else "would do"
+        note = f"every path enters cells with e above {max_e:g};"
+        note += f" max_e {_rounded_up(least)} {verdict}"
         return {"status": "infeasible", "feasible_from": least, "note": note}
 
     return limited
@@ -53,6 +52,8 @@ def least_max_e(
     from locplan._kernels.search import bordered_half, shortest_costs
     from locplan.planners.grid import bordered_index
 
+    if not _free(costs, stops):
+        return None
     columns = costs.grid.shape[1] + 2
     cells = [bordered_index(costs, xy, "position") for xy in stops]
 
@@ -82,7 +83,7 @@ def clear_of_walls(solver: Solver, outline: Footprint) -> Solver:
         meets = None
         for radius in (outline.inscribed_radius, outline.circumscribed_radius):
             wide = costs.with_robot_radius(max(radius, costs.robot_radius))
-            if not all(np.isfinite(wide.density[costs.cell_of(xy)]) for xy in stops):
+            if not _free(wide, stops):
                 continue
             found = solver(wide, stops)
             if "path" in found:
@@ -144,6 +145,10 @@ def check_limits(
         if name not in known:
             raise ConfigError(f"a budget has no option {name!r}; it has: {', '.join(known)}")
     check_budget(budget, **options)
+
+
+def _free(costs: Costmap, stops: list[Position]) -> bool:
+    return all(np.isfinite(costs.density[costs.grid.world_to_cell(*xy)]) for xy in stops)
 
 
 def _rounded_up(value: float) -> str:

@@ -125,7 +125,7 @@ def pareto_front(
     problem = Problem.between(costs, start, goal, objective, allow_corner_cutting)
     second_to_go, frugal = problem.to_go(0, 1)
     first_to_go, short = problem.to_go(1, 0)
-    front, epsilon, labels = _Front(problem), 0.0, 0
+    front, epsilon, labels = _Front(), 0.0, 0
     if short is not None and frugal is not None:
         search = Search(problem, first_to_go, second_to_go, max_labels=max_labels)
         found, to_come = search.run(MOST_POINTS, began + time_limit)
@@ -154,8 +154,7 @@ def pareto_front(
 class _Front:
     """Points met so far, in whole units."""
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    def __init__(self) -> None:
         self._points: list[tuple[float, float, NDArray[np.int64]]] = []
 
     def add(self, first: float, second: float, cells: NDArray[np.int64]) -> None:

@@ -39,6 +39,12 @@ class Plan:
     """Time spent planning, without compilation [s]."""
     via: tuple[Position, ...] = ()
     """World positions visited on the way [m]."""
+    max_e: float | None = None
+    """The limit it was to keep, if any [m^2 rad]."""
+    budget: float | None = None
+    """The limit of its integral, if any [m, or m^2 rad m]."""
+    footprint: tuple[Position, ...] | None = None
+    """The outline it was to keep clear of walls, if any [m]."""
     bound: float | None = None
     """With a budget: no path within it is shorter [m]."""
     feasible_from: float | None = None
