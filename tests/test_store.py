@@ -112,7 +112,7 @@ def test_the_name_of_the_map_is_todays(grid, tmp_path):
 def test_a_killed_run_is_resumed(grid, tmp_path, tiles_done, computed):
     save_map(grid, tmp_path / "rooms.yaml")
     path = store.field_path(grid, QUICK, tmp_path)
-    process = started(tmp_path / "rooms.yaml", tmp_path, 0.3)
+    process = started(tmp_path / "rooms.yaml", tmp_path, 0.5)
     wait_until(lambda: field_files.count_chunks(path) == tiles_done)
     process.send_signal(signal.SIGKILL)
     process.communicate()
@@ -126,7 +126,7 @@ def test_a_killed_run_is_resumed(grid, tmp_path, tiles_done, computed):
 def test_of_two_processes_one_computes_and_the_other_waits(grid, tmp_path, killed):
     save_map(grid, tmp_path / "rooms.yaml")
     path = store.field_path(grid, QUICK, tmp_path)
-    first = started(tmp_path / "rooms.yaml", tmp_path, 0.5)
+    first = started(tmp_path / "rooms.yaml", tmp_path, 4.0 if killed else 0.5)
     wait_until(lambda: field_files.count_chunks(path) == 1)
     second = started(tmp_path / "rooms.yaml", tmp_path, 0.0)
     assert second.stdout.readline() == "began\n"
