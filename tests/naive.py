@@ -205,6 +205,30 @@ def shortcut(density, positions, lookahead):
     return best[-1]
 
 
+def shift(density, positions, step, sweeps):
+    """Inner positions moved sideways by a step, in turn, while that costs less."""
+    shifted = [tuple(position) for position in positions]
+    for _ in range(sweeps):
+        before = list(shifted)
+        for k in range(1, len(shifted) - 1):
+            (row0, col0), (row, col), (row1, col1) = shifted[k - 1 : k + 2]
+            along = math.hypot(row1 - row0, col1 - col0)
+            if along == 0:
+                continue
+            aside = step * (col0 - col1) / along, step * (row1 - row0) / along
+            tried = [(row + s * aside[0], col + s * aside[1]) for s in (0, -1, 1)]
+            shifted[k] = min(
+                tried,
+                key=lambda at: (
+                    line_integral(density, row0, col0, *at)
+                    + line_integral(density, *at, row1, col1)
+                ),
+            )
+        if shifted == before:
+            break
+    return shifted
+
+
 def cheapest_moves(density, start, goal, reach):
     """Least cost from cell to cell over all moves to centres up to `reach` cells away."""
     moves = [

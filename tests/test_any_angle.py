@@ -114,6 +114,15 @@ def test_32_moves_equal_the_plain_search(seed):
         assert cost == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_shifting_equals_the_plain_loops(seed):
+    rng = np.random.default_rng(seed)
+    density = rng.uniform(1, 9, (20, 40))
+    positions = np.column_stack([rng.uniform(8, 12, 9), np.linspace(2.2, 37.7, 9)])
+    shifted = kernels.shift(bordered_half(density, 1), 42, positions + 1, 0.7, 6, False)
+    np.testing.assert_allclose(shifted - 1, naive.shift(density, positions, 0.7, 6))
+
+
 def test_shifting_never_costs_more_and_finds_the_valley():
     rows, _ = np.mgrid[:21, :40]
     density = 1.0 + np.abs(rows - 10)

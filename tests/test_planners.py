@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -11,7 +12,7 @@ from locplan.costmap import Costmap
 from locplan.errors import ConfigError, PoseError
 from locplan.grid import FREE, OccupancyGrid
 from locplan.metrics import path_metrics
-from locplan.planners import names, plan
+from locplan.planners import names, plan, plan_beside_shortest
 from locplan.planners.cost_to_go import plan_field
 
 
@@ -206,3 +207,22 @@ def test_impossible_waypoints_are_told():
     result = plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(2.5, 0.5)])
     assert result.status == "unreachable"
     assert result.note == "no path leads to waypoint 1"
+
+
+@pytest.mark.parametrize("planner", names())
+def test_the_plan_beside_the_shortest_costs_no_more(planner):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        grid = OccupancyGrid(random_rooms((50, 50), seed, blocks=6), 1.0)
+        u = rng.random(grid.shape)
+        density = np.where(grid.free, 1 + 4 * u, np.inf)
+        costs = dataclasses.replace(
+            Costmap.blank(grid), density=density, u=u, e=u + 0.1, weight=4.0
+        )
+        free = np.argwhere(grid.free)
+        ends = [grid.cell_to_world(*map(int, free[index])) for index in (0, -1)]
+        plans = plan_beside_shortest(costs, *ends, planner=planner)
+        if plans["shortest"].path:
+            shortest, aware = (one.metrics for one in plans.values())
+            assert aware.cost <= shortest.cost
+            assert shortest.length <= aware.length * 1.01

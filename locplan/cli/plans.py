@@ -97,14 +97,9 @@ def plan(
     with computing(config, threads, scheduler, cache_dir) as compute:
         computed = compute(grid)
     costs = Costmap.from_field(grid, computed, weight=weight, robot_radius=robot_radius)
-    aware = planners.plan(costs, *ends, planner=planner, max_e=max_e, budget=budget, **options)
-    # Of the many shortest paths on a grid, the one that sees most: the comparison is fair.
-    shortest = planners.plan(costs.with_weight(1e-6), *ends, planner=planner, **options)
-    shortest = shortest.measured_on(costs)
-    if max_e is None and budget is None and aware.metrics and shortest.metrics:
-        # Any-angle paths are improved from two beginnings here; the better one counts.
-        aware = min(aware, shortest, key=lambda one: one.metrics.cost if one.metrics else 0.0)
-    plans = {"shortest": shortest, "localizability-aware": aware}
+    plans = planners.plan_beside_shortest(
+        costs, *ends, planner=planner, max_e=max_e, budget=budget, **options
+    )
     if output:
         reporting.write_plans(output, costs, computed, plans)
     print(

@@ -148,6 +148,29 @@ def plan(
     return dataclasses.replace(result, via=tuple(via), max_e=max_e, footprint=corners, **found)
 
 
+def plan_beside_shortest(
+    costs: Costmap,
+    start: Position,
+    goal: Position,
+    *,
+    max_e: float | None = None,
+    budget: float | None = None,
+    **request: Any,
+) -> dict[str, Plan]:
+    """The plan that is asked for, and the shortest one without its limits of e, by their names.
+
+    Both are measured on `costs`, and the first never costs more than the second unless it keeps
+    limits: any-angle paths are improved from two beginnings here, and the better one counts.
+    """
+    # Of the many shortest paths on a grid, the one that sees most: the comparison is fair.
+    shortest = plan(costs.with_weight(1e-6), start, goal, **request).measured_on(costs)
+    aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
+    free = max_e is None and budget is None
+    if free and aware.metrics and shortest.metrics and shortest.metrics.cost < aware.metrics.cost:
+        aware = shortest
+    return {"shortest": shortest, "localizability-aware": aware}
+
+
 def _solver(planner: str, options: dict[str, Any]) -> Solver:
     """The planner as a function of what it is to plan on, from stop to stop."""
     module = import_module(_MODULES[planner])
