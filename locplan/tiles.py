@@ -116,8 +116,7 @@ def finished_chunks(
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
     if not total:
         return
-    controls: list[NDArray[np.int64]] = []
-    running: dict[_Tile, tuple[Chunk, _Points]] = {}
+    running: dict[_Tile, tuple[Chunk, _Points, NDArray[np.int64]]] = {}
     done: SimpleQueue[_Tile] = SimpleQueue()
     pending: dict[Chunk, int] = {}
     waiting = _tiles(missing, pending, config, grid.resolution)
@@ -125,19 +124,18 @@ def finished_chunks(
     try:
         while True:
             for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
-                task = _task(grid, config, points)
+                task, control = _task(grid, config, points), np.zeros(2, np.int64)
                 if executor is None:
-                    controls.append(np.zeros(2, np.int64))
-                    task["control"] = controls[-1]
+                    task["control"] = control
                 with _told_in_short(executor):
                     tile = pool.submit(compute, ENGINE, **task)
-                running[tile] = chunk, points
+                running[tile] = chunk, points, control
                 tile.add_done_callback(done.put)
             if not running:
                 break
             ready = _next(done)
             if ready:
-                chunk, points = running.pop(ready)
+                chunk, points, _ = running.pop(ready)
                 with _told_in_short(executor):
                     values = ready.result()
                 covariance[points] = rotated(values, yaw) if yaw else values
@@ -146,11 +144,10 @@ def finished_chunks(
                 if not pending[chunk]:
                     yield chunk
             if progress:
-                progress(sum(int(c[1]) for c in controls) if controls else finished, total)
+                progress(finished + sum(int(c[1]) for *_, c in running.values()), total)
     finally:
-        for tile in running:
+        for tile, (*_, control) in running.items():
             tile.cancel()
-        for control in controls:
             control[0] = 1
         if executor is None:
             pool.shutdown(cancel_futures=True)

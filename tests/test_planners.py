@@ -225,4 +225,4 @@ def test_the_plan_beside_the_shortest_costs_no_more(planner):
         if plans["shortest"].path:
             shortest, aware = (one.metrics for one in plans.values())
             assert aware.cost <= shortest.cost
-            assert shortest.length <= aware.length * 1.01
+            assert shortest.length <= aware.length

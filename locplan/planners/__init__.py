@@ -159,15 +159,18 @@ def plan_beside_shortest(
 ) -> dict[str, Plan]:
     """The plan that is asked for, and the shortest one without its limits of e, by their names.
 
-    Both are measured on `costs`, and the first never costs more than the second unless it keeps
-    limits: any-angle paths are improved from two beginnings here, and the better one counts.
+    Both are measured on `costs`. Any-angle paths are improved from two beginnings here: unless
+    there are limits, the shorter of the two is the shortest, and the cheaper the other.
     """
     # Of the many shortest paths on a grid, the one that sees most: the comparison is fair.
     shortest = plan(costs.with_weight(1e-6), start, goal, **request).measured_on(costs)
     aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
-    free = max_e is None and budget is None
-    if free and aware.metrics and shortest.metrics and shortest.metrics.cost < aware.metrics.cost:
-        aware = shortest
+    both = [one for one in (shortest, aware) if one.metrics]
+    if max_e is None and budget is None and len(both) == 2:
+        shortest, aware = (
+            min(both, key=lambda one: getattr(one.metrics, measure))
+            for measure in ("length", "cost")
+        )
     return {"shortest": shortest, "localizability-aware": aware}
 
 

@@ -34,10 +34,6 @@ class Problem:
     """
 
     costs: Costmap
-    start: tuple[float, float]
-    """World position [m]."""
-    goal: tuple[float, float]
-    """World position [m]."""
     length_half: NDArray[np.float64]
     """Half the first cost's density: lengths."""
     half: NDArray[np.float64]
@@ -90,8 +86,6 @@ class Problem:
             ends_integral += apart * float(layer[cell])
         return cls(
             costs=costs,
-            start=start,
-            goal=goal,
             length_half=bordered_half(np.where(free, float(SCALE), np.inf), 1),
             half=bordered_half(np.where(free, whole, np.inf), 1),
             source=bordered_index(costs, start, "start"),
@@ -117,11 +111,11 @@ class Problem:
         half = (length or TIE) * self.length_half
         if integral:
             half = half + integral * self.half
-        rules = self.columns, self.target, self.allow_corner_cutting
-        cost = shortest_costs(half, rules[0], rules[1], -1, rules[2])
+        cutting = self.allow_corner_cutting
+        cost = shortest_costs(half, self.columns, self.target, -1, cutting)
         if not np.isfinite(cost[self.source]):
             return cost, None
-        flat = trace(half, self.columns, cost, self.source, self.allow_corner_cutting)
+        flat = trace(half, self.columns, cost, self.source, cutting)
         # Whole units, so that without the ties, too, no path costs less.
         return (cost * (1 - 1e-14) if length else np.floor(cost)), flat[::-1]
 
