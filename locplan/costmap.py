@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
@@ -173,7 +174,7 @@ class Costmap:
         density = _blocked(self.density, self.grid, robot_radius)
         return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
 
-    def cell_of(self, xy: tuple[float, float], role: str = "position") -> tuple[int, int]:
+    def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
         """The cell at a world position [m] where the robot can stand.
 
         Raises
@@ -240,7 +241,7 @@ def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDAr
     return np.where(grid.clearance < robot_radius - 1e-9, np.inf, density)
 
 
-def _pair(xy: tuple[float, float], role: str) -> tuple[float, float]:
+def _pair(xy: Sequence[float], role: str) -> tuple[float, float]:
     try:
         x, y = (float(v) for v in xy)
     except (TypeError, ValueError):

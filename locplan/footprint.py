@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,40 +66,49 @@ class Footprint:
         return float((across / np.hypot(*edges.T)).min())
 
     def first_collision(self, grid: OccupancyGrid, path: Path) -> tuple[float, float] | None:
-        """Where along a path, driven forward, the outline first meets an occupied cell, or None.
+        """Where along a path the outline first meets an occupied cell, or None.
 
-        The robot heads along each line of the path and turns on the spot, the shorter way, where
-        two lines meet. Exact for the lines; turns are checked a hair too strictly.
+        A path without headings is driven forward: the robot heads along each line and turns on
+        the spot, the shorter way, where two lines meet. Exact for lines; turns are checked a hair
+        too strictly.
 
         Returns
         -------
         (x, y) or None
             The position where the line or the turn begins that fails [m].
         """
-        positions = np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1]  # (col, row)
         outline = self.vertices / grid.resolution
         occupied = grid.cells == OCCUPIED
-        steps = np.diff(positions, axis=0)
-        steps = steps[np.hypot(*steps.T) > 0]
-        headings = np.arctan2(steps[:, 1], steps[:, 0])
-        previous, at = None, 0
-        for xy, to in itertools.pairwise(positions):
-            if np.array_equal(xy, to):
-                continue
-            heading, at = headings[at], at + 1
-            if previous is not None:
-                turn = (heading - previous + math.pi) % (2 * math.pi) - math.pi
-                count = math.ceil(abs(turn) / TURN)
-                grown = outline / math.cos(turn / max(count, 1) / 2)
-                for share in np.arange(count) / max(count, 1):
-                    angle = previous + turn * (share + 0.5 / count)
-                    if _meets(occupied, xy + _turned(grown, angle)):
-                        return _world(grid, xy)
-            body = _turned(outline, heading)
-            if _meets(occupied, _hull(np.vstack([xy + body, to + body]))):
-                return _world(grid, xy)
-            previous = heading
+        for xy, to, heading, turn in _moves(grid, path):
+            count = max(1, math.ceil(abs(turn) / TURN))
+            grown = outline / math.cos(turn / count / 2)
+            for part in range(count):
+                body = _turned(grown, heading + turn * (part + 0.5) / count)
+                here, there = (xy + (to - xy) * share / count for share in (part, part + 1))
+                if _meets(occupied, _hull(np.vstack([here + body, there + body]))):
+                    return _world(grid, xy)
         return None
+
+
+def _moves(grid: OccupancyGrid, path: Path) -> Iterator[tuple[NDArray, NDArray, float, float]]:
+    """From where to where (col, row), the heading at first, and the turn meanwhile [rad]."""
+    positions = np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1]
+    if path.heading is not None:
+        headings = path.heading - grid.origin[2]
+        for (xy, to), (heading, after) in zip(
+            itertools.pairwise(positions), itertools.pairwise(headings), strict=True
+        ):
+            yield xy, to, heading, math.remainder(after - heading, 2 * math.pi)
+        return
+    previous = None
+    for xy, to in itertools.pairwise(positions):
+        if np.array_equal(xy, to):
+            continue
+        heading = math.atan2(to[1] - xy[1], to[0] - xy[0])
+        if previous is not None:
+            yield xy, xy, previous, math.remainder(heading - previous, 2 * math.pi)
+        yield xy, to, heading, 0.0
+        previous = heading
 
 
 def _corners(vertices: ArrayLike) -> NDArray[np.float64]:

@@ -1,7 +1,8 @@
-"""A path in the plane: its positions, how long it is, and positions at equal distances."""
+"""A path in the plane: its poses, how long it is, and positions at equal distances."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +20,8 @@ class Path:
     ----------
     xy : (n, 2) array of float64
         World positions from start to goal [m], n >= 1. Copied, and read-only afterwards.
+    heading : (n,) array of float64, optional
+        Where the robot faces there, counter-clockwise from the x axis [rad].
 
     Examples
     --------
@@ -30,6 +33,7 @@ class Path:
     """
 
     xy: NDArray[np.float64]
+    heading: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -40,6 +44,14 @@ class Path:
             raise LocplanError(f"a path needs an (n, 2) array of finite metres, not {xy.shape}")
         xy.setflags(write=False)
         object.__setattr__(self, "xy", xy)
+        if self.heading is not None:
+            heading = np.array(self.heading, dtype=np.float64)
+            if heading.shape != (len(xy),) or not np.isfinite(heading).all():
+                raise LocplanError(
+                    f"headings must be {len(xy)} finite angles [rad], one a position"
+                )
+            heading.setflags(write=False)
+            object.__setattr__(self, "heading", heading)
 
     @cached_property
     def distance(self) -> NDArray[np.float64]:
@@ -58,4 +70,16 @@ class Path:
             raise LocplanError(f"spacing must be positive metres, not {spacing}")
         count = max(1, int(np.ceil(self.length / spacing - 1e-9)))
         at = np.linspace(0.0, self.length, count + 1)
-        return Path(np.stack([np.interp(at, self.distance, v) for v in self.xy.T], axis=1))
+        xy = np.stack([np.interp(at, self.distance, v) for v in self.xy.T], axis=1)
+        if self.heading is None:
+            return Path(xy)
+        return Path(xy, np.interp(at, self.distance, np.unwrap(self.heading)))
+
+
+def joined(paths: Sequence[Path]) -> Path:
+    """Paths one after the other, each beginning where the one before ends."""
+    xy = np.vstack([paths[0].xy, *(path.xy[1:] for path in paths[1:])])
+    headings = [path.heading for path in paths if path.heading is not None]
+    if len(headings) < len(paths):
+        return Path(xy)
+    return Path(xy, np.concatenate([headings[0], *(heading[1:] for heading in headings[1:])]))

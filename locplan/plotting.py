@@ -6,7 +6,7 @@ The functions that begin with ``draw_`` draw on given Axes; the others make a wh
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -122,7 +122,9 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     for plan in plans.values():
         draw_ends(upper, plan.start, plan.goal)
         if plan.via:
-            upper.plot(*np.transpose(plan.via), "s", markersize=6, zorder=4, **END_STYLE)
+            upper.plot(
+                *np.transpose([xy[:2] for xy in plan.via]), "s", markersize=6, zorder=4, **END_STYLE
+            )
     handles += [
         Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
         Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
@@ -190,6 +192,28 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     return figure
 
 
+def history_figure(plans: Mapping[str, Plan]) -> Figure:
+    """The best J of sampling planners over the time since they began.
+
+    Parameters
+    ----------
+    plans : mapping of str to Plan
+        At most four that have a history, by the name to show.
+    """
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots()
+    told = {label: plan for label, plan in plans.items() if plan.history}
+    for (label, plan), style in zip(told.items(), PATH_STYLES, strict=False):
+        seconds, cost = np.transpose(plan.history)
+        name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
+        axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
+    axes.set(
+        xscale="log", xlabel="time since the search began [s]", ylabel="best cost J so far [m]"
+    )
+    axes.legend(frameon=False)
+    return figure
+
+
 def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     """The occupancy grid in world coordinates: walls black, unknown space grey, free white."""
     shades = np.zeros(grid.shape, np.uint8)
@@ -217,10 +241,15 @@ def draw_path(axes: Axes, path: Path, **style: Any) -> None:
     axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": _outline(), **style})
 
 
-def draw_ends(axes: Axes, start: tuple[float, float], goal: tuple[float, float]) -> None:
-    """Start (circle) and goal (star)."""
-    axes.plot(*start, "o", markersize=7, zorder=4, **END_STYLE)
-    axes.plot(*goal, "*", markersize=13, zorder=4, **END_STYLE)
+def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
+    """Start (circle) and goal (star), each with an arrow if it has a heading."""
+    axes.plot(*start[:2], "o", markersize=7, zorder=4, **END_STYLE)
+    axes.plot(*goal[:2], "*", markersize=13, zorder=4, **END_STYLE)
+    for x, y, *heading in (start, goal):
+        if heading:
+            ahead = 22 * np.cos(heading[0]), 22 * np.sin(heading[0])  # in points, at any scale
+            arrow = {"arrowstyle": "<|-", "color": "black", "linewidth": 1.5, "shrinkA": 0}
+            axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow)
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:

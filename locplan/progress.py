@@ -13,7 +13,7 @@ ProgressCallback = Callable[[int, int], None]
 
 @contextmanager
 def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[ProgressCallback]:
-    """A bar on standard error with the rate and the time left.
+    """A bar on standard error with the rate, unless there is no unit for it, and the time left.
 
     It appears once the work has taken `patience` seconds, also before anything is done (the
     first run of all compiles the kernels), and vanishes when the work ends. Where standard error
@@ -51,7 +51,8 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
             bar.reset(task, total=total, completed=done, rate="")
         elif first is not None and now > first[0]:
             rate = (done - first[1]) / (now - first[0])
-            bar.update(task, completed=done, total=total, rate=f"{rate:,.0f} {unit}/s")
+            told = f"{rate:,.0f} {unit}/s" if unit else ""
+            bar.update(task, completed=done, total=total, rate=told)
 
     timer = threading.Timer(patience, bar.start)
     timer.daemon = True
@@ -63,3 +64,16 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
         timer.join()
         if bar.live.is_started:
             bar.stop()
+
+
+def in_turn(progress: ProgressCallback, runs: int) -> ProgressCallback:
+    """A callback for several runs, one after the other, that tells of all as of one."""
+    before = last = 0
+
+    def update(done: int, total: int) -> None:
+        nonlocal before, last
+        before += total if done < last else 0
+        last = done
+        progress(min(before + done, runs * total), runs * total)
+
+    return update

@@ -143,17 +143,26 @@ def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
             "footprint": plan.footprint,
             "bound": plan.bound,
             "feasible_from": plan.feasible_from,
+            "minimises": plan.minimises,
+            "history": plan.history,
             "note": plan.note,
             "metrics": _finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
             "xy": plan.path.xy.tolist() if plan.path else None,
+            "heading": _headings(plan),
         }
         for label, plan in plans.items()
     }
 
 
+def _headings(plan: Plan) -> list[float] | None:
+    if plan.path is None or plan.path.heading is None:
+        return None
+    return plan.path.heading.tolist()
+
+
 def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
     """The metrics of plans side by side; `e_unit` is `CovarianceField.e_unit`."""
-    rows = [["status", *(plan.status for plan in plans.values())]]
+    rows = [["status", *map(_status, plans.values())]]
     for label, name, unit, spec in _METRICS:
         unit = unit.replace("m² rad", e_unit)
         values = [getattr(plan.metrics, name, None) for plan in plans.values()]
@@ -163,10 +172,17 @@ def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
     return "\n".join([_table(["", *plans], rows), *notes])
 
 
+def _status(plan: Plan) -> str:
+    return plan.status if plan.minimises else f"{plan.status}, any path"
+
+
 def write_plans(
     folder: Path, costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]
 ) -> None:
     """Write plan.json, plan.png, and a CSV of positions [m] for each plan that has a path.
+
+    Where the robot's heading matters the CSV holds that, too [rad]. Where a planner improved its
+    path there is history.png with its best J over time.
 
     Raises
     ------
@@ -177,7 +193,10 @@ def write_plans(
 
     make_folder(folder)
     for label, plan in plans.items():
-        if plan.path:
+        if plan.path and plan.path.heading is not None:
+            poses = np.column_stack([plan.path.xy, plan.path.heading])
+            _write_csv(folder / f"{label}.csv", poses, "x_m,y_m,heading_rad")
+        elif plan.path:
             _write_csv(folder / f"{label}.csv", plan.path.xy, "x_m,y_m")
         else:
             (folder / f"{label}.csv").unlink(missing_ok=True)
@@ -192,6 +211,10 @@ def write_plans(
     with replacing(folder / "plan.json") as temporary:
         temporary.write_text(json.dumps(about, indent=2) + "\n")
     plotting.save_figure(plotting.plan_figure(costs, field, plans), folder / "plan.png")
+    if any(len(plan.history) > 1 for plan in plans.values()):
+        plotting.save_figure(plotting.history_figure(plans), folder / "history.png")
+    else:
+        (folder / "history.png").unlink(missing_ok=True)
 
 
 def front_summary(front: ParetoFront) -> dict[str, Any]:

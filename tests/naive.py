@@ -289,3 +289,40 @@ def pareto_front(layer, free, start, goal, corner_cutting):
             known.append(new)
             queue.append((there, new))
     return sorted(labels.get(goal, []))
+
+
+def motion_cost(density, turns, lengths, radius, start, step=1e-4):
+    """Integral along the pieces of a curve from (x, y, heading) in tiny steps; inf if blocked."""
+    x, y, heading = start
+    total = 0.0
+    for turn, length in zip(turns, lengths, strict=True):
+        count = math.ceil(abs(length) / step)
+        for _ in range(count):
+            ds = length / count
+            half_turn = turn * ds / radius / 2
+            x_mid = x + ds / 2 * math.cos(heading + half_turn / 2)
+            y_mid = y + ds / 2 * math.sin(heading + half_turn / 2)
+            row, col = math.floor(y_mid), math.floor(x_mid)
+            inside = 0 <= row < density.shape[0] and 0 <= col < density.shape[1]
+            if not inside or math.isinf(density[row, col]):
+                return math.inf
+            total += density[row, col] * abs(ds)
+            x += ds * math.cos(heading + half_turn)
+            y += ds * math.sin(heading + half_turn)
+            heading += 2 * half_turn
+    return total
+
+
+def arc_crossings(center_x, center_y, radius, low, high, count=200_000):
+    """How often an arc crosses a border between cells, and about where, in tiny steps."""
+    angles, cell = [], None
+    for n in range(count):
+        angle = low + (high - low) * (n + 0.5) / count
+        here = (
+            math.floor(center_y + radius * math.sin(angle)),
+            math.floor(center_x + radius * math.cos(angle)),
+        )
+        if cell is not None and here != cell:
+            angles += [angle] * (abs(here[0] - cell[0]) + abs(here[1] - cell[1]))
+        cell = here
+    return angles

@@ -1,4 +1,5 @@
 import json
+import math
 import re
 import subprocess
 import sys
@@ -135,7 +136,8 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
         ("3.7,0.7", "lies in unknown space; the nearest free position is"),
         ("0.75,2", "closer than the robot's radius"),
         ("1;2", "must be X,Y in metres"),
-        ("1,2,3", "must be X,Y in metres"),
+        ("1,2,3", "no heading"),
+        ("1,2,3,4", "must be X,Y in metres"),
         ("nan,2", "finite"),
     ],
 )
@@ -333,3 +335,52 @@ def test_pareto_prints_the_front_and_writes_it(run, room, tmp_path):
 def test_wrong_options_of_pareto_are_refused(run, room, arguments, told):
     ends = ("--start", "1,2") + (() if "--goal" in arguments else ("--goal", "4,3.5"))
     assert told in refused(run("pareto", room, *ends, *arguments))
+
+
+def test_ompls_planners_are_at_hand(run, room, tmp_path):
+    folder = tmp_path / "out"
+    ends = "--start", "1,1,90", "--goal", "4,3.5,0"
+    options = "--space", "Dubins", "--turning-radius", "0.3", "--iterations", "400"
+    code, out, _ = run(
+        "plan", room, *ends, *options, "--planner", "RRTstar", "--setting", "range=1.5",
+        "--robot-radius", "0.1", "-o", folder,
+    )  # fmt: skip
+    assert code == 0
+    assert "solved" in out
+    assert (folder / "history.png").is_file()
+    poses = np.loadtxt(folder / "localizability-aware.csv", delimiter=",", skiprows=1)
+    assert poses[0] == pytest.approx([1, 1, math.pi / 2], abs=1e-5)
+    assert poses[-1] == pytest.approx([4, 3.5, 0], abs=1e-5)
+    about = json.loads((folder / "plan.json").read_text())["plans"]["localizability-aware"]
+    assert about["planner"] == "RRTstar"
+    assert len(about["heading"]) == len(about["xy"])
+    assert about["history"][-1][1] == pytest.approx(about["metrics"]["cost"])
+
+
+def test_planners_that_take_any_path_say_so(run, room):
+    ends = "--start", "1,1", "--goal", "4,3.5"
+    code, out, _ = run("plan", room, *ends, "--planner", "RRT", "--improve")
+    assert code == 0
+    assert "solved, any path" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--planner", "RRTstar", "--setting", "range"), "--setting must be NAME=VALUE"),
+        (("--planner", "RRTstar", "--setting", "rang=1"), "no setting 'rang'; it has:"),
+        (("--planner", "FMT", "--space", "Dubins", "--turning-radius", "1"), "cannot plan in"),
+        (("--planner", "RRTstar", "--space", "SE2"), "start must be x, y and a heading"),
+        (("--planner", "grid", "--time-limit", "1"), "no option 'time_limit'"),
+        (("--space", "Dubins"), "no option 'space'"),
+    ],
+)
+def test_what_ompls_planners_cannot_do_is_one_line(run, room, options, message):
+    assert message in refused(run("plan", room, "--start", "1,1", "--goal", "4,3.5", *options))
+
+
+def test_the_help_names_all_planners(run):
+    from locplan.planners import names
+
+    _, out, _ = run("plan", "--help")
+    assert all(name in out for name in names())

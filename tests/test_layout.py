@@ -8,8 +8,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "locplan"
 FLOORS = (
     {"errors", "_kernels.simd", "_kernels.search", "_kernels.rays"},
-    {"_kernels.bitplanes", "_kernels.any_angle", "_kernels.pareto"},
-    {"_kernels.templates"},
+    {"_kernels.bitplanes", "_kernels.any_angle", "_kernels.pareto", "_kernels.curves"},
+    {"_kernels.templates", "_kernels.motions"},
     {"_kernels.sad", "files", "progress", "covariance", "grid", "path", "config"},
     {"search_window", "lattice", "map_files", "drawing"},
     {"template_matching", "environments"},
@@ -19,11 +19,20 @@ FLOORS = (
     {"field", "cache"},
     {"store", "costmap", "cluster"},
     {"metrics", "footprint"},
-    {"planners.result"},
-    {"planners.grid"},
+    {"planners.result", "planners.motions"},
+    {"planners.grid", "planners.kinds"},
     {"planners.any_angle", "planners.cost_to_go", "planners.trade_offs"},
     {"planners.budget", "planners.pareto"},
-    {"planners.limits"},
+    {
+        "planners.limits",
+        "planners.sampling.logs",
+        "planners.sampling.settings",
+        "planners.sampling.setup",
+        "planners.sampling.stopping",
+    },
+    {"planners.sampling.leading", "planners.sampling.roadmap"},
+    {"planners.sampling.solver"},
+    {"planners.sampling"},
     {"planners"},
     {"plotting"},
     {"reporting"},
@@ -35,7 +44,10 @@ FLOORS = (
 FLOOR_OF = {name: number for number, floor in enumerate(FLOORS) for name in floor}
 ONLY_IN = {
     "matplotlib": {"plotting"},
-    "ompl": {"planners.sampling"},
+    "ompl": {
+        f"planners.sampling.{name}"
+        for name in ("leading", "logs", "roadmap", "settings", "setup", "solver")
+    },
     "yaml": {"map_files"},
     "typer": {"cli", "cli.options", "cli.fields", "cli.plans"},
     "zarr": {"field_files"},

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -85,14 +86,33 @@ def computing(
         yield compute
 
 
-def position(name: str, text: str) -> tuple[float, float]:
+def position(name: str, text: str) -> tuple[float, ...]:
+    """X,Y in metres, or X,Y,DEG: the heading in degrees becomes radians."""
     try:
-        x, y = (float(v) for v in text.split(","))
+        x, y, *heading = (float(v) for v in text.split(","))
+        degrees = (heading or [0.0])[0]
+        if len(heading) > 1:
+            raise ValueError
     except ValueError:
         raise LocplanError(
-            f"--{name} must be X,Y in metres, such as 2.0,3.5, not {text!r}"
+            f"--{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
+            f" not {text!r}"
         ) from None
-    return x, y
+    return (x, y, math.radians(degrees)) if heading else (x, y)
+
+
+def settings_of(texts: Sequence[str]) -> dict[str, Any]:
+    """OMPL's settings, such as range=2.0 or k_nearest=false."""
+    settings = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            settings[name] = json.loads(value)
+        except json.JSONDecodeError:
+            raise LocplanError(
+                f"--setting must be NAME=VALUE, such as range=2.0, not {text!r}"
+            ) from None
+    return settings
 
 
 def outline_of(text: str | None) -> Footprint | None:

@@ -24,13 +24,18 @@ from locplan.cli.options import (
     outline_of,
     position,
     say_written,
+    settings_of,
     to_json,
 )
 
 app = typer.Typer(**STYLE)
 
-Start = Annotated[str, typer.Option(metavar="X,Y", help="Start [m].")]
-Goal = Annotated[str, typer.Option(metavar="X,Y", help="Goal [m].")]
+Start = Annotated[str, typer.Option(metavar="X,Y[,DEG]", help="Start [m], and heading.")]
+Goal = Annotated[str, typer.Option(metavar="X,Y[,DEG]", help="Goal [m], and heading.")]
+PLANNERS = (
+    "any-angle (default) | grid | OMPL's RRTstar | InformedRRTstar | SORRTstar | BITstar | FMT |"
+    " BFMT | PRM | PRMstar | RRT | RRTConnect | KPIECE1 | BKPIECE1 | LBKPIECE1"
+)
 
 
 @app.command()
@@ -56,10 +61,30 @@ def plan(
     footprint: Annotated[
         str | None, typer.Option(metavar="[[X,Y],...]", help="Robot's outline [m], x forward.")
     ] = None,
-    planner: Annotated[
-        str | None, typer.Option(help="any-angle | grid; with a budget always grid.")
-    ] = None,
+    planner: Annotated[str | None, typer.Option(help=PLANNERS)] = None,
     accuracy: Annotated[str, typer.Option(help="Of any-angle: normal | high.")] = "normal",
+    space: Annotated[str, typer.Option(help="Of OMPL's: R2 | SE2 | Dubins | ReedsShepp.")] = "R2",
+    turning_radius: Annotated[
+        float | None, typer.Option(help="Of Dubins and ReedsShepp [m].")
+    ] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Of OMPL's [s]; 5 by default.")] = None,
+    iterations: Annotated[
+        int | None, typer.Option(help="Of OMPL's: with a seed, the same path again.")
+    ] = None,
+    convergence: Annotated[
+        float | None, typer.Option(help="Of OMPL's: stop once J hardly falls, such as 0.001.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of OMPL's random numbers.")] = 1,
+    from_grid: Annotated[
+        bool, typer.Option("--from-grid", help="Of OMPL's: begin with the grid planner's path.")
+    ] = False,
+    improve: Annotated[
+        bool, typer.Option("--improve", help="Of OMPL's: straighten the path at last.")
+    ] = False,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="OMPL's own, such as range=2.0; repeatable."),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder for the paths (CSV), plan.json and plan.png."),
@@ -77,6 +102,8 @@ def plan(
     from locplan import planners, reporting
     from locplan.costmap import Costmap, check_weight
     from locplan.files import make_folder
+    from locplan.planners.kinds import KINDS
+    from locplan.progress import in_turn, progress_bar
 
     ends = position("start", start), position("goal", goal)
     stops = [position("via", xy) for xy in via or ()]
@@ -84,22 +111,37 @@ def plan(
     if robot_radius is None:
         robot_radius = outline.inscribed_radius if outline else 0.25
     planner = planner or ("grid" if budget is not None else "any-angle")
-    options: dict[str, Any] = {"accuracy": accuracy} if accuracy != "normal" else {}
-    options |= {"via": stops} if stops else {}
-    options |= {"footprint": outline} if outline else {}
+    given: dict[str, tuple[Any, Any]] = {
+        "accuracy": (accuracy, "normal"),
+        "space": (space, "R2"),
+        "turning_radius": (turning_radius, None),
+        "time_limit": (time_limit, None),
+        "iterations": (iterations, None),
+        "convergence": (convergence, None),
+        "seed": (seed, 1),
+        "from_grid": (from_grid, False),
+        "improve": (improve, False),
+        "settings": (settings_of(setting or ()), {}),
+        "via": (stops, []),
+        "footprint": (outline, None),
+    }
+    options = {name: value for name, (value, usual) in given.items() if value != usual}
     grid = load(map_file)
     config = config_of(preset, sensor_range, template, stride)
     planners.check_request(planner, max_e=max_e, budget=budget, **options)
-    planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends, stops)
+    planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends, stops, space=space)
     check_weight(weight)
     if output:
         make_folder(output)
     with computing(config, threads, scheduler, cache_dir) as compute:
         computed = compute(grid)
     costs = Costmap.from_field(grid, computed, weight=weight, robot_radius=robot_radius)
-    plans = planners.plan_beside_shortest(
-        costs, *ends, planner=planner, max_e=max_e, budget=budget, **options
-    )
+    with progress_bar(planner, "iterations" if iterations else "") as progress:
+        if planner in KINDS:
+            options["progress"] = in_turn(progress, 2 * (len(stops) + 1))
+        plans = planners.plan_beside_shortest(
+            costs, *ends, planner=planner, max_e=max_e, budget=budget, **options
+        )
     if output:
         reporting.write_plans(output, costs, computed, plans)
     print(

@@ -15,11 +15,17 @@ from numpy.typing import ArrayLike
 from locplan.costmap import Costmap
 from locplan.errors import ConfigError
 from locplan.footprint import Footprint
-from locplan.path import Path
+from locplan.path import joined
 from locplan.planners import limits
+from locplan.planners.kinds import KINDS
+from locplan.planners.motions import check_pose
 from locplan.planners.result import Plan, Position, Solver, finished
 
-_MODULES = {"grid": "locplan.planners.grid", "any-angle": "locplan.planners.any_angle"}
+_MODULES = {
+    "grid": "locplan.planners.grid",
+    "any-angle": "locplan.planners.any_angle",
+    **dict.fromkeys(KINDS, "locplan.planners.sampling"),
+}
 """Where each planner's `solve` is; imported when first used."""
 
 
@@ -48,17 +54,27 @@ def check_request(
             if name not in known:
                 told = ", ".join(known) or "none"
                 raise ConfigError(f"planner {planner!r} has no option {name!r}; it has: {told}")
-        module.check_options(**options)
+        module.check_options(**_named(planner), **options)
 
 
 def check_ends(
-    costs: Costmap, start: Position, goal: Position, via: Sequence[Position] = ()
-) -> None:
-    """Raise a PoseError, with the nearest free position, unless the robot can stand at all."""
-    costs.cell_of(start, "start")
-    for number, xy in enumerate(via, 1):
-        costs.cell_of(xy, f"waypoint {number}")
-    costs.cell_of(goal, "goal")
+    costs: Costmap,
+    start: Position,
+    goal: Position,
+    via: Sequence[Position] = (),
+    *,
+    space: str = "R2",
+) -> list[Position]:
+    """Start, waypoints and goal as numbers, if the robot can stand at all of them.
+
+    Raises
+    ------
+    PoseError
+        If it cannot, with the nearest free position, or a heading is missing or of no use.
+    """
+    named = [(start, "start"), *((xy, f"waypoint {n}") for n, xy in enumerate(via, 1))]
+    headed = space != "R2"
+    return [check_pose(costs, pose, role, headed=headed) for pose, role in [*named, (goal, "goal")]]
 
 
 def plan(
@@ -79,11 +95,11 @@ def plan(
     ----------
     costs : Costmap
         What travel costs.
-    start, goal : (x, y)
-        World positions [m].
+    start, goal : (x, y) or (x, y, heading)
+        World positions [m]; with a heading [rad] where the planner's `space` has one.
     planner : str
         One of `names`.
-    via : sequence of (x, y)
+    via : sequence of (x, y) or (x, y, heading)
         World positions to visit on the way, in this order [m].
     max_e : float, optional
         Never enter a cell whose e is above this [m^2 rad].
@@ -102,12 +118,12 @@ def plan(
     -------
     Plan
         With status "unreachable" if no path joins start and goal, "infeasible" if none does
-        within the limits.
+        within the limits, "timeout" if none was found in time.
 
     Raises
     ------
     PoseError
-        If start, goal or a waypoint lies outside the map or in a blocked cell.
+        If start, goal or a waypoint lies outside the map or in a blocked cell, or lacks a heading.
     ConfigError
         If the planner or an option is unknown, or a limit is out of its range.
 
@@ -122,19 +138,18 @@ def plan(
     >>> round(result.metrics.cost, 3)
     3.828
     """
-    via = [(float(x), float(y)) for x, y in via]
     outline = None
     if footprint is not None:
         outline = (
             footprint if isinstance(footprint, Footprint) else Footprint(np.asarray(footprint))
         )
     check_request(planner, via=via, max_e=max_e, budget=budget, footprint=outline, **options)
-    check_ends(costs, start, goal, via)
+    stops = check_ends(costs, start, goal, via, space=options.get("space", "R2"))
+    start, *via, goal = stops
     if budget is not None:
         result = limits.within_budget(costs, start, goal, budget, options)
         return dataclasses.replace(result, budget=float(budget))
     solver = _solver(planner, options)
-    stops = [start, *via, goal]
     if outline is not None:
         solver = limits.clear_of_walls(solver, outline)
     if max_e is not None:
@@ -145,7 +160,11 @@ def plan(
     elapsed = time.perf_counter() - started
     result = finished(planner, costs, start, goal, found.pop("path", None), elapsed)
     corners = None if outline is None else tuple((x, y) for x, y in outline.vertices.tolist())
-    return dataclasses.replace(result, via=tuple(via), max_e=max_e, footprint=corners, **found)
+    minimises = planner not in KINDS or KINDS[planner].minimises
+    asked = dataclasses.replace(
+        result, via=tuple(via), max_e=max_e, footprint=corners, minimises=minimises
+    )
+    return dataclasses.replace(asked, **found)
 
 
 def plan_beside_shortest(
@@ -160,13 +179,15 @@ def plan_beside_shortest(
     """The plan that is asked for, and the shortest one without its limits of e, by their names.
 
     Both are measured on `costs`. Any-angle paths are improved from two beginnings here: unless
-    there are limits, the shorter of the two is the shortest, and the cheaper the other.
+    there are limits, the shorter of the two is the shortest, and the cheaper the other. What a
+    sampling planner found is not exchanged.
     """
     # Of the many shortest paths on a grid, the one that sees most: the comparison is fair.
     shortest = plan(costs.with_weight(1e-6), start, goal, **request).measured_on(costs)
     aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
     both = [one for one in (shortest, aware) if one.metrics]
-    if max_e is None and budget is None and len(both) == 2:
+    exchanged = max_e is None and budget is None and request.get("planner") not in KINDS
+    if exchanged and len(both) == 2:
         shortest, aware = (
             min(both, key=lambda one: getattr(one.metrics, measure))
             for measure in ("length", "cost")
@@ -177,17 +198,28 @@ def plan_beside_shortest(
 def _solver(planner: str, options: dict[str, Any]) -> Solver:
     """The planner as a function of what it is to plan on, from stop to stop."""
     module = import_module(_MODULES[planner])
-    solve = module.solve
+    options = _named(planner) | options
     module.prepare(**options)
 
     def over_all(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
         legs = []
         for number, (start, goal) in enumerate(itertools.pairwise(stops), 1):
-            leg = solve(costs, start, goal, **options)
-            if leg is None:
-                last = number == len(stops) - 1
-                return {} if last else {"note": f"no path leads to waypoint {number}"}
-            legs.append(leg.xy if number == 1 else leg.xy[1:])
-        return {"path": Path(np.vstack(legs))}
+            found = module.solve(costs, start, goal, **options)
+            if not isinstance(found, dict):
+                found = {} if found is None else {"path": found}
+            if "path" not in found:
+                if number < len(stops) - 1:
+                    because = f": {found['note']}" if "note" in found else ""
+                    found["note"] = f"no path leads to waypoint {number}{because}"
+                return found
+            legs.append(found["path"])
+        if len(legs) == 1:
+            return found
+        return {"path": joined(legs)}
 
     return over_all
+
+
+def _named(planner: str) -> dict[str, Any]:
+    """What the module of several planners has to be told."""
+    return {"planner": planner} if planner in KINDS else {}

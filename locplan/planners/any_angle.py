@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, Literal
 
@@ -40,8 +41,8 @@ SWEEPS = 20
 
 def solve(
     costs: Costmap,
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Sequence[float],
+    goal: Sequence[float],
     *,
     accuracy: Literal["normal", "high"] = "normal",
     allow_corner_cutting: bool = False,
@@ -62,8 +63,6 @@ def solve(
     allow_corner_cutting : bool
         Whether a line may pass the corner of a blocked cell.
     """
-    from locplan._kernels.search import bordered_half
-
     cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
     if cells is None:
         return None
@@ -71,14 +70,19 @@ def solve(
     if accuracy == "high":
         wider = _cells_of_32_moves(costs, start, goal, allow_corner_cutting)
         cells = cells if wider is None else wider
-    first, last = (np.array(costs.grid.world_to_grid(*xy)).T for xy in (start, goal))
-    positions = np.vstack([first, cells + 0.5, last])
-    half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
-    positions = improved(half, columns, positions + 1, allow_corner_cutting) - 1
-    xy = np.column_stack(costs.grid.grid_to_world(*positions.T))
-    straight = distinct(costs, np.vstack([start, xy[1:-1], goal]))
+    ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
+    positions = np.vstack([ends[:1], cells + 0.5, ends[1:]])
+    straight = _improved(costs, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall: then the grid's path is better.
     return min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost)
+
+
+def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
+    """A path with the same ends, straightened and shifted until it costs least; never more."""
+    start, goal = (tuple(map(float, path.xy[end])) for end in (0, -1))
+    positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
+    straight = _improved(costs, positions, start, goal, allow_corner_cutting)
+    return min(straight, path, key=lambda path: path_metrics(costs, path).cost)
 
 
 def check_options(*, accuracy: str = "normal", allow_corner_cutting: bool = False) -> None:
@@ -94,6 +98,22 @@ def prepare(**options: Any) -> None:
     prepare_grid()
     costs = Costmap.blank(OccupancyGrid(np.full((3, 9), FREE), 1.0))
     solve(costs, (0.5, 0.5), (8.5, 1.5), **options)
+
+
+def _improved(
+    costs: Costmap,
+    positions: NDArray[np.float64],
+    start: Sequence[float],
+    goal: Sequence[float],
+    allow_corner_cutting: bool,
+) -> Path:
+    """The path through positions (n, 2), continuous (row, col), improved; its ends are exact."""
+    from locplan._kernels.search import bordered_half
+
+    half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
+    positions = improved(half, columns, positions + 1, allow_corner_cutting) - 1
+    xy = np.column_stack(costs.grid.grid_to_world(*positions.T))
+    return distinct(costs, np.vstack([start, xy[1:-1], goal]))
 
 
 def improved(
@@ -113,14 +133,14 @@ def improved(
         if LOOKAHEAD * spacing >= length:
             break
         spacing *= COARSER
-        positions = _subdivided(positions, spacing)
-    positions = _subdivided(positions, SHIFT_SPACING)
+        positions = subdivided(positions, spacing)
+    positions = subdivided(positions, SHIFT_SPACING)
     for step in SHIFTS:
         positions = shift(half, columns, positions, step, SWEEPS, allow_corner_cutting)
     return positions[shortcut(half, columns, positions, LOOKAHEAD // 2, allow_corner_cutting)]
 
 
-def _subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+def subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """The same line with positions at most `spacing` apart."""
     steps = np.diff(positions, axis=0)
     counts = np.maximum(1, np.ceil(np.hypot(*steps.T) / spacing)).astype(int)
@@ -132,8 +152,8 @@ def _subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.fl
 
 def _cells_of_32_moves(
     costs: Costmap,
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Sequence[float],
+    goal: Sequence[float],
     allow_corner_cutting: bool,
 ) -> NDArray[np.int64] | None:
     """None, too, where costs are too far apart for buckets."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 
@@ -30,8 +31,8 @@ class WithinBudget:
 
 def shortest_within(
     costs: Costmap,
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Sequence[float],
+    goal: Sequence[float],
     budget: float,
     *,
     objective: str = "u",

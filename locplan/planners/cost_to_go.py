@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ class CostToGo:
 
     costs: Costmap
     """What travel costs."""
-    goal: tuple[float, float]
+    goal: Sequence[float]
     """World position [m]."""
     cost: NDArray[np.float64]
     """From each cell's centre to the goal's cell, (H, W) [m]; infinite if there is no path."""
@@ -29,7 +30,7 @@ class CostToGo:
     _bordered: NDArray[np.float64]
     _half: NDArray[np.float64]
 
-    def cells(self, start: tuple[float, float]) -> NDArray[np.int64] | None:
+    def cells(self, start: Sequence[float]) -> NDArray[np.int64] | None:
         """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none.
 
         Raises
@@ -46,12 +47,12 @@ class CostToGo:
         flat = trace(self._half, columns, self._bordered, source, self.allow_corner_cutting)
         return cells_of(flat[::-1], columns)
 
-    def path(self, start: tuple[float, float]) -> Path | None:
+    def path(self, start: Sequence[float]) -> Path | None:
         """The path of least cost over the cells' centres, or None if there is none."""
         cells = self.cells(start)
         return None if cells is None else through_centres(self.costs, cells, start, self.goal)
 
-    def plan(self, start: tuple[float, float]) -> Plan:
+    def plan(self, start: Sequence[float]) -> Plan:
         """The same path, measured, as `locplan.plan` with the grid planner gives it."""
         began = time.perf_counter()
         cells = self.cells(start)
@@ -62,7 +63,7 @@ class CostToGo:
 
 
 def plan_field(
-    costs: Costmap, goal: tuple[float, float], *, allow_corner_cutting: bool = False
+    costs: Costmap, goal: Sequence[float], *, allow_corner_cutting: bool = False
 ) -> CostToGo:
     """Search from the goal once; then paths from any start take microseconds.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,8 @@ from locplan.path import Path
 
 def solve(
     costs: Costmap,
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Sequence[float],
+    goal: Sequence[float],
     *,
     allow_corner_cutting: bool = False,
 ) -> Path | None:
@@ -47,8 +48,8 @@ def prepare(**_: Any) -> None:
 
 def cheapest_cells(
     costs: Costmap,
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Sequence[float],
+    goal: Sequence[float],
     allow_corner_cutting: bool,
 ) -> NDArray[np.int64] | None:
     """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none."""
@@ -64,7 +65,7 @@ def cheapest_cells(
     return cells_of(trace(half, columns, cost, target, allow_corner_cutting), columns)
 
 
-def bordered_index(costs: Costmap, xy: tuple[float, float], role: str, border: int = 1) -> int:
+def bordered_index(costs: Costmap, xy: Sequence[float], role: str, border: int = 1) -> int:
     """The flat index, in a grid with a border, of the cell at a world position [m]."""
     row, col = costs.cell_of(xy, role)
     return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
@@ -78,8 +79,8 @@ def cells_of(flat: NDArray[np.int64], columns: int, border: int = 1) -> NDArray[
 def through_centres(
     costs: Costmap,
     cells: NDArray[np.int64],
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Sequence[float],
+    goal: Sequence[float],
     *,
     trim: bool = False,
 ) -> Path:

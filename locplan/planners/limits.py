@@ -55,7 +55,7 @@ def least_max_e(
     if not _free(costs, stops):
         return None
     columns = costs.grid.shape[1] + 2
-    cells = [bordered_index(costs, xy, "position") for xy in stops]
+    cells = [bordered_index(costs, stop[:2], "position") for stop in stops]
 
     def joined(max_e: float) -> bool:
         half = bordered_half(_allowed(costs, max_e).density, 1)
@@ -148,7 +148,7 @@ def check_limits(
 
 
 def _free(costs: Costmap, stops: list[Position]) -> bool:
-    return all(np.isfinite(costs.density[costs.grid.world_to_cell(*xy)]) for xy in stops)
+    return all(np.isfinite(costs.density[costs.grid.world_to_cell(*stop[:2])]) for stop in stops)
 
 
 def _rounded_up(value: float) -> str:

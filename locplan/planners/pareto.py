@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,9 +31,9 @@ class ParetoFront:
 
     costs: Costmap
     """What was planned on."""
-    start: tuple[float, float]
+    start: Sequence[float]
     """World position [m]."""
-    goal: tuple[float, float]
+    goal: Sequence[float]
     """World position [m]."""
     objective: str
     """What is integrated: "u" or "e"."""
@@ -77,8 +78,8 @@ class ParetoFront:
 
 def pareto_front(
     costs: Costmap,
-    start: tuple[float, float],
-    goal: tuple[float, float],
+    start: Sequence[float],
+    goal: Sequence[float],
     *,
     objective: str = "u",
     allow_corner_cutting: bool = False,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,26 +11,26 @@ from locplan.costmap import Costmap
 from locplan.metrics import PathMetrics, path_metrics
 from locplan.path import Path
 
-Position = tuple[float, float]
-"""x, y in the world [m]."""
+Position = tuple[float, ...]
+"""x, y in the world [m], and a heading [rad] where the planner's space has one."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """What a planner returned."""
 
-    status: Literal["solved", "unreachable", "infeasible"]
+    status: Literal["solved", "unreachable", "infeasible", "timeout"]
     """Whether there is a path.
 
-    None to the goal ("unreachable"), or none within the limits given ("infeasible"), is a result,
-    not an error.
+    None to the goal ("unreachable"), none within the limits given ("infeasible"), or none found in
+    time ("timeout"), is a result, not an error.
     """
     planner: str
     """The planner's name."""
     start: Position
-    """World position [m]."""
+    """World position [m], or pose."""
     goal: Position
-    """World position [m]."""
+    """World position [m], or pose."""
     path: Path | None
     """The path from start to goal, or None."""
     metrics: PathMetrics | None
@@ -49,14 +49,18 @@ class Plan:
     """With a budget: no path within it is shorter [m]."""
     feasible_from: float | None = None
     """If infeasible: the least `budget` or `max_e` with which there is a path."""
+    minimises: bool = True
+    """Whether the planner seeks the least J; some of OMPL's stop at the first path they find."""
+    history: tuple[tuple[float, float], ...] = ()
+    """Of a sampling planner: seconds since it began and its best J [m], whenever that fell."""
     note: str = ""
     """Why there is no path, and what would help, if that is known."""
 
     def measured_on(self, costs: Costmap) -> Plan:
-        """The same path with its metrics on another costmap of the same map."""
+        """The same path with its metrics on another costmap of the same map, without history."""
         if self.path is None:
             return self
-        return dataclasses.replace(self, metrics=path_metrics(costs, self.path))
+        return dataclasses.replace(self, metrics=path_metrics(costs, self.path), history=())
 
 
 Solver = Callable[[Costmap, list[Position]], dict[str, Any]]
@@ -64,10 +68,16 @@ Solver = Callable[[Costmap, list[Position]], dict[str, Any]]
 
 
 def finished(
-    planner: str, costs: Costmap, start: Position, goal: Position, path: Path | None, elapsed: float
+    planner: str,
+    costs: Costmap,
+    start: Sequence[float],
+    goal: Sequence[float],
+    path: Path | None,
+    elapsed: float,
 ) -> Plan:
     """A plan with its metrics, "unreachable" without a path."""
+    ends = tuple(start), tuple(goal)
     if path is None:
         note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
-        return Plan("unreachable", planner, start, goal, None, None, elapsed, note=note)
-    return Plan("solved", planner, start, goal, path, path_metrics(costs, path), elapsed)
+        return Plan("unreachable", planner, *ends, None, None, elapsed, note=note)
+    return Plan("solved", planner, *ends, path, path_metrics(costs, path), elapsed)

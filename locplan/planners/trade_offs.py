@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 
@@ -54,8 +55,8 @@ class Problem:
     def between(
         cls,
         costs: Costmap,
-        start: tuple[float, float],
-        goal: tuple[float, float],
+        start: Sequence[float],
+        goal: Sequence[float],
         objective: str,
         allow_corner_cutting: bool,
     ) -> Problem:

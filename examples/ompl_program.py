@@ -1,0 +1,58 @@
+"""locplan's parts in an OMPL program of one's own: a planner by hand, then OMPL's Benchmark.
+
+Run: python examples/ompl_program.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from ompl import base, geometric, tools, util
+
+import locplan
+from locplan.planners import sampling
+
+
+def main(folder: str = "ompl_program") -> None:
+    util.setLogLevel(util.LogLevel.LOG_WARN)
+    grid = locplan.environments.make("two_corridors", resolution=0.1)
+    ends = locplan.environments.landmarks("two_corridors")
+    field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
+    costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+    motions = sampling.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car
+
+    # A planner by hand: the space information checks states and motions, the problem has J.
+    information = sampling.space_information(motions)
+    problem = sampling.problem_definition(information, motions, ends["start"], ends["goal"])
+    planner = geometric.InformedRRTstar(information)
+    planner.setProblemDefinition(problem)
+    planner.setRewireFactor(0.25)
+    planner.setup()
+    planner.solve(base.timedPlannerTerminationCondition(1.0))
+    path = problem.getSolutionPath()
+    cost = path.cost(problem.getOptimizationObjective()).value()
+    print(f"InformedRRTstar: J = {cost:.1f} m after 1 s, {path.getStateCount()} states")
+
+    # Or everything in OMPL's own set-up, here to compare planners with its Benchmark. (That keeps
+    # its set-up to the end of the program, where nanobind complains of a leak: a flaw of OMPL.)
+    setup = geometric.SimpleSetup(information)
+    start, goal = (
+        sampling.state_of(information, motions, ends[name]) for name in ("start", "goal")
+    )
+    setup.setStartAndGoalStates(start, goal)
+    setup.setOptimizationObjective(sampling.CostObjective(information, motions))
+    benchmark = tools.Benchmark(setup, "two_corridors")
+    for kind in (geometric.RRTstar, geometric.BITstar):
+        benchmark.addPlanner(kind(information))
+    request = tools.Request()
+    request.maxTime, request.runCount, request.displayProgress = 0.5, 2, False
+    benchmark.benchmark(request)
+    log = Path(folder) / "benchmark.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    benchmark.saveResultsToFile(str(log))
+    print(f"wrote {log}; ompl_benchmark_statistics {log} makes a database for Planner Arena of it")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])

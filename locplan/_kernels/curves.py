@@ -1,0 +1,213 @@
+"""Shortest curves of bounded curvature between two poses: Dubins (1957), Reeds and Shepp (1990).
+
+A curve is a word of up to five pieces: turns of 1 (left), -1 (right) or 0 (straight) and their
+lengths, negative in reverse. All lengths are in turning radii.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+STRAIGHT, DUBINS, REEDS_SHEPP = 0, 1, 2
+PIECES = 5
+QUARTER, TURN = math.pi / 2, 2 * math.pi
+SLACK = 1e-9
+"""A turn of nearly a whole circle, or backwards by this, is none but for rounding [rad]."""
+_BASE_WORDS = 8
+_ALSO_REVERSED = (2, 5, 6)
+"""Which of them differ when driven from the end to the start."""
+
+
+@njit(nogil=True, cache=True)
+def dubins(
+    x: float, y: float, heading: float, x1: float, y1: float, heading1: float
+) -> tuple[NDArray, NDArray]:
+    """The shortest curve forward from one pose to another: turns (5,), lengths (5,)."""
+    turns, lengths = np.zeros(PIECES, np.int8), np.zeros(PIECES)
+    least = np.inf
+    for side in (1, -1):
+        for side1 in (1, -1):
+            # From the centre of the first circle to that of the last.
+            across = x1 - side1 * math.sin(heading1) - x + side * math.sin(heading)
+            along = y1 + side1 * math.cos(heading1) - y - side * math.cos(heading)
+            apart, bearing = math.hypot(across, along), math.atan2(along, across)
+            straight = apart if side == side1 else math.sqrt(max(0.0, apart**2 - 4))
+            if side == side1 or apart >= 2:
+                tilt = 0.0 if side == side1 else side * math.atan2(2.0, straight)
+                first = _circle(side * (bearing + tilt - heading))
+                last = _circle(side1 * (heading1 - bearing - tilt))
+                if first + straight + last < least:
+                    least = first + straight + last
+                    turns[:3] = side, 0, side1
+                    lengths[:3] = first, straight, last
+            if side != side1 or apart > 4:
+                continue
+            for opening in (1, -1):
+                # The middle circle touches both; its centre is aside of the line between them.
+                aside = bearing + opening * math.acos(apart / 4)
+                to_last = math.atan2(along - 2 * math.sin(aside), across - 2 * math.cos(aside))
+                leave, enter = aside + side * QUARTER, to_last - side * QUARTER
+                first = _circle(side * (leave - heading))
+                middle = _circle(side * (leave - enter))
+                last = _circle(side * (heading1 - enter))
+                if first + middle + last < least:
+                    least = first + middle + last
+                    turns[:3] = side, -side, side
+                    lengths[:3] = first, middle, last
+    return turns, lengths
+
+
+@njit(nogil=True, cache=True)
+def reeds_shepp(
+    x: float, y: float, heading: float, x1: float, y1: float, heading1: float
+) -> tuple[NDArray, NDArray]:
+    """The shortest curve, forward or in reverse, from one pose to another: turns, lengths (5,).
+
+    The base words of the paper's sections 8.1-8.11 in their up to eight symmetric forms: driven in
+    reverse, mirrored, and from the end to the start.
+    """
+    cos, sin = math.cos(heading), math.sin(heading)
+    ahead = (x1 - x) * cos + (y1 - y) * sin
+    left = (y1 - y) * cos - (x1 - x) * sin
+    turned = heading1 - heading
+    turns, lengths = np.zeros(PIECES, np.int8), np.zeros(PIECES)
+    sides, parts = np.zeros(PIECES, np.int8), np.zeros(PIECES)
+    least = np.inf
+    for number in range(_BASE_WORDS):
+        for backward in range(2 if number in _ALSO_REVERSED else 1):
+            for gear in (1, -1):
+                for mirror in (1, -1):
+                    to_x, to_y = ahead, left
+                    if backward:
+                        to_x = ahead * math.cos(turned) + left * math.sin(turned)
+                        to_y = ahead * math.sin(turned) - left * math.cos(turned)
+                    sides[:], parts[:] = 0, 0.0
+                    to_x, to_y, to_heading = gear * to_x, mirror * to_y, gear * mirror * turned
+                    if not _word(number, to_x, to_y, to_heading, sides, parts):
+                        continue
+                    length = np.abs(parts).sum()
+                    if length < least:
+                        least = length
+                        for n in range(PIECES):
+                            of = n
+                            if backward:
+                                of = (2 if number == 2 else 3) - n
+                            turns[n] = mirror * sides[of] if of >= 0 else 0
+                            lengths[n] = gear * parts[of] if of >= 0 else 0.0
+    return turns, lengths
+
+
+@njit(nogil=True, cache=True)
+def _word(number: int, x: float, y: float, heading: float, sides: NDArray, parts: NDArray) -> bool:
+    """Fill in one of the base words that lead from the origin to a pose, if there is one."""
+    same = x - math.sin(heading), y - 1 + math.cos(heading)
+    opposite = x + math.sin(heading), y - 1 - math.cos(heading)
+    apart, bearing = math.hypot(*same), math.atan2(same[1], same[0])
+    across, towards = math.hypot(*opposite), math.atan2(opposite[1], opposite[0])
+    if number == 0:  # 8.1: left, straight, left
+        first, last = _half(bearing), _half(heading - bearing)
+        sides[:3] = 1, 0, 1
+        parts[:3] = first, apart, last
+        return first >= -SLACK and last >= -SLACK
+    if number == 1:  # 8.2: left, straight, right
+        if across < 2:
+            return False
+        straight = math.sqrt(across**2 - 4)
+        first = _half(towards + math.atan2(2.0, straight))
+        last = _half(first - heading)
+        sides[:3] = 1, 0, -1
+        parts[:3] = first, straight, last
+        return first >= -SLACK and last >= -SLACK
+    if number == 2:  # 8.3, 8.4: left, right in reverse, left
+        if apart > 4:
+            return False
+        middle = -2 * math.asin(apart / 4)
+        first = _half(bearing + middle / 2 + math.pi)
+        sides[:3] = 1, -1, 1
+        parts[:3] = first, middle, _half(heading - first + middle)
+        return first >= -SLACK
+    if number == 3:  # 8.7: left, right, left and right in reverse, the middle two alike
+        ratio = (2 + across) / 4
+        if ratio > 1:
+            return False
+        middle = math.acos(ratio)
+        first, last = _outer_turns(middle, -middle, opposite, heading)
+        sides[:4] = 1, -1, 1, -1
+        parts[:4] = first, middle, -middle, last
+        return first >= -SLACK and last <= SLACK
+    if number == 4:  # 8.8: left, right and left in reverse, right, the middle two alike
+        ratio = (20 - across**2) / 16
+        if not 0 <= ratio <= 1:
+            return False
+        middle = -math.acos(ratio)
+        first, last = _outer_turns(middle, middle, opposite, heading)
+        sides[:4] = 1, -1, 1, -1
+        parts[:4] = first, middle, middle, last
+        return first >= -SLACK and last >= -SLACK
+    if number == 5:  # 8.9: left, a quarter right in reverse, straight, left
+        if apart < 2:
+            return False
+        over = math.sqrt(apart**2 - 4)
+        first = _half(bearing + math.atan2(over, -2.0))
+        last = _half(heading - QUARTER - first)
+        sides[:4] = 1, -1, 0, 1
+        parts[:4] = first, -QUARTER, 2 - over, last
+        return first >= -SLACK and over >= 2 - SLACK and last <= SLACK
+    if number == 6:  # 8.10: left, a quarter right in reverse, straight, right
+        if across < 2:
+            return False
+        first = math.atan2(opposite[0], -opposite[1])
+        last = _half(first + QUARTER - heading)
+        sides[:4] = 1, -1, 0, -1
+        parts[:4] = first, -QUARTER, 2 - across, last
+        return first >= -SLACK and last <= SLACK
+    if number == 7:  # 8.11: left, quarters right and left around a straight in reverse, right
+        if across < 2:
+            return False
+        straight = 4 - math.sqrt(across**2 - 4)
+        if straight > 0:
+            return False
+        first = _half(
+            math.atan2(
+                (4 - straight) * opposite[0] - 2 * opposite[1],
+                -2 * opposite[0] + (straight - 4) * opposite[1],
+            )
+        )
+        last = _half(first - heading)
+        sides[:] = 1, -1, 0, 1, -1
+        parts[:] = first, -QUARTER, straight, -QUARTER, last
+        return first >= -SLACK and last >= -SLACK
+    return False
+
+
+@njit(nogil=True, cache=True)
+def _outer_turns(
+    second: float, third: float, opposite: tuple, heading: float
+) -> tuple[float, float]:
+    """The first and last of four turns, whose middle two are known."""
+    x, y = opposite
+    between = _half(second - third)
+    a = math.sin(second) - math.sin(between)
+    b = math.cos(second) - math.cos(between) - 1
+    first = math.atan2(y * a - x * b, x * a + y * b)
+    if 2 * (math.cos(between) - math.cos(third) - math.cos(second)) + 3 < 0:
+        first += math.pi
+    first = _half(first)
+    return first, _half(first - second + third - heading)
+
+
+@njit(nogil=True, cache=True)
+def _circle(angle: float) -> float:
+    """In 0..2 pi [rad]."""
+    angle %= TURN
+    return 0.0 if angle > TURN - SLACK else angle
+
+
+@njit(nogil=True, cache=True)
+def _half(angle: float) -> float:
+    """In -pi..pi [rad]."""
+    return angle - TURN * round(angle / TURN)

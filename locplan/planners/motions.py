@@ -1,0 +1,156 @@
+"""What a robot's motions between poses cost: straight lines, Dubins' and Reeds-Shepp curves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, PoseError
+from locplan.path import Path
+
+SPACES = ("R2", "SE2", "Dubins", "ReedsShepp")
+"""Positions; poses that turn on the spot; curves driven forward; curves that may reverse."""
+CURVED = ("Dubins", "ReedsShepp")
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """The motions of a robot between two poses (x, y, heading) in the world [m, m, rad].
+
+    A motion's cost is the exact integral of the costmap's density along its true curve, found in
+    one compiled call. In "R2" headings do not count.
+
+    Raises
+    ------
+    ConfigError
+        If the space is unknown, or a turning radius is missing, not positive, or of no use.
+
+    Examples
+    --------
+    >>> from locplan.grid import FREE, OccupancyGrid
+    >>> costs = Costmap.blank(OccupancyGrid(np.full((8, 8), FREE), resolution=1.0))
+    >>> turn = Motions(costs, "Dubins", turning_radius=2.0)
+    >>> round(turn.cost((1.0, 2.0, 0.0), (1.0, 6.0, math.pi)), 3)  # half a circle
+    6.283
+    >>> turn.cost((1.0, 2.0, 0.0), (7.5, 6.0, 0.0)) < turn.cost((1.0, 2.0, 0.0), (7.5, 6.0, 3.0))
+    True
+    """
+
+    costs: Costmap
+    """What travel costs."""
+    space: str = "R2"
+    """One of "R2", "SE2", "Dubins", "ReedsShepp"."""
+    turning_radius: float | None = None
+    """Least radius of the curves [m]."""
+
+    def __post_init__(self) -> None:
+        check_space(self.space, self.turning_radius)
+
+    def checked(self, pose: Sequence[float], role: str) -> tuple[float, ...]:
+        """A pose of the space where the robot can stand: (x, y), or (x, y, heading).
+
+        Raises
+        ------
+        PoseError
+            If it has no such form, or the robot cannot stand there.
+        """
+        return check_pose(self.costs, pose, role, headed=self.space != "R2")
+
+    def cost(self, start: Sequence[float], end: Sequence[float]) -> float:
+        """J of the motion from one pose to another [m]; infinite if it is blocked."""
+        from locplan._kernels.motions import world_cost
+
+        return world_cost(
+            *self.arguments, *map(float, _pose(start)), *map(float, _pose(end)), math.inf
+        )
+
+    def is_free(self, x: float, y: float) -> bool:
+        """Whether the robot can stand at a position [m]."""
+        from locplan._kernels.motions import stands
+
+        half, columns, _, _, frame = self.arguments
+        return stands(half, columns, frame, float(x), float(y))
+
+    def costs_between(
+        self, poses: NDArray[np.float64], pairs: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """The same for pairs (m, 2) out of poses (n, 3): (m,)."""
+        from locplan._kernels.motions import world_costs
+
+        return world_costs(*self.arguments, poses, pairs)
+
+    def path(self, poses: NDArray[np.float64]) -> Path:
+        """The path of the motions through poses (n, 3), in order.
+
+        Curves become so many straight lines that they cross the same cells.
+        """
+        if self.space == "R2":
+            return Path(poses[:, :2])
+        if self.space == "SE2":
+            return Path(poses[:, :2], poses[:, 2])
+        pieces = [self._poses_between(*two) for two in itertools.pairwise(poses)]
+        joined = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
+        return Path(joined[:, :2], joined[:, 2])
+
+    def _poses_between(self, start: NDArray, end: NDArray) -> NDArray[np.float64]:
+        from locplan._kernels.motions import world_poses
+
+        return world_poses(*self.arguments[2:], *_pose(start), *_pose(end))
+
+    @cached_property
+    def arguments(self) -> tuple[Any, ...]:
+        """What the kernels take: the bordered grid and its frame, the kind and radius of curves."""
+        from locplan._kernels.curves import DUBINS, REEDS_SHEPP, STRAIGHT
+        from locplan._kernels.search import bordered_half
+
+        grid = self.costs.grid
+        x, y, yaw = grid.origin
+        along, across = math.cos(yaw) / grid.resolution, math.sin(yaw) / grid.resolution
+        frame = along, across, 1 - along * x - across * y, 1 - along * y + across * x, yaw
+        kind = {"Dubins": DUBINS, "ReedsShepp": REEDS_SHEPP}.get(self.space, STRAIGHT)
+        radius = (self.turning_radius or grid.resolution) / grid.resolution
+        half = bordered_half(self.costs.density, 1)
+        return half, grid.shape[1] + 2, kind, radius, frame
+
+
+def check_space(space: str, turning_radius: float | None) -> None:
+    """Raise a ConfigError unless the two go together."""
+    if space not in SPACES:
+        raise ConfigError(f"space must be one of {', '.join(SPACES)}, not {space!r}")
+    if space not in CURVED:
+        if turning_radius is not None:
+            raise ConfigError(f"a turning radius is for the spaces {', '.join(CURVED)}")
+    elif turning_radius is None:
+        raise ConfigError(f"space {space!r} needs a turning radius, in metres")
+    elif not (isinstance(turning_radius, Real) and 0 < float(turning_radius) < math.inf):
+        raise ConfigError(f"turning_radius must be a positive number of m, not {turning_radius!r}")
+
+
+def check_pose(
+    costs: Costmap, pose: Sequence[float], role: str, *, headed: bool
+) -> tuple[float, ...]:
+    """A pose as numbers, if the robot can stand there; see `Motions.checked`."""
+    try:
+        numbers = tuple(float(value) for value in pose)
+    except (TypeError, ValueError):
+        numbers = ()
+    if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
+        raise PoseError(f"{role} must be x, y and a heading [m, m, rad], not {pose!r}")
+    if not headed and len(numbers) == 3:
+        raise PoseError(f"{role} must be x, y [m]: without SE2, Dubins or ReedsShepp no heading")
+    costs.cell_of(numbers[:2] if headed else pose, role)
+    return numbers
+
+
+def _pose(pose: Iterable[float]) -> tuple[float, float, float]:
+    x, y, heading = map(float, (*pose, 0.0)[:3])
+    return x, y, heading

@@ -1,0 +1,42 @@
+"""OMPL's sampling-based planners on a costmap.
+
+`locplan.plan` runs them by name. For an OMPL program of one's own there are the parts:
+
+- `space_information` makes the state space with its bounds, validity checker and motion validator,
+- `CostObjective` is the objective J, with the length as its admissible heuristic,
+- `ClearMotionValidator` checks a whole motion in one call,
+- `problem_definition` and `state_of` make a query,
+- `grow_roadmap` keeps a PRM's roadmap for any number of queries.
+
+All take a `Motions`, which holds the costmap and the kind of motion. States are in the world's
+metres and radians. OMPL's Python bindings are those of the package ompl, from 2.0.1.
+"""
+
+from locplan.planners.motions import Motions
+from locplan.planners.sampling.roadmap import Roadmap, grow_roadmap
+from locplan.planners.sampling.setup import (
+    ClearMotionValidator,
+    CostObjective,
+    problem_definition,
+    space_information,
+    state_of,
+    state_space,
+)
+from locplan.planners.sampling.solver import check_options, prepare, solve
+from locplan.planners.sampling.stopping import Limits
+
+__all__ = [
+    "ClearMotionValidator",
+    "CostObjective",
+    "Limits",
+    "Motions",
+    "Roadmap",
+    "check_options",
+    "grow_roadmap",
+    "prepare",
+    "problem_definition",
+    "solve",
+    "space_information",
+    "state_of",
+    "state_space",
+]

@@ -1,0 +1,70 @@
+"""OMPL's planners and their settings, by name."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any
+
+from ompl import base, geometric
+
+from locplan.errors import ConfigError
+
+REWIRE_FACTOR = 0.25
+"""Of RRTstar and its kin: a quarter as many neighbours give more iterations and a better J."""
+_NO_PLAIN_VALUE = (
+    "setName",
+    "setProblemDefinition",
+    "setProjectionEvaluator",
+    "setDefaultConnectionStrategy",
+    "setup",
+)
+_CRASH = ("setOrderedSampling", "setFocusSearch", "setInformedSampling", "setNearestK")
+"""End the process at another value than the planner's own."""
+
+
+def planner_of(
+    name: str, information: base.SpaceInformation, settings: Mapping[str, Any]
+) -> base.Planner:
+    """One of OMPL's planners with our defaults and the settings given.
+
+    Raises
+    ------
+    ConfigError
+        If a setting's value has the wrong type.
+    """
+    kind = getattr(geometric, name)
+    planner = kind(information)
+    if issubclass(kind, geometric.RRTstar):
+        planner.setRewireFactor(REWIRE_FACTOR)
+    setters = _setters(name)
+    for setting, value in settings.items():
+        try:
+            getattr(planner, setters[setting])(value)
+        except (TypeError, RuntimeError) as error:
+            takes = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
+            why = takes if isinstance(error, TypeError) else error
+            raise ConfigError(f"{name} does not take {setting}={value!r}: {why}") from None
+    return planner
+
+
+def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
+    """Raise a ConfigError unless the planner has all these settings."""
+    known = _setters(planner)
+    for name, value in settings.items():
+        if name not in known:
+            raise ConfigError(f"{planner} has no setting {name!r}; it has: {', '.join(known)}")
+        number = isinstance(value, Real) and not isinstance(value, bool)
+        if number and not 0 < float(value) < math.inf:
+            raise ConfigError(f"{planner}'s setting {name} must be positive, not {value!r}")
+
+
+def _setters(planner: str) -> dict[str, str]:
+    """OMPL's methods that set a plain value, by the name of what they set: "goal_bias"."""
+    setters = {}
+    for name in dir(getattr(geometric, planner)):
+        if name.startswith("set") and name not in _NO_PLAIN_VALUE + _CRASH:
+            setters[re.sub("(?<=[a-z])(?=[A-Z])", "_", name[3:]).lower()] = name
+    return setters

@@ -1,0 +1,460 @@
+"""OMPL's planners on a costmap."""
+
+import json
+import logging
+import math
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+from conftest import drawn
+from ompl import base, geometric, util
+
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, PoseError
+from locplan.grid import FREE, OccupancyGrid
+from locplan.metrics import path_metrics
+from locplan.path import Path
+from locplan.planners import names, plan, sampling
+from locplan.planners.kinds import KINDS
+from locplan.planners.motions import SPACES
+from locplan.planners.sampling.logs import logged
+from locplan.planners.sampling.stopping import Limits
+
+ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
+ABLE = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
+POSSIBLE_IN_TIME = {"FMT": 30.0, "BFMT": 30.0}
+
+
+def two_ways() -> Costmap:
+    """A short way of great cost and a longer one of small cost around a block, walls between."""
+    cells = np.full((40, 40), FREE, np.uint8)
+    cells[12:30, 10:30] = 0
+    density = np.ones(cells.shape)
+    density[:12] = 8.0
+    return Costmap.from_density(OccupancyGrid(cells, 0.1), density, robot_radius=0.1)
+
+
+def request(space):
+    """Start, goal and options on `two_ways`."""
+    if space == "R2":
+        return (0.55, 1.05), (3.45, 1.05), {}
+    options = {} if space == "SE2" else {"turning_radius": 0.25}
+    return (0.55, 1.05, 1.57), (3.45, 1.05, -1.57), options | {"space": space}
+
+
+def in_a_process(code, *, seconds=60):
+    """The standard output of a Python program, which must end well, and in time."""
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        capture_output=True,
+        text=True,
+        timeout=seconds,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "leaked" not in done.stderr
+    return done.stdout
+
+
+def test_they_are_offered_by_their_names():
+    assert set(names()) == {"grid", "any-angle", *KINDS}
+    assert all(hasattr(geometric, name) for name in KINDS)
+
+
+@pytest.mark.parametrize(("planner", "space"), ABLE)
+def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, space):
+    costs = two_ways()
+    start, goal, options = request(space)
+    limit = POSSIBLE_IN_TIME.get(planner, 0.5 if KINDS[planner].minimises else 10.0)
+    result = plan(costs, start, goal, planner=planner, time_limit=limit, **options)
+    assert result.status == "solved"
+    assert result.minimises == KINDS[planner].minimises
+    assert result.start == start
+    assert result.goal == goal
+    assert tuple(result.path.xy[0]) == start[:2]
+    assert tuple(result.path.xy[-1]) == goal[:2]
+    assert math.isfinite(result.metrics.cost)
+    assert result.history[-1][1] == pytest.approx(result.metrics.cost)
+    seconds, best = np.transpose(result.history)
+    assert (np.diff(seconds) >= 0).all()
+    assert (np.diff(best) <= 1e-4 * best[:-1]).all()
+    if space == "R2":
+        assert result.path.heading is None
+    else:
+        assert result.path.heading[[0, -1]] == pytest.approx([start[2], goal[2]])
+
+
+@pytest.mark.parametrize("planner", [name for name in KINDS if KINDS[name].minimises])
+def test_the_objective_is_really_honoured(planner):
+    # Below the block 2.9 m cost eight times as much; above it the way is about 7 m.
+    costs = two_ways()
+    start, goal, _ = request("R2")
+    if planner in ("FMT", "BFMT"):  # they commit themselves early: better than by length only
+        blank = Costmap.from_density(costs.grid, np.where(costs.density < 9, 1.0, np.inf))
+        ours, by_length = [], []
+        for seed in range(1, 9):
+            options = {"planner": planner, "seed": seed, "time_limit": 30.0}
+            ours.append(plan(costs, start, goal, **options).metrics.cost)
+            shortest = plan(blank, start, goal, **options).measured_on(costs)
+            by_length.append(shortest.metrics.cost)
+        assert np.mean(ours) < 0.9 * np.mean(by_length)
+        return
+    exact = plan(costs, start, goal, planner="any-angle").metrics.cost
+    result = plan(costs, start, goal, planner=planner, time_limit=1.0)
+    assert result.metrics.cost < 1.15 * exact
+    assert result.metrics.cost < 0.5 * path_metrics(costs, Path([start, goal])).cost
+
+
+@pytest.mark.parametrize("space", [space for space in SPACES if space not in ("R2", "SE2")])
+@pytest.mark.parametrize("planner", ["RRTstar", "BITstar", "PRMstar", "RRT"])
+def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space):
+    start, goal, options = request(space)
+    path = plan(two_ways(), start, goal, planner=planner, time_limit=0.5, **options).path
+    steps = np.diff(path.xy, axis=0)
+    travelled = np.hypot(*steps.T)
+    turned = np.diff(np.unwrap(path.heading))
+    assert (np.abs(turned) <= travelled / 0.25 + 2e-3).all()
+    ahead = np.column_stack([np.cos(path.heading[:-1]), np.sin(path.heading[:-1])])
+    forward = np.sum(ahead * steps, axis=1)[travelled > 1e-6] > 0
+    if space == "Dubins":
+        assert forward.all()
+    along = np.abs(np.sum(ahead * steps, axis=1))[travelled > 1e-6]
+    assert along == pytest.approx(travelled[travelled > 1e-6], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("planner", "space"),
+    [(name, "R2") for name in KINDS]
+    + [("RRTstar", "Dubins"), ("BITstar", "ReedsShepp"), ("PRM", "SE2"), ("PRMstar", "Dubins")],
+)
+def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
+    start, goal, options = request(space)
+    paths = [
+        plan(two_ways(), start, goal, planner=planner, iterations=2500, seed=seed, **options).path
+        for seed in (4, 4, 5)
+    ]
+    assert np.array_equal(paths[0].xy, paths[1].xy)
+    assert not np.array_equal(paths[0].xy, paths[2].xy)
+
+
+def test_the_same_seed_gives_the_same_path_in_another_process():
+    code = """
+    import sys; sys.path.insert(0, "tests")
+    from test_sampling import plan, request, two_ways
+    start, goal, _ = request("R2")
+    result = plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=1500, seed=9)
+    print(result.path.xy.tolist())
+    """
+    start, goal, _ = request("R2")
+    here = plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=1500, seed=9)
+    assert json.loads(in_a_process(code)) == here.path.xy.tolist()
+
+
+@pytest.mark.parametrize("planner", ["InformedRRTstar", "SORRTstar", "BITstar"])
+def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
+    cells = np.full((200, 200), FREE, np.uint8)
+    cells[95:106, 98:102] = 0
+    motions = sampling.Motions(Costmap.blank(OccupancyGrid(cells, 0.1)))
+    start, goal = (8.0, 10.05), (12.0, 10.05)
+    information = sampling.space_information(motions)
+    problem = sampling.problem_definition(information, motions, start, goal)
+    searching = getattr(geometric, planner)(information)
+    samples = []
+
+    class Recorder(sampling.ClearMotionValidator):
+        def checkMotion(self, state, other):
+            samples.append((other[0], other[1], searching.bestCost().value()))
+            return super().checkMotion(state, other)
+
+    information.setMotionValidator(Recorder(information, motions))
+    searching.setProblemDefinition(problem)
+    searching.setup()
+    ends = Limits(iterations=3000).condition()
+    searching.solve(base.PlannerTerminationCondition(ends))
+    x, y, best = np.array(samples).T
+    detour = np.hypot(x - start[0], y - start[1]) + np.hypot(x - goal[0], y - goal[1])
+    informed = best < 5.0  # an ellipse of under 12 m2 in a map of 400
+    assert informed.sum() > 300
+    assert np.mean(detour[informed] <= best[informed] * (1 + 1e-6)) > 0.99
+
+
+@pytest.mark.parametrize("planner", ANYTIME)
+@pytest.mark.parametrize("space", ["R2", "SE2"])
+def test_where_the_straight_line_is_best_the_search_ends(planner, space):
+    # Then the ellipse has no area; informed samplers must not look for samples in it for ever.
+    code = f"""
+    import sys; sys.path.insert(0, "tests")
+    from test_sampling import Costmap, drawn, plan
+    heading = () if {space!r} == "R2" else (0.1,)
+    costs = Costmap.blank(drawn(*["." * 50] * 50))
+    for seed in range(1, 6):
+        for goal in ((40.5, 5.5), (41.3, 33.1), (5.6, 5.5)):
+            result = plan(costs, (5.5, 5.5, *heading), (*goal, *heading), planner={planner!r},
+                          space={space!r}, seed=seed, time_limit=1.0)
+            print(result.status)
+    """
+    assert set(in_a_process(code).split()) == {"solved"}
+
+
+def test_what_reaches_ompl_is_finite_and_at_least_the_length():
+    costs = two_ways()
+    motions = sampling.Motions(costs)
+    information = sampling.space_information(motions)
+    objective = sampling.CostObjective(information, motions)
+    validator = sampling.ClearMotionValidator(information, motions)
+    rng = np.random.default_rng(1)
+    state, other = information.allocState(), information.allocState()
+    blocked = 0
+    for _ in range(500):
+        for one in (state, other):
+            one[0], one[1] = rng.uniform(-0.5, 4.5, 2)
+        cost = objective.motionCost(state, other).value()
+        bound = objective.motionCostHeuristic(state, other).value()
+        assert bound == pytest.approx(math.hypot(state[0] - other[0], state[1] - other[1]))
+        assert bound <= cost < math.inf
+        ends = np.array([[state[0], state[1], 0], [other[0], other[1], 0]])
+        assert validator.checkMotion(state, other) == math.isfinite(motions.cost(*ends))
+        blocked += not validator.checkMotion(state, other)
+    assert 0 < blocked < 500
+
+
+def test_an_unreachable_goal_is_told_at_once():
+    costs = Costmap.blank(drawn("...#...", "...#...", "...#..."))
+    for planner, space in (("RRTstar", "R2"), ("PRM", "Dubins"), ("RRT", "SE2")):
+        heading = () if space == "R2" else (0.0,)
+        radius = {"turning_radius": 0.5} if space == "Dubins" else {}
+        result = plan(
+            costs,
+            (0.5, 0.5, *heading),
+            (6.5, 0.5, *heading),
+            planner=planner,
+            space=space,
+            time_limit=60.0,
+            **radius,
+        )
+        assert result.status == "unreachable"
+        assert result.solve_time < 30
+        assert result.path is None
+
+
+def test_a_path_not_found_in_time_is_a_timeout():
+    for planner in ("RRTstar", "RRT", "PRM", "FMT"):
+        result = plan(two_ways(), (2.05, 0.55), (2.05, 3.55), planner=planner, iterations=2)
+        assert result.status == "timeout"
+        assert result.path is None
+        assert result.metrics is None
+        assert "2 iterations" in result.note
+
+
+def test_a_start_at_the_goal_is_solved():
+    for planner, space in (("RRTstar", "R2"), ("BITstar", "R2"), ("PRM", "SE2"), ("RRT", "Dubins")):
+        start, _, options = request(space)
+        result = plan(two_ways(), start, start, planner=planner, iterations=200, **options)
+        assert result.status == "solved"
+        assert result.metrics.length == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"planner": "FMT", "space": "Dubins", "turning_radius": 1.0}, "RRTstar, .* can"),
+        ({"planner": "RRTstar", "space": "Dubins"}, "turning radius"),
+        ({"planner": "RRTstar", "time_limit": 0.0}, "time_limit must be a positive"),
+        ({"planner": "RRTstar", "time_limit": math.inf}, "time_limit must be a positive"),
+        ({"planner": "RRTstar", "iterations": 2.5}, "iterations must be a whole number"),
+        ({"planner": "RRTstar", "seed": 0}, "seed must be a whole number of at least 1"),
+        ({"planner": "RRT", "convergence": 0.01}, "convergence is for RRTstar"),
+        ({"planner": "BITstar", "from_grid": True}, "from_grid is for RRTstar"),
+        ({"planner": "RRTstar", "space": "SE2", "improve": True}, "improve is for space R2"),
+        ({"planner": "RRTstar", "settings": {"reach": 1}}, "has no setting 'reach'; it has:"),
+        ({"planner": "RRTstar", "settings": {"range": "far"}}, "does not take range='far'"),
+        ({"planner": "RRTstar", "accuracy": "high"}, "has no option 'accuracy'"),
+        ({"planner": "AORRTC"}, "planner must be one of"),
+    ],
+)
+def test_what_cannot_be_is_refused(options, message):
+    heading = (0.0,) if options.get("space", "R2") != "R2" else ()
+    with pytest.raises(ConfigError, match=message):
+        plan(two_ways(), (0.55, 1.05, *heading), (3.45, 1.05, *heading), **options)
+
+
+def test_impossible_ends_are_the_same_errors_as_the_grid_planners():
+    costs = two_ways()
+    for start in ((2.0, 2.0), (9.0, 9.0), (math.nan, 1.0), (1.0,), "here"):
+        with pytest.raises(PoseError) as grid:
+            plan(costs, start, (3.45, 1.05))
+        with pytest.raises(PoseError) as tree:
+            plan(costs, start, (3.45, 1.05), planner="RRTstar")
+        assert str(tree.value) == str(grid.value)
+
+
+def test_settings_reach_the_planner():
+    information = sampling.space_information(sampling.Motions(two_ways()))
+    from locplan.planners.sampling.settings import planner_of
+
+    tree = planner_of("RRTstar", information, {"range": 0.7, "goal_bias": 0.2})
+    assert tree.getRange() == 0.7
+    assert tree.getGoalBias() == 0.2
+    assert tree.getRewireFactor() == 0.25
+
+
+@pytest.mark.parametrize("planner", [name for name, kind in KINDS.items() if kind.from_grid])
+def test_a_search_can_begin_with_the_grid_planners_path(planner):
+    start, goal, _ = request("R2")
+    costs = two_ways()
+    on_grid = plan(costs, start, goal).metrics.cost
+    result = plan(costs, start, goal, planner=planner, from_grid=True, iterations=300)
+    assert result.metrics.cost <= on_grid * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("planner", ["RRT", "RRTConnect", "KPIECE1", "FMT", "PRM", "RRTstar"])
+def test_paths_can_be_improved(planner):
+    start, goal, _ = request("R2")
+    costs = two_ways()
+    plain, improved = (
+        plan(costs, start, goal, planner=planner, iterations=3000, improve=improve)
+        for improve in (False, True)
+    )
+    assert improved.metrics.cost < plain.metrics.cost
+    assert improved.history[-1][1] == pytest.approx(plain.metrics.cost)
+
+
+@pytest.mark.parametrize("planner", ANYTIME)
+def test_a_search_stops_once_its_cost_hardly_falls(planner):
+    start, goal, _ = request("R2")
+    result = plan(two_ways(), start, goal, planner=planner, convergence=0.01, time_limit=60.0)
+    assert result.status == "solved"
+    assert result.solve_time < 30
+    exact = plan(two_ways(), start, goal, planner="any-angle").metrics.cost
+    assert result.metrics.cost < 1.1 * exact
+
+
+def test_limits_combine_with_the_robots_outline_waypoints_and_max_e():
+    costs = two_ways()
+    start, goal, options = request("Dubins")
+    via = [(2.0, 3.4, 0.0)]
+    outline = [(0.15, 0.1), (0.15, -0.1), (-0.15, -0.1), (-0.15, 0.1)]
+    result = plan(
+        costs, start, goal, planner="RRTstar", via=via, footprint=outline, time_limit=1.0, **options
+    )
+    assert result.status == "solved"
+    assert (result.path.xy == via[0][:2]).all(axis=1).any()
+    assert len(result.path.heading) == len(result.path.xy)
+    assert result.via == tuple(via)
+
+
+def test_a_roadmap_serves_many_queries():
+    costs = two_ways()
+    motions = sampling.Motions(costs)
+    roadmap = sampling.grow_roadmap(motions, limits=Limits(iterations=2000))
+    rng = np.random.default_rng(3)
+    rows, cols = np.nonzero(np.isfinite(costs.density))
+    for _ in range(20):
+        chosen = rng.integers(0, len(rows), 2)
+        start, goal = (costs.grid.cell_to_world(int(rows[n]), int(cols[n])) for n in chosen)
+        result = roadmap.plan(start, goal)
+        best = plan(costs, start, goal, planner="any-angle").metrics.cost
+        assert result.status == "solved"
+        assert best * (1 - 0.02) <= result.metrics.cost <= 1.25 * best + 0.2
+    with pytest.raises(PoseError, match="goal"):
+        roadmap.plan((0.55, 1.05), (2.0, 2.0))
+
+
+def test_what_ompl_says_goes_to_pythons_log(caplog):
+    with caplog.at_level(logging.WARNING), logged():
+        util.OMPL_WARN("look out")
+        util.OMPL_INFORM("by the way")
+    assert [(record.name, record.message) for record in caplog.records] == [
+        ("locplan.ompl", "look out")
+    ]
+    caplog.clear()
+    with caplog.at_level(logging.DEBUG, logger="locplan.ompl"):
+        plan(two_ways(), (0.55, 1.05), (3.45, 1.05), planner="RRTstar", iterations=200, seed=3)
+    assert any("RRTstar" in record.message for record in caplog.records)
+    assert not any("Random number" in record.message for record in caplog.records)
+
+
+def test_nothing_is_printed(capfd):
+    start, goal, options = request("Dubins")
+    plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=300, seed=2, **options)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_progress_is_told():
+    told = []
+    start, goal, _ = request("R2")
+    given = {"planner": "RRTstar", "progress": lambda done, total: told.append((done, total))}
+    plan(two_ways(), start, goal, time_limit=0.5, **given)
+    assert told
+    assert all(0 <= done <= total == 500 for done, total in told)
+    told.clear()
+    plan(two_ways(), start, goal, iterations=2000, **given)
+    assert told[-1] == (1536, 2000)
+
+
+@pytest.mark.parametrize("planner", ["RRTstar", "BITstar", "PRMstar", "RRTConnect", "FMT"])
+def test_ctrl_c_ends_a_search(planner):
+    code = f"""
+    import os, signal, sys, threading, time; sys.path.insert(0, "tests")
+    from test_sampling import Costmap, drawn, plan, sampling
+    import numpy as np
+    sampling.prepare(planner={planner!r})
+    costs = Costmap.blank(drawn(*["." * 300] * 300))
+    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+    began = time.perf_counter()
+    try:
+        while True:
+            plan(costs, (5.5, 5.5), (290.5, 290.5), planner={planner!r}, time_limit=30.0)
+    except KeyboardInterrupt:
+        print(time.perf_counter() - began)
+    """
+    assert float(in_a_process(code)) < 5
+
+
+@pytest.mark.parametrize("planner", KINDS)
+def test_hard_cases_do_not_crash_the_process(planner):
+    # One free cell, a narrow map, huge costs, coordinates far from the origin.
+    spaces = KINDS[planner].spaces
+    code = f"""
+    import sys; sys.path.insert(0, "tests")
+    from test_sampling import Costmap, FREE, OccupancyGrid, drawn, plan
+    import numpy as np
+    rng = np.random.default_rng(1)
+    steep = 10 ** rng.uniform(0, 9, (20, 20))
+    maps = [
+        (Costmap.blank(drawn("#.#")), (1.2, 0.5), (1.7, 0.5)),
+        (Costmap.blank(drawn("." * 300)), (0.5, 0.5), (299.5, 0.5)),
+        (Costmap.from_density(OccupancyGrid(np.full((20, 20), FREE), 0.5), steep), (1, 1), (9, 9)),
+        (Costmap.blank(OccupancyGrid(np.full((9, 9), FREE), 0.05, (4e5, 5e6, 1.0))),
+         (400000.0, 5000000.1), (400000.1, 5000000.3)),
+    ]
+    for costs, start, goal in maps:
+        for space in {spaces!r}:
+            heading = () if space == "R2" else (0.3,)
+            radius = {{"turning_radius": 0.4}} if space in ("Dubins", "ReedsShepp") else {{}}
+            print(plan(costs, (*start, *heading), (*goal, *heading), planner={planner!r},
+                       space=space, iterations=300, time_limit=2.0, **radius).status)
+    """
+    assert set(in_a_process(code).split()) <= {"solved", "timeout"}
+
+
+def test_many_solves_in_one_process_do_not_grow():
+    code = """
+    import resource, sys; sys.path.insert(0, "tests")
+    from test_sampling import plan, request, two_ways
+    start, goal, options = request("Dubins")
+    costs = two_ways()
+    def some(times):
+        for n in range(times):
+            plan(costs, start[:2], goal[:2], planner="BITstar", iterations=400, seed=n + 1)
+            plan(costs, start[:2], goal[:2], planner="PRM", iterations=400, seed=n + 1)
+            plan(costs, start, goal, planner="RRTstar", iterations=200, seed=n + 1, **options)
+    some(10)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    some(20)
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    """
+    assert int(in_a_process(code)) < 5000  # kB
