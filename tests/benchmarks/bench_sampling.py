@@ -81,7 +81,7 @@ def problem_on(name, real_maps):
         ends = environments.landmarks(name)
         start, goal, radius = ends["start"], ends["goal"], 0.25
     else:
-        grid, radius = load_map(next(real_maps.rglob(f"{name}.yaml"))), REAL[name]
+        grid, radius = load_map(next((real_maps / name).glob("*.yaml"))), REAL[name]
     field = covariance_field(grid, FieldConfig())
     costs = Costmap.from_field(grid, field, weight=WEIGHT, robot_radius=radius)
     if name in REAL:
