@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from locplan.planners import Plan, plan
     from locplan.planners.cost_to_go import CostToGo, plan_field
     from locplan.planners.pareto import ParetoFront, pareto_front
+    from locplan.sensor import Sensor
     from locplan.store import load_or_compute
 
 __version__ = "0.1.0"
@@ -52,6 +53,7 @@ _HOME = {
     "ParetoFront": "planners.pareto",
     "pareto_front": "planners.pareto",
     "load_or_compute": "store",
+    "Sensor": "sensor",
 }
 _SUBMODULES = ("environments", "plotting", "template_matching")
 
@@ -67,6 +69,7 @@ __all__ = [
     "Path",
     "PathMetrics",
     "Plan",
+    "Sensor",
     "covariance_field",
     "environments",
     "load_map",

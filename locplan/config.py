@@ -7,11 +7,17 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
 
-from locplan.errors import ConfigError
+import numpy as np
+from numpy.typing import NDArray
 
-ESTIMATORS = ("sad",)
+from locplan.errors import ConfigError
+from locplan.sensor import Sensor
+
+ESTIMATORS = ("sad", "fisher", "scan")
 TEMPLATES = ("disc", "visible")
 TAU = {"disc": 0.57, "visible": 0.23}
+HEADINGS = 8
+"""Of a field, where the sensor sees something else in each."""
 WEIGHT_LAWS = ("exponential", "inverse-square")
 
 
@@ -36,10 +42,21 @@ class FieldConfig:
     locplan.errors.ConfigError: tau must be a positive number of m^2, not -1.0
     """
 
-    estimator: Literal["sad"] = "sad"
-    """What fills the field: "sad" is the paper's correlation of sums of absolute differences."""
+    estimator: Literal["sad", "fisher", "scan"] = "sad"
+    """What fills the field.
+
+    "sad" is the paper's correlation of sums of absolute differences; "fisher" the Fisher
+    information of the lidar's beams; "scan" the posterior of a simulated scan in the window.
+    """
     sensor_range: float = 6.0
-    """Radius of the template disc [m]."""
+    """Radius of the template disc, or the sensor's range [m]."""
+    sensor: Sensor | None = None
+    """The lidar, for "fisher" and "scan"; None sees all round up to `sensor_range`."""
+    headings: int = 0
+    """For how many headings of the robot, evenly spaced from 0 on, there are covariances.
+
+    0 is 1 where the sensor sees the same in all of them, as in "sad" always, else 8.
+    """
     template: Literal["disc", "visible"] = "disc"
     """What of the disc is compared: all of it as in the paper, or what a ray from the cell sees."""
     window: float = 2.0
@@ -58,6 +75,14 @@ class FieldConfig:
     """Least mismatch in the inverse-square law [m^2]; None is half a cell's area."""
     noise_level: float = 1.0
     """Factor k on the weighted covariance (Eq. 8)."""
+    sigma_hit: float = 0.1
+    """Of "scan": standard deviation of the distance of a beam's end from a wall [m]."""
+    z_rand: float = 0.05
+    """Of "scan": share of the beams that end anywhere, above 0 and below 1."""
+    temperature: float = 0.1
+    """Of "scan": factor on the log-likelihood, since neighbouring beams err alike."""
+    max_beams: int = 180
+    """Of "scan": at most so many of the sensor's beams, evenly spaced, are compared."""
     quantisation: bool = True
     """Whether to add the variance that the window's lattice cannot resolve (step^2 / 12)."""
     stride: float = 0.2
@@ -67,7 +92,11 @@ class FieldConfig:
         _one_of("estimator", self.estimator, ESTIMATORS)
         _one_of("template", self.template, TEMPLATES)
         _one_of("weight_law", self.weight_law, WEIGHT_LAWS)
+        self._settle_sensor()
         for name, unit in (
+            ("sigma_hit", "m"),
+            ("z_rand", "of 1"),
+            ("temperature", "of 1"),
             ("sensor_range", "m"),
             ("window", "m"),
             ("step", "m"),
@@ -98,6 +127,40 @@ class FieldConfig:
         if not isinstance(self.quantisation, bool):
             raise ConfigError(f"quantisation must be true or false, not {self.quantisation!r}")
 
+    def _settle_sensor(self) -> None:
+        """One sensor, one range, and a number of headings."""
+        if self.estimator == "sad":
+            if self.sensor is not None:
+                raise ConfigError('estimator "sad" knows no sensor but its range: set sensor_range')
+            if self.headings not in (0, 1):
+                raise ConfigError('estimator "sad" is the same for all headings')
+            object.__setattr__(self, "headings", 1)
+            return
+        if self.sensor is None:
+            self._keep("sensor_range", _positive("sensor_range", self.sensor_range, "m"))
+            object.__setattr__(self, "sensor", Sensor(range=self.sensor_range))
+        if not isinstance(self.sensor, Sensor):
+            raise ConfigError(f"sensor must be a Sensor, not {self.sensor!r}")
+        self._keep("sensor_range", self.sensor.range)
+        alike = self.sensor.sees_alike_in_all_headings
+        if not _is_whole(self.headings) or not 0 <= self.headings <= 360:
+            raise ConfigError(f"headings must be a whole number in 0..360, not {self.headings!r}")
+        headings = self.headings or (1 if alike else HEADINGS)
+        if headings == 1 and not alike:
+            raise ConfigError("what this sensor sees depends on the heading: set headings above 1")
+        object.__setattr__(self, "headings", int(headings))
+        if not _is_whole(self.max_beams) or self.max_beams < 1:
+            raise ConfigError(
+                f"max_beams must be a whole number of 1 or more, not {self.max_beams!r}"
+            )
+        if not (_is_number(self.z_rand) and 0 < self.z_rand < 1):
+            raise ConfigError(f"z_rand must lie between 0 and 1, not {self.z_rand!r}")
+
+    @property
+    def heading_angles(self) -> NDArray[np.float64]:
+        """The headings that a field has covariances for, in the world, (headings,) [rad]."""
+        return 2 * np.pi * np.arange(self.headings) / self.headings
+
     @property
     def mismatch_scale(self) -> float:
         """`tau`, or the template's own [m^2]."""
@@ -120,6 +183,10 @@ class FieldConfig:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def _positive(name: str, value: Any, unit: str) -> float:

@@ -12,12 +12,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan.covariance import SCALARS, scalar
+from locplan.blindness import COST_LAWS, blindness, one_of
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField
 from locplan.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 
-COST_LAWS = ("logarithmic", "linear", "cube-root")
 GREATEST = 1e9
 """Greatest finite density: beyond it the steps of a long path would be lost in rounding."""
 
@@ -41,6 +40,10 @@ class Costmap:
     """How blind a cell is, 0..1, (H, W); NaN where there is no field."""
     e: NDArray[np.float64]
     """The field's e [m^2 rad], (H, W); NaN where there is no field."""
+    u_of_heading: NDArray[np.float64] | None = None
+    """For n headings of the robot, evenly spaced from 0 on, where it matters: (n, H, W)."""
+    e_of_heading: NDArray[np.float64] | None = None
+    """The same [m^2 rad]."""
 
     @classmethod
     def from_field(
@@ -52,6 +55,7 @@ class Costmap:
         robot_radius: float = 0.0,
         law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
         criterion: str = "e",
+        headings: Literal["mean", "worst"] = "mean",
     ) -> Costmap:
         """1 + weight * u on free cells, with u between absolute anchors of the field's config.
 
@@ -69,7 +73,13 @@ class Costmap:
             "logarithmic": u = ln(e/e_min) / ln(e_max/e_min); "linear": e / e_max; "cube-root":
             its cube root. All clipped to 0..1.
         criterion : str
-            The scalar that u is made of, see `locplan.covariance.scalar`.
+            What u is made of: "e", "position_std", "position_rms", "heading_std" (see
+            `locplan.covariance.scalar`), or a layer of the field, "ambiguity" or "entropy", which
+            is always linear between its anchors.
+        headings : str
+            Of a field with several headings, what counts where the robot's own is not known: the
+            "mean" information over all, or the "worst" heading. Planners whose states have a
+            heading take its own.
 
         Raises
         ------
@@ -78,21 +88,57 @@ class Costmap:
         ConfigError
             If weight or radius is negative or not finite, or a name is unknown.
         """
-        if field.grid.digest != grid.digest:
-            raise FieldError(
-                f"the field of {field.grid.name or 'another map'} does not belong to"
-                f" {grid.name or 'this map'}; compute it for this map"
-            )
+        return cls.from_fields(
+            grid,
+            [field],
+            weight=weight,
+            robot_radius=robot_radius,
+            law=law,
+            criterion=criterion,
+            headings=headings,
+        )
+
+    @classmethod
+    def from_fields(
+        cls,
+        grid: OccupancyGrid,
+        fields: Sequence[CovarianceField],
+        *,
+        fuse: Literal["max", "mean"] = "max",
+        weight: float = 4.0,
+        robot_radius: float = 0.0,
+        law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
+        criterion: str = "e",
+        headings: Literal["mean", "worst"] = "mean",
+    ) -> Costmap:
+        """The same from several fields of a map, such as those of "fisher" and "scan".
+
+        Parameters
+        ----------
+        fields : sequence of CovarianceField
+            At least one; those with several headings must have as many.
+        fuse : str
+            "max": the larger u; "mean": that of the mean logarithm of the criterion, between the
+            mean logarithms of the anchors. The mean of "fisher" and "scan" by "position_std"
+            predicts the errors of real lasers best. The e that plans report is fused alike.
+
+        The other parameters are those of `from_field`.
+        """
+        for field in fields:
+            if field.grid.digest != grid.digest:
+                raise FieldError(
+                    f"the field of {field.grid.name or 'another map'} does not belong to"
+                    f" {grid.name or 'this map'}; compute it for this map"
+                )
         check_weight(weight)
-        if law not in COST_LAWS:
-            raise ConfigError(f"law must be one of {', '.join(COST_LAWS)}, not {law!r}")
-        if criterion not in SCALARS:
-            raise ConfigError(f"criterion must be one of {', '.join(SCALARS)}, not {criterion!r}")
-        least, greatest = field.anchors(criterion)
-        if not greatest > least:
-            raise ConfigError(f"criterion {criterion!r} says nothing in a field without rotation")
-        values = field.on_map(scalar(field.quantised_covariance, criterion))
-        u = _blindness(values, least, greatest, law)
+        one_of("law", law, COST_LAWS)
+        one_of("fuse", fuse, ("max", "mean"))
+        one_of("headings", headings, ("mean", "worst"))
+        counts = {field.config.headings for field in fields} - {1}
+        if not fields or len(counts) > 1:
+            raise ConfigError("a costmap needs fields, and all with several headings as many")
+        own = [blindness(fields, criterion, law, fuse, None)] if counts else []
+        u, e = blindness(fields, criterion, law, fuse, headings)
         density = np.where(np.isnan(u), np.inf, 1 + weight * u)
         return cls(
             grid=grid,
@@ -100,7 +146,9 @@ class Costmap:
             weight=float(weight),
             robot_radius=float(robot_radius),
             u=u,
-            e=field.e_map(),
+            e=e,
+            u_of_heading=own[0][0] if own else None,
+            e_of_heading=own[0][1] if own else None,
         )
 
     @classmethod
@@ -138,6 +186,14 @@ class Costmap:
     def blank(cls, grid: OccupancyGrid, *, robot_radius: float = 0.0) -> Costmap:
         """A cost of 1 wherever the robot can be: shortest paths, no field."""
         return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
+
+    @property
+    def density_of_heading(self) -> NDArray[np.float64]:
+        """`density` for each heading (n, H, W), or where that does not matter once (1, H, W)."""
+        if self.u_of_heading is None:
+            return self.density[None]
+        free = np.isfinite(self.density) & np.isfinite(self.u_of_heading)
+        return np.where(free, 1 + self.weight * self.u_of_heading, np.inf)
 
     def with_weight(self, weight: float) -> Costmap:
         """The same costmap, made from its u with another weight; 0 finds shortest paths.
@@ -225,15 +281,6 @@ class Costmap:
 def check_weight(weight: float) -> None:
     """Raise a ConfigError unless the weight is a number of at least 0."""
     _at_least_zero("weight", weight)
-
-
-def _blindness(values: NDArray, least: float, greatest: float, law: str) -> NDArray:
-    if law == "logarithmic":
-        u = np.log(values / least) / math.log(greatest / least)
-    else:
-        u = values / greatest
-        u = np.cbrt(u) if law == "cube-root" else u
-    return np.clip(u, 0.0, 1.0)
 
 
 def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:

@@ -83,3 +83,8 @@ def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
     turn = np.eye(covariance.shape[-1])
     turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     return turn @ covariance @ turn.T
+
+
+def mean_information(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inverse of the mean inverse of covariances (..., n, d, d), over n: (..., d, d)."""
+    return np.linalg.inv(np.linalg.inv(covariances).mean(axis=-3))

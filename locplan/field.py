@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan import field_files, tiles
 from locplan.config import FieldConfig
-from locplan.covariance import log_euclidean_mean, scalar
+from locplan.covariance import log_euclidean_mean, mean_information, scalar
 from locplan.files import replacing_folder
 from locplan.grid import OccupancyGrid
 from locplan.lattice import neighbours, spread, stride_cells
@@ -32,18 +34,34 @@ class CovarianceField:
 
     Parameters
     ----------
-    covariance : (h, w, d, d) array of float64
-        Of (x, y, theta) [m, m, rad] in the world frame; d = 2 (x, y) without rotation. NaN where
+    covariance : (h, w, d, d) or (h, w, n, d, d) array of float64
+        Of (x, y, theta) [m, m, rad] in the world frame; d = 2 (x, y) without rotation. For n
+        headings of the robot (`config.heading_angles`), where the config has several. NaN where
         not evaluated.
     grid : OccupancyGrid
         The map, (H, W) cells.
     config : FieldConfig
         What the covariances were computed with.
+    layers : dict of (h, w) or (h, w, n) arrays
+        What the estimator tells of a place besides: of "scan" the "ambiguity", the probability
+        outside the central mode, and the "entropy" of the posterior [nat].
     """
 
     covariance: NDArray[np.float64]
     grid: OccupancyGrid
     config: FieldConfig
+    layers: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, values: tiles.Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
+        """A field of the arrays that `locplan.tiles` fills."""
+        layers = {name: array for name, array in values.items() if name != "covariance"}
+        return cls(values["covariance"], grid, config, layers)
+
+    @property
+    def values(self) -> tiles.Values:
+        """All arrays by name, "covariance" first."""
+        return {"covariance": self.covariance, **self.layers}
 
     def __repr__(self) -> str:
         h, w = self.covariance.shape[:2]
@@ -60,7 +78,7 @@ class CovarianceField:
     @cached_property
     def evaluated(self) -> NDArray[np.bool_]:
         """Which lattice points hold a covariance, (h, w)."""
-        return ~np.isnan(self.covariance[:, :, 0, 0])
+        return tiles.known_points(self.values)
 
     @property
     def window(self) -> SearchWindow:
@@ -69,25 +87,58 @@ class CovarianceField:
 
     @cached_property
     def e(self) -> NDArray[np.float64]:
-        """sqrt(det Sigma) (Eq. 10) on the lattice, (h, w) [m^2 rad]; NaN where not evaluated."""
+        """sqrt(det Sigma) (Eq. 10) on the lattice, (h, w) or (h, w, n) [m^2 rad].
+
+        NaN where not evaluated.
+        """
         return scalar(self.covariance, "e")
 
-    def scalar(self, name: str) -> NDArray[np.float64]:
-        """A scalar on the lattice, (h, w): "e", "position_std", "position_rms", "heading_std".
+    def scalar(
+        self, name: str, *, headings: Literal["mean", "worst"] | None = None, with_q: bool = False
+    ) -> NDArray[np.float64]:
+        """A scalar on the lattice, (h, w), or (h, w, n) for n headings.
 
-        See `locplan.covariance.scalar`.
+        Parameters
+        ----------
+        name : str
+            "e", "position_std", "position_rms" or "heading_std", see `locplan.covariance.scalar`,
+            or one of `layers`.
+        headings : "mean" or "worst", optional
+            One value for all headings, (h, w): that of the mean information, or the greatest.
+        with_q : bool
+            Of Sigma + Q even where `config.quantisation` is off.
         """
-        return scalar(self.covariance, name)
+        several = self.covariance.ndim == 5
+        if name in self.layers:
+            values = self.layers[name]
+            if several and headings:
+                return values.mean(axis=2) if headings == "mean" else values.max(axis=2)
+            return values
+        covariance = self.quantised_covariance if with_q else self.covariance
+        if several and headings == "mean":
+            merged = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
+            merged[self.evaluated] = mean_information(covariance[self.evaluated])
+            return scalar(merged, name)
+        values = scalar(covariance, name)
+        return values.max(axis=2) if several and headings == "worst" else values
 
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
-        """Sigma + Q whether or not `config.quantisation` has added it, (h, w, d, d)."""
+        """Sigma + Q whether or not `config.quantisation` has added it, like `covariance`."""
         if self.config.quantisation:
             return self.covariance
         return self.covariance + self.window.quantisation
 
     def anchors(self, name: str = "e") -> tuple[float, float]:
-        """A scalar's least and greatest value with Q: a perfect match, and a featureless place."""
+        """A scalar's least and greatest value with Q: a perfect match, and a featureless place.
+
+        Of the ambiguity 0 and 1, of the entropy 0 and the logarithm of the number of offsets.
+        """
+        if name == "ambiguity":
+            return 0.0, 1.0
+        if name == "entropy":
+            window = self.window
+            return 0.0, math.log(len(window.offsets) ** 2 * len(window.angles))
         q = self.window.quantisation
         featureless = self.config.noise_level * self.window.uniform_covariance + q
         return float(scalar(q, name)), float(scalar(featureless, name))
@@ -107,30 +158,42 @@ class CovarianceField:
         return "m² rad" if self.window.dimension == 3 else "m²"
 
     def e_map(self) -> NDArray[np.float64]:
-        """`e` on the map's free cells, (H, W) [m^2 rad]: bilinear in ln e; NaN elsewhere."""
+        """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad]; NaN elsewhere.
+
+        Bilinear in ln e.
+        """
         return self.on_map(self.e)
 
-    def on_map(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Positive values (h, w) on the lattice, read on the free cells: bilinear in the logarithm.
+    def on_map(
+        self, values: NDArray[np.float64], *, logarithmic: bool = True
+    ) -> NDArray[np.float64]:
+        """Values (h, w, ...) on the lattice, read on the free cells, (H, W, ...).
 
-        Where a corner was not evaluated the others take its weight.
+        Bilinear in the logarithm of positive values, or in the values themselves. Where a corner
+        was not evaluated the others take its weight.
         """
+        if values.ndim == 3:
+            each = (values[:, :, k] for k in range(values.shape[2]))
+            return np.stack([self.on_map(one, logarithmic=logarithmic) for one in each], axis=2)
         known = self.evaluated
-        logs = np.log(np.maximum(np.where(known, values, 1.0), np.finfo(float).tiny))
-        logs = spread(np.where(known, logs, 0.0), self.grid.shape, self.stride)
+        filled = np.where(known, values, 1.0)
+        if logarithmic:
+            filled = np.log(np.maximum(filled, np.finfo(float).tiny))
+        read = spread(np.where(known, filled, 0.0), self.grid.shape, self.stride)
         weight = spread(known.astype(float), self.grid.shape, self.stride)
         readable = self.grid.free & (weight > 0)
         result = np.full(self.grid.shape, np.nan)
-        result[readable] = np.exp(logs[readable] / weight[readable])
-        return result
+        result[readable] = read[readable] / weight[readable]
+        return np.exp(result) if logarithmic else result
 
-    def at(self, x: float, y: float) -> NDArray[np.float64]:
+    def at(self, x: float, y: float, heading: float | None = None) -> NDArray[np.float64]:
         """Covariance at a world position [m], (d, d).
 
-        Interpolated between the lattice points in the matrices' logarithm, which makes it
-        bilinear in ln e; NaN in cells that are not free or lie outside the map.
+        Interpolated between the lattice points, and between the headings next to `heading` [rad],
+        in the matrices' logarithm, which makes it bilinear in ln e. Without a heading that of the
+        mean information over all headings. NaN in cells that are not free or lie outside the map.
         """
-        nowhere = np.full(self.covariance.shape[2:], np.nan)
+        nowhere = np.full(self.covariance.shape[-2:], np.nan)
         if not (math.isfinite(x) and math.isfinite(y)):
             return nowhere
         row, col = self.grid.world_to_cell(x, y)
@@ -141,11 +204,22 @@ class CovarianceField:
         for i, weight_row in neighbours(exact_row / self.stride, self.covariance.shape[0]):
             for j, weight_col in neighbours(exact_col / self.stride, self.covariance.shape[1]):
                 if self.evaluated[i, j] and weight_row * weight_col > 0:
-                    corners.append(self.covariance[i, j])
+                    corners.append(self._towards(self.covariance[i, j], heading))
                     weights.append(weight_row * weight_col)
         if not corners:
             return nowhere
         return log_euclidean_mean(np.array(corners), np.array(weights))
+
+    def _towards(self, covariance: NDArray, heading: float | None) -> NDArray[np.float64]:
+        """Of the covariances at a lattice point, that in a heading, or of all of them."""
+        if covariance.ndim == 2:
+            return covariance
+        if heading is None:
+            return mean_information(covariance)
+        position = heading / (2 * math.pi) * len(covariance)
+        low, share = math.floor(position), position % 1
+        both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
+        return log_euclidean_mean(both, np.array([1 - share, share]))
 
     def update(
         self,
@@ -172,9 +246,11 @@ class CovarianceField:
             If the maps differ in more than their cells.
         """
         same = tiles.untouched_points(self.grid, grid, self.config)
-        covariance = np.where(same[:, :, None, None], self.covariance, np.nan)
-        tiles.complete(covariance, grid, self.config, threads, executor, progress)
-        return CovarianceField(covariance, grid, self.config)
+        values = tiles.nothing_known(grid, self.config)
+        for name, known in self.values.items():
+            values[name][same] = known[same]
+        tiles.complete(values, grid, self.config, threads, executor, progress)
+        return CovarianceField.of(values, grid, self.config)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
@@ -187,7 +263,7 @@ class CovarianceField:
             If the folder cannot be written, or is something else than a field.
         """
         with replacing_folder(path, field_files.SUFFIX, field_files.is_field) as temporary:
-            field_files.write(temporary, self.covariance, self.grid, self.config)
+            field_files.write(temporary, self.values, self.grid, self.config)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
@@ -198,7 +274,7 @@ class CovarianceField:
         FieldError
             If the folder is missing, damaged, or no covariance field.
         """
-        return cls(*field_files.read(Path(path)))
+        return cls.of(*field_files.read(Path(path)))
 
 
 def covariance_field(
@@ -244,6 +320,6 @@ def covariance_field(
     (15, 15, 3, 3)
     """
     config = config or FieldConfig()
-    covariance = np.full(tiles.field_shape(grid, config), np.nan)
-    tiles.complete(covariance, grid, config, threads, executor, progress)
-    return CovarianceField(covariance, grid, config)
+    values = tiles.nothing_known(grid, config)
+    tiles.complete(values, grid, config, threads, executor, progress)
+    return CovarianceField.of(values, grid, config)

@@ -1,8 +1,9 @@
 """Covariance fields as Zarr v3 groups, which xarray and every other Zarr reader open.
 
 A group holds `covariance` (y, x, pose_row, pose_col), its coordinates `y` and `x`, and the map as
-`cells` (row, col); its attributes say what they are. A chunk that was not computed is absent, and
-reads as NaN; a chunk that was carries a checksum.
+`cells` (row, col); its attributes say what they are. Where there are several headings, `heading`
+comes after x; some estimators tell more of a place, (y, x) or (y, x, heading). A chunk that was not
+computed is absent, and reads as NaN; a chunk that was carries a checksum.
 """
 
 from __future__ import annotations
@@ -23,10 +24,29 @@ from locplan.config import FieldConfig
 from locplan.errors import FieldError, LocplanError
 from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.lattice import evaluated_points, stride_cells
-from locplan.tiles import ENGINE, Chunk, chunk_edge, chunks_of, field_shape, missing_points
+from locplan.sensor import Sensor
+from locplan.tiles import (
+    ENGINE,
+    Chunk,
+    Values,
+    chunk_edge,
+    chunks_of,
+    field_shapes,
+    known_points,
+    missing_points,
+)
 
-FORMAT = "locplan-field-2"
+FORMAT = "locplan-field-3"
 SUFFIX = ".zarr"
+ABOUT: dict[str, Any] = {
+    "covariance": {
+        "long_name": "covariance of a pose match (x, y, theta), world frame",
+        "units": "m2, m rad, rad2",
+    },
+    "ambiguity": {"long_name": "probability outside the central mode", "units": "1"},
+    "entropy": {"long_name": "entropy of the posterior over the search window", "units": "nat"},
+}
+"""Attributes of a field's arrays."""
 
 
 def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
@@ -82,26 +102,25 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
-    shape, edge = field_shape(grid, config), _edge(grid, config)
+    shapes, edge = field_shapes(grid, config), _edge(grid, config)
     stride = stride_cells(config, grid.resolution)
     chunks = sum(1 for _ in chunks_of(evaluated_points(grid.free, stride), edge))
     about = attributes(grid, config) | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
-    group.create_array(
-        "covariance",
-        chunk_key_encoding={"name": "default", "separator": "."},
-        shape=shape,
-        chunks=(edge, edge, *shape[2:]),
-        dtype="float64",
-        fill_value=np.nan,
-        compressors=compressed,
-        dimension_names=("y", "x", "pose_row", "pose_col"),
-        attributes={
-            "long_name": "covariance of a pose match (x, y, theta), world frame",
-            "units": "m2, m rad, rad2",
-        },
-    )
+    places = ("y", "x") if config.headings == 1 else ("y", "x", "heading")
+    for name, shape in shapes.items():
+        group.create_array(
+            name,
+            chunk_key_encoding={"name": "default", "separator": "."},
+            shape=shape,
+            chunks=(edge, edge, *shape[2:]),
+            dtype="float64",
+            fill_value=np.nan,
+            compressors=compressed,
+            dimension_names=(*places, "pose_row", "pose_col")[: len(shape)],
+            attributes=ABOUT[name],
+        )
     group.create_array(
         "cells",
         data=grid.cells,
@@ -114,7 +133,15 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
             "flag_meanings": "occupied unknown free",
         },
     )
-    for name, size, start in zip("yx", shape, (grid.origin[1], grid.origin[0]), strict=False):
+    if config.headings != 1:
+        group.create_array(
+            "heading",
+            data=config.heading_angles,
+            dimension_names=("heading",),
+            attributes={"long_name": "of the robot in the world", "units": "rad"},
+        )
+    points = shapes["covariance"][:2]
+    for name, size, start in zip("yx", points, (grid.origin[1], grid.origin[0]), strict=True):
         group.create_array(
             name,
             data=start + (np.arange(size) * stride + 0.5) * grid.resolution,
@@ -126,22 +153,22 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
         )
 
 
-def write_chunks(folder: Path, covariance: NDArray[np.float64], chunks: Iterable[Chunk]) -> None:
-    """Write finished chunks, each whole or not at all."""
+def write_chunks(folder: Path, values: Values, chunks: Iterable[Chunk]) -> None:
+    """Write finished chunks, each whole or not at all: its covariances last."""
     import zarr
 
-    array: Any = zarr.open_array(folder / "covariance", mode="r+")
+    # What is read counts only where there are covariances.
+    names = sorted(values, key="covariance".__eq__)
+    arrays: Any = [(name, zarr.open_array(folder / name, mode="r+")) for name in names]
     for chunk in chunks:
-        array[chunk.at] = covariance[chunk.at]
+        for name, array in arrays:
+            array[chunk.at] = values[name][chunk.at]
 
 
-def write(
-    folder: Path, covariance: NDArray[np.float64], grid: OccupancyGrid, config: FieldConfig
-) -> None:
+def write(folder: Path, values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Write a whole field."""
     create(folder, grid, config)
-    known = ~np.isnan(covariance[:, :, 0, 0])
-    write_chunks(folder, covariance, chunks_of(known, _edge(grid, config)))
+    write_chunks(folder, values, chunks_of(known_points(values), _edge(grid, config)))
 
 
 def count_chunks(folder: Path) -> int:
@@ -153,21 +180,32 @@ def count_chunks(folder: Path) -> int:
     return sum(name.startswith("c.") and not name.endswith(".partial") for name in names)
 
 
-def read_covariance(
-    folder: Path, grid: OccupancyGrid, config: FieldConfig
-) -> tuple[NDArray[np.float64], int]:
-    """The covariances, NaN where a chunk is absent or damaged, and how many are damaged.
+def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple[Values, int]:
+    """The field's arrays, NaN where a chunk is absent or damaged, and how many are damaged.
 
     Raises
     ------
     FieldError
-        If the array's description is missing, damaged, or does not fit the map and the config.
+        If an array's description is missing, damaged, or does not fit the map and the config.
     """
+    shapes, edge = field_shapes(grid, config), _edge(grid, config)
+    values, damaged = {}, 0
+    for name, shape in shapes.items():
+        values[name], lost = _read_array(folder, name, shape, edge)
+        damaged += lost
+    for name in shapes:  # a place is known if all of it is
+        lost_here = np.isnan(values[name]).reshape(*shapes[name][:2], -1)[:, :, 0]
+        values["covariance"][lost_here] = np.nan
+    return values, damaged
+
+
+def _read_array(
+    folder: Path, name: str, shape: tuple[int, ...], edge: int
+) -> tuple[NDArray[np.float64], int]:
     import zarr
 
-    shape, edge = field_shape(grid, config), _edge(grid, config)
     try:
-        array: Any = zarr.open_array(folder / "covariance", mode="r")
+        array: Any = zarr.open_array(folder / name, mode="r")
         found = array.shape, array.chunks[:2], array.dtype
     except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
         raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
@@ -176,13 +214,13 @@ def read_covariance(
     try:
         return np.asarray(array[:]), 0
     except Exception:  # a damaged chunk: which one?
-        covariance, damaged = np.full(shape, np.nan), 0
+        values, damaged = np.full(shape, np.nan), 0
         for chunk in chunks_of(np.ones(shape[:2], bool), edge):
             try:
-                covariance[chunk.at] = array[chunk.at]
+                values[chunk.at] = array[chunk.at]
             except Exception:
                 damaged += 1
-        return covariance, damaged
+        return values, damaged
 
 
 def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
@@ -205,8 +243,8 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
     return grid
 
 
-def read(folder: Path) -> tuple[NDArray[np.float64], OccupancyGrid, FieldConfig]:
-    """A whole field: covariances (h, w, d, d), map and config.
+def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
+    """A whole field: its arrays, map and config.
 
     Raises
     ------
@@ -216,22 +254,25 @@ def read(folder: Path) -> tuple[NDArray[np.float64], OccupancyGrid, FieldConfig]
     about = read_attributes(folder)
     grid = read_grid(folder, about)
     try:
-        config = FieldConfig(**about["config"])
+        sensor = about["config"]["sensor"] and Sensor(**about["config"]["sensor"])
+        config = FieldConfig(**about["config"] | {"sensor": sensor})
     except (KeyError, TypeError, LocplanError) as error:
         raise FieldError(f"{folder}: its config is damaged ({_in_short(error)})") from None
-    covariance, damaged = read_covariance(folder, grid, config)
-    lacking = int(missing_points(covariance, grid, config).sum())
+    values, damaged = read_values(folder, grid, config)
+    lacking = int(missing_points(values, grid, config).sum())
     if damaged or lacking:
         why = (
             f"{damaged} chunks are damaged" if damaged else f"{lacking} points were never computed"
         )
         raise FieldError(f"{folder}: {why}; compute it anew")
-    return covariance, grid, config
+    return values, grid, config
 
 
 def _edge(grid: OccupancyGrid, config: FieldConfig) -> int:
     """Of the chunks [lattice points]."""
-    return min(chunk_edge(config, grid.resolution), max(field_shape(grid, config)[:2]))
+    return min(
+        chunk_edge(config, grid.resolution), max(field_shapes(grid, config)["covariance"][:2])
+    )
 
 
 def _checksum(about: dict[str, Any]) -> str:

@@ -43,14 +43,22 @@ class PathMetrics:
 
 
 def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
-    """Measure a path on a costmap.
+    """Measure a path on a costmap, in its own headings where it has them and they matter.
 
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
     integrals of e and u are NaN.
     """
-    row, col, lengths = _crossed(costs.grid, path)
-    e, u = _along(costs.e, row, col, np.nan), _along(costs.u, row, col, np.nan)
-    density = _along(costs.density, row, col, np.inf)
+    headed = path.heading is not None and costs.u_of_heading is not None
+    if headed:
+        assert costs.u_of_heading is not None
+        assert costs.e_of_heading is not None
+        layers = costs.e_of_heading, costs.u_of_heading, costs.density_of_heading
+    else:
+        layers = costs.e[None], costs.u[None], costs.density[None]
+    layer, row, col, lengths = _crossed(costs.grid, path, len(layers[0]))
+    at = layer, row, col
+    e, u = _along(layers[0], at, np.nan), _along(layers[1], at, np.nan)
+    density = _along(layers[2], at, np.inf)
     integrated_e = float(e @ lengths)
     return PathMetrics(
         length=path.length,
@@ -61,14 +69,14 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
         max_e=float(e.max()),
         degraded_share=float(_share(u > DEGRADED, lengths)) if np.isfinite(u).all() else np.nan,
         longest_degraded=_longest(u > DEGRADED, lengths) if np.isfinite(u).all() else np.nan,
-        clearance=float(_along(costs.grid.clearance, row, col, 0.0).min()),
+        clearance=float(_along(costs.grid.clearance[None], (0 * row, row, col), 0.0).min()),
     )
 
 
 def profile(
     costs: Costmap, path: Path, layer: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A layer (H, W) along a path, as steps.
+    """A layer (H, W), or (n, H, W) for n headings, along a path, as steps.
 
     Returns
     -------
@@ -77,15 +85,31 @@ def profile(
     values : (n,) array
         The layer there; NaN outside the map.
     """
-    row, col, lengths = _crossed(costs.grid, path)
-    return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layer, row, col, np.nan)
+    layers = layer.reshape(-1, *layer.shape[-2:])
+    heading, row, col, lengths = _crossed(costs.grid, path, len(layers))
+    values = _along(layers, (heading, row, col), np.nan)
+    return np.concatenate([[0.0], np.cumsum(lengths)]), values
 
 
-def _crossed(grid: OccupancyGrid, path: Path) -> tuple[NDArray, NDArray, NDArray]:
-    """Rows and columns of the cells that a path crosses, and its length in each [m]."""
+def _crossed(
+    grid: OccupancyGrid, path: Path, headings: int
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Headings, rows and columns of the cells that a path crosses, and its length in each [m]."""
+    if headings == 1:
+        row, col, lengths = _crossed_cells(grid, path.xy)
+        return 0 * row, row, col, lengths
+    parts = []
+    for heading, xy in path.by_heading(headings):
+        row, col, lengths = _crossed_cells(grid, xy)
+        parts.append((np.full_like(row, heading), row, col, lengths))
+    joined: list[NDArray] = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    return joined[0], joined[1], joined[2], joined[3]
+
+
+def _crossed_cells(grid: OccupancyGrid, xy: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     from locplan._kernels.rays import cells_along
 
-    positions = np.column_stack(grid.world_to_grid(*path.xy.T))
+    positions = np.column_stack(grid.world_to_grid(*xy.T))
     row, col, lengths = cells_along(positions)
     if lengths.size == 0:  # it stays where it is
         row, col = np.floor(positions[:1]).astype(np.int64).T
@@ -93,9 +117,14 @@ def _crossed(grid: OccupancyGrid, path: Path) -> tuple[NDArray, NDArray, NDArray
     return row, col, lengths * grid.resolution
 
 
-def _along(layer: NDArray, row: NDArray, col: NDArray, outside: float) -> NDArray[np.float64]:
-    inside = (row >= 0) & (row < layer.shape[0]) & (col >= 0) & (col < layer.shape[1])
-    return np.where(inside, layer[np.where(inside, row, 0), np.where(inside, col, 0)], outside)
+def _along(
+    layers: NDArray, at: tuple[NDArray, NDArray, NDArray], outside: float
+) -> NDArray[np.float64]:
+    heading, row, col = at
+    rows, cols = layers.shape[1:]
+    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+    row, col = np.where(inside, row, 0), np.where(inside, col, 0)
+    return np.where(inside, layers[heading, row, col], outside)
 
 
 def _share(where: NDArray[np.bool_], lengths: NDArray) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -74,6 +75,34 @@ class Path:
         if self.heading is None:
             return Path(xy)
         return Path(xy, np.interp(at, self.distance, np.unwrap(self.heading)))
+
+    def by_heading(self, count: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """Its stretches by which of `count` headings, evenly spaced from 0 on, is next.
+
+        Along each line of the path the heading turns evenly, the shorter way.
+
+        Yields
+        ------
+        heading : int
+            0..count - 1.
+        xy : (k, 2) array
+            World positions of the stretch [m]; the next one begins where it ends.
+        """
+        assert self.heading is not None
+        turns = np.remainder(np.diff(self.heading) + np.pi, 2 * np.pi) - np.pi
+        begin = self.heading[0]
+        heading = np.concatenate([[begin], begin + np.cumsum(turns)]) / (2 * np.pi) * count + 0.5
+        stretch, current = [self.xy[0]], int(np.floor(heading[0]))
+        for n, (before, after) in enumerate(itertools.pairwise(heading)):
+            while int(np.floor(after)) != current:
+                way = 1 if after > before else -1
+                border = current + (way > 0)
+                share = (border - before) / (after - before) if after != before else 1.0
+                stretch.append(self.xy[n] + share * (self.xy[n + 1] - self.xy[n]))
+                yield current % count, np.array(stretch)
+                stretch, current = [stretch[-1]], current + way
+            stretch.append(self.xy[n + 1])
+        yield current % count, np.array(stretch)
 
 
 def joined(paths: Sequence[Path]) -> Path:

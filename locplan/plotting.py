@@ -19,8 +19,9 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
+from locplan.config import FieldConfig
 from locplan.costmap import Costmap
-from locplan.covariance import UNITS, scalar
+from locplan.covariance import UNITS
 from locplan.field import CovarianceField
 from locplan.files import PICTURES, check_target, replacing
 from locplan.grid import FREE, UNKNOWN, OccupancyGrid
@@ -52,6 +53,8 @@ LABELS = {
     "position_std": "largest position std. deviation",
     "position_rms": "rms position deviation",
     "heading_std": "heading std. deviation",
+    "ambiguity": "probability outside the central mode",
+    "entropy": "entropy of the posterior",
 }
 
 
@@ -63,18 +66,18 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     field : CovarianceField
         The field.
     name : str
-        "e", "position_std", "position_rms" or "heading_std", see `locplan.covariance.scalar`.
+        "e", "position_std", "position_rms" or "heading_std", see `locplan.covariance.scalar`, or
+        one of the field's layers. Of several headings that of the mean information is drawn.
     """
     figure = Figure(figsize=_map_size(field.grid), layout="constrained")
     axes = figure.add_subplot()
     image = draw_field(axes, field, name)
-    unit = field.e_unit if name == "e" else UNITS[name]
-    figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit}]", shrink=0.9)
+    unit = {"e": field.e_unit, "ambiguity": "1", "entropy": "nat"} | UNITS
+    figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit[name]}]", shrink=0.9)
     config = field.config
     axes.set_title(
         f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated\n"
-        f"{config.estimator}, {config.template}, {config.weight_law},"
-        f" range {config.sensor_range:g} m",
+        f"{_how(config)}, range {config.sensor_range:g} m",
         fontsize="medium",
     )
     return figure
@@ -107,7 +110,10 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
             f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m blind,"
             f" ∫e ds = {metrics.integrated_e:.3g} {field.e_unit} m"
         )
-        distance, u = profile(costs, plan.path, costs.u)
+        blindness = costs.u
+        if plan.path.heading is not None and costs.u_of_heading is not None:
+            blindness = costs.u_of_heading
+        distance, u = profile(costs, plan.path, blindness)
         lower.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
         handles.append(Line2D([], [], path_effects=_outline(), linewidth=2, label=text, **style))
     handles += [
@@ -202,14 +208,16 @@ def history_figure(plans: Mapping[str, Plan]) -> Figure:
     """
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
-    told = {label: plan for label, plan in plans.items() if plan.history}
-    for (label, plan), style in zip(told.items(), PATH_STYLES, strict=False):
+    for (label, plan), style in zip(plans.items(), PATH_STYLES, strict=False):
+        if not plan.history:
+            continue
         seconds, cost = np.transpose(plan.history)
         name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
         axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
     axes.set(
         xscale="log", xlabel="time since the search began [s]", ylabel="best cost J so far [m]"
     )
+    axes.set_title("best cost of each search, as it went on", fontsize="medium")
     axes.legend(frameon=False)
     return figure
 
@@ -227,8 +235,11 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
 def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage:
     """A scalar of the field over its map, on a logarithmic scale between its anchors."""
     draw_map(axes, field.grid)
-    values = field.on_map(scalar(field.covariance, name))
+    layer = name in field.layers
+    values = field.on_map(field.scalar(name, headings="mean"), logarithmic=not layer)
     low, high = field.anchors(name)
+    if layer:
+        return _draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=Normalize(low, high))
     if not field.config.quantisation and field.evaluated.any():
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
@@ -250,6 +261,14 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
             ahead = 22 * np.cos(heading[0]), 22 * np.sin(heading[0])  # in points, at any scale
             arrow = {"arrowstyle": "<|-", "color": "black", "linewidth": 1.5, "shrinkA": 0}
             axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow)
+
+
+def _how(config: FieldConfig) -> str:
+    """The estimator and what decides its values most."""
+    if config.sensor is None:
+        return f"{config.estimator}, {config.template}, {config.weight_law}"
+    several = f", mean of {config.headings} headings" if config.headings != 1 else ""
+    return f"{config.estimator}, {config.sensor.field_of_view_deg:g}°{several}"
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan.cache import CacheEntry
@@ -22,7 +20,15 @@ from locplan.files import make_folder, replacing
 from locplan.metrics import DEGRADED
 from locplan.planners.pareto import ParetoFront
 from locplan.planners.result import Plan
+from locplan.tables import age, finite, in_bytes, table, write_csv
 
+SATURATED = 1 / 3
+"""A larger saturated share makes the table suggest what would resolve it."""
+REMEDY = {
+    "sad": "more is told apart by what the lidar sees: --estimator scan, or fisher (--sensor)",
+    "fisher": "more is told apart by --estimator scan, which also sees repetition",
+    "scan": "more is told apart by a finer lattice, or by another --criterion than e",
+}
 _METRICS = (
     ("length", "length", "m", ".2f"),
     ("cost J", "cost", "m", ".2f"),
@@ -38,14 +44,17 @@ _METRICS = (
 
 
 def field_summary(field: CovarianceField) -> dict[str, Any]:
-    """How many cells were evaluated, and how e is distributed over them [m^2 rad]."""
+    """How many cells were evaluated, and how e is distributed over them [m^2 rad].
+
+    Over all headings, where there are several.
+    """
     e = field.e[field.evaluated]
     low, median, high = np.percentile(e, (10, 50, 90)) if e.size else (math.nan,) * 3
-    return _finite(
+    return finite(
         {
             "map": field.grid.name,
             "config": dataclasses.asdict(field.config),
-            "cells_evaluated": int(e.size),
+            "cells_evaluated": int(field.evaluated.sum()),
             "e_percentile_10": float(low),
             "e_median": float(median),
             "e_percentile_90": float(high),
@@ -55,19 +64,32 @@ def field_summary(field: CovarianceField) -> dict[str, Any]:
 
 
 def field_table(field: CovarianceField) -> str:
-    """The summary of a field for people."""
+    """The summary of a field for people, and what would resolve a saturated one."""
     about = field_summary(field)
     keys = "e_percentile_10", "e_median", "e_percentile_90"
     e = " / ".join("–" if about[key] is None else f"{about[key]:.3g}" for key in keys)
-    return _table(
+    text = table(
         [],
         [
             ["map", field.grid.name],
+            ["estimator", _estimator(field.config)],
             ["cells evaluated", f"{about['cells_evaluated']:,}"],
             ["e, 10 % / median / 90 %", f"{e} {field.e_unit}"],
             ["saturated", f"{about['saturated_share']:.0%} of the cells: e at its least value"],
         ],
     )
+    if about["saturated_share"] <= SATURATED:
+        return text
+    return f"{text}\n{REMEDY[field.config.estimator]}"
+
+
+def _estimator(config: FieldConfig) -> str:
+    if config.sensor is None:
+        return f"{config.estimator}, {config.template}, range {config.sensor_range:g} m"
+    sensor = config.sensor
+    seen = f"{sensor.range:g} m, {sensor.field_of_view_deg:g} deg, {sensor.beams} beams"
+    headings = "" if config.headings == 1 else f", {config.headings} headings"
+    return f"{config.estimator}, sensor {seen}{headings}"
 
 
 def fields_table(summaries: Sequence[Mapping[str, Any]]) -> str:
@@ -81,7 +103,7 @@ def fields_table(summaries: Sequence[Mapping[str, Any]]) -> str:
         e = "–" if about["e_median"] is None else f"{about['e_median']:.3g}"
         cells, saturated = f"{about['cells_evaluated']:,}", f"{about['saturated_share']:.0%}"
         rows.append([about["map"], cells, e, saturated, f"{about['seconds']:.1f} s"])
-    return "\n".join([_table(["map", "cells", "median e", "saturated", "took"], rows), *errors])
+    return "\n".join([table(["map", "cells", "median e", "saturated", "took"], rows), *errors])
 
 
 def cache_summary(entries: Sequence[CacheEntry]) -> list[dict[str, Any]]:
@@ -106,25 +128,25 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
         [
             entry.about.get("map_name", "(damaged)"),
             _unusual(entry.about.get("config", {})),
-            _bytes(entry.size),
+            in_bytes(entry.size),
             f"{entry.share:.0%}",
-            _age(entry.computed),
-            _age(entry.used),
+            age(entry.computed),
+            age(entry.used),
         ]
         for entry in entries
     ]
     total = sum(entry.size for entry in entries)
     count = f"{len(entries)} field{'' if len(entries) == 1 else 's'}"
-    last = f"{count}, {_bytes(total)} of at most {_bytes(limit)}, in {folder}"
+    last = f"{count}, {in_bytes(total)} of at most {in_bytes(limit)}, in {folder}"
     if not rows:
         return last
     columns = ["map", "config", "size", "finished", "computed", "last used"]
-    return f"{_table(columns, rows)}\n{last}"
+    return f"{table(columns, rows)}\n{last}"
 
 
 def cleared(removed: Sequence[CacheEntry], busy: Sequence[CacheEntry]) -> str:
     """What became of the fields in the cache, in one line."""
-    line = f"removed {len(removed)}, {_bytes(sum(entry.size for entry in removed))}"
+    line = f"removed {len(removed)}, {in_bytes(sum(entry.size for entry in removed))}"
     return line + (f"; being computed, and kept: {len(busy)}" if busy else "")
 
 
@@ -146,7 +168,7 @@ def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
             "minimises": plan.minimises,
             "history": plan.history,
             "note": plan.note,
-            "metrics": _finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
+            "metrics": finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
             "xy": plan.path.xy.tolist() if plan.path else None,
             "heading": _headings(plan),
         }
@@ -169,11 +191,12 @@ def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
         texts = ["–" if value is None else f"{value:{spec}} {unit}" for value in values]
         rows.append([label, *texts])
     notes = [f"{label}: {plan.note}" for label, plan in plans.items() if plan.note]
-    return "\n".join([_table(["", *plans], rows), *notes])
+    return "\n".join([table(["", *plans], rows), *notes])
 
 
 def _status(plan: Plan) -> str:
-    return plan.status if plan.minimises else f"{plan.status}, any path"
+    any_path = plan.status == "solved" and not plan.minimises
+    return "solved, any path" if any_path else plan.status
 
 
 def write_plans(
@@ -195,9 +218,9 @@ def write_plans(
     for label, plan in plans.items():
         if plan.path and plan.path.heading is not None:
             poses = np.column_stack([plan.path.xy, plan.path.heading])
-            _write_csv(folder / f"{label}.csv", poses, "x_m,y_m,heading_rad")
+            write_csv(folder / f"{label}.csv", poses, "x_m,y_m,heading_rad")
         elif plan.path:
-            _write_csv(folder / f"{label}.csv", plan.path.xy, "x_m,y_m")
+            write_csv(folder / f"{label}.csv", plan.path.xy, "x_m,y_m")
         else:
             (folder / f"{label}.csv").unlink(missing_ok=True)
     about = {
@@ -255,7 +278,7 @@ def front_table(front: ParetoFront, e_unit: str) -> str:
     how = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%} of every path"
     last = f"{len(front)} paths, {how}; {front.labels:,} labels, {front.solve_time:.2f} s"
     columns = ["path", "length", "longer", f"∫{front.objective} ds", ""]
-    return f"{_table(columns, rows)}\n{last}"
+    return f"{table(columns, rows)}\n{last}"
 
 
 def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> None:
@@ -278,11 +301,11 @@ def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> Non
     with replacing(folder / "front.json") as temporary:
         temporary.write_text(json.dumps(about, indent=2) + "\n")
     header = f"length_m,integral_{front.objective}"
-    _write_csv(folder / "front.csv", np.column_stack([front.length, front.integral]), header)
+    write_csv(folder / "front.csv", np.column_stack([front.length, front.integral]), header)
     if len(front):
         path = front.plan(front.knee).path
         assert path is not None
-        _write_csv(folder / "knee.csv", path.xy, "x_m,y_m")
+        write_csv(folder / "knee.csv", path.xy, "x_m,y_m")
         figure = plotting.front_figure(front, field.e_unit)
         plotting.save_figure(figure, folder / "front.png")
     else:
@@ -290,52 +313,7 @@ def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> Non
             (folder / name).unlink(missing_ok=True)
 
 
-def _write_csv(target: Path, values: NDArray[np.float64], header: str) -> None:
-    with replacing(target) as temporary:
-        np.savetxt(temporary, values, "%.6f", delimiter=",", header=header, comments="")
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows neither NaN nor infinity: null stands for both."""
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in values.items()
-    }
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Column, Table
-    from rich.text import Text
-
-    heads = [Column(column, overflow="fold") for column in columns]
-    table = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
-    for row in rows:
-        table.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
-    console = Console()
-    with console.capture() as capture:
-        console.print(table)
-    return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
-
-
 def _unusual(config: Mapping[str, Any]) -> str:
     """The settings that are not the default ones."""
     usual = dataclasses.asdict(FieldConfig())
     return ", ".join(f"{k}={v}" for k, v in config.items() if usual.get(k, v) != v) or "default"
-
-
-def _bytes(size: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 999.5:
-            return f"{size:.3g} {unit}"
-        size /= 1000
-    return f"{size:,.4g} TB"
-
-
-def _age(moment: float) -> str:
-    seconds = max(0.0, time.time() - moment)
-    for size, unit in ((86400, "d"), (3600, "h"), (60, "min")):
-        if seconds >= size:
-            return f"{seconds / size:.0f} {unit} ago"
-    return "just now"

@@ -98,19 +98,17 @@ def load_or_compute(
             if found.complaint:
                 _warn(f"{found.complaint}; computed anew")
             _carry_over(found, path, grid, config)
-            chunks = tiles.finished_chunks(
-                found.covariance, grid, config, threads, executor, progress
-            )
+            chunks = tiles.finished_chunks(found.values, grid, config, threads, executor, progress)
             with closing(chunks):
                 cached = writable and _attempt(_open, path, found, grid, config)
                 for chunk in chunks:
                     cached = cached and _attempt(
-                        field_files.write_chunks, path, found.covariance, [chunk]
+                        field_files.write_chunks, path, found.values, [chunk]
                     )
         if cached:
             evict(path.parent, limit, path)
     mark_used(path)
-    return CovarianceField(found.covariance, grid, config)
+    return CovarianceField.of(found.values, grid, config)
 
 
 def field_path(
@@ -127,8 +125,8 @@ def field_path(
 class _Found:
     """What the cache has of a field."""
 
-    covariance: NDArray[np.float64]
-    """NaN where it is not known, (h, w, d, d)."""
+    values: tiles.Values
+    """Its arrays, NaN where they are not known."""
     lacking: NDArray[np.bool_]
     """Lattice points that are still to be computed, (h, w)."""
     sound: bool
@@ -138,23 +136,23 @@ class _Found:
 
     @classmethod
     def at(cls, path: Path, grid: OccupancyGrid, config: FieldConfig) -> _Found:
-        covariance, complaint = None, ""
+        values, complaint = None, ""
         if os.path.exists(path):  # False, too, where the folder cannot be searched
             try:
                 about = field_files.read_attributes(path)
                 expected = field_files.attributes(grid, config)
                 if any(about.get(name) != expected[name] for name in DECISIVE):
                     raise FieldError(f"{path}: holds another field")
-                covariance, damaged = field_files.read_covariance(path, grid, config)
+                values, damaged = field_files.read_values(path, grid, config)
                 if damaged:
                     complaint = f"{path}: damaged chunks: {damaged}"
             except FieldError as error:
                 complaint = str(error)
-        sound = covariance is not None
-        if covariance is None:
-            covariance = np.full(tiles.field_shape(grid, config), np.nan)
-        lacking = tiles.missing_points(covariance, grid, config)
-        return cls(covariance, lacking, sound, complaint)
+        sound = values is not None
+        if values is None:
+            values = tiles.nothing_known(grid, config)
+        lacking = tiles.missing_points(values, grid, config)
+        return cls(values, lacking, sound, complaint)
 
 
 @contextmanager
@@ -187,7 +185,7 @@ def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldCon
     same = [name for name in expected if name not in ("locplan", "map_digest", "map_name")]
     looked_at = 0
     for folder in fields(path.parent):
-        lacking = tiles.missing_points(found.covariance, grid, config)
+        lacking = tiles.missing_points(found.values, grid, config)
         if looked_at == RELATIVES or not lacking.any():
             break
         with suppress(FieldError):  # damaged: it is only a shortcut
@@ -198,8 +196,9 @@ def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldCon
             before = field_files.read_grid(folder, about)
             useful = lacking & tiles.untouched_points(before, grid, config)
             if useful.any():
-                known, _ = field_files.read_covariance(folder, grid, config)
-                found.covariance[useful] = known[useful]
+                known, _ = field_files.read_values(folder, grid, config)
+                for name, array in known.items():
+                    found.values[name][useful] = array[useful]
 
 
 def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -> None:
@@ -209,11 +208,11 @@ def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -
             field_files.create(temporary, grid, config)
     for partial in path.rglob("*.partial"):  # of a process that was killed while it wrote
         partial.unlink()
-    lacking = tiles.missing_points(found.covariance, grid, config)
+    lacking = tiles.missing_points(found.values, grid, config)
     edge = tiles.chunk_edge(config, grid.resolution)
     carried = tiles.chunks_of(found.lacking & ~lacking, edge)
     whole = [chunk for chunk in carried if not lacking[chunk.at].any()]
-    field_files.write_chunks(path, found.covariance, whole)
+    field_files.write_chunks(path, found.values, whole)
 
 
 def _attempt(action: Callable[..., None], path: Path, *arguments: Any) -> bool:

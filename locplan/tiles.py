@@ -6,6 +6,7 @@ import os
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from importlib import import_module
 from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -16,13 +17,13 @@ from numpy.typing import NDArray
 from locplan.config import FieldConfig
 from locplan.covariance import rotated
 from locplan.errors import ConfigError, FieldError, LocplanError
-from locplan.estimators import sad
+from locplan.estimators import LAYERS
 from locplan.grid import OccupancyGrid
 from locplan.lattice import evaluated_points, stride_cells
 from locplan.progress import ProgressCallback
 from locplan.search_window import SearchWindow
 
-ENGINE = 1
+ENGINE = 2
 """Raised whenever the same map and config would give other values than before."""
 TILE = 64
 """Edge of a tile, whose covariances share one layout of the map [lattice points]."""
@@ -46,28 +47,49 @@ class Chunk(NamedTuple):
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
+Values = dict[str, NDArray[np.float64]]
+"""Arrays over the lattice by name: "covariance", and what else an estimator tells of a place."""
 _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
-_Tile = Future[NDArray[np.float64]]
+_Tile = Future[Values]
 
 
-def field_shape(grid: OccupancyGrid, config: FieldConfig) -> tuple[int, int, int, int]:
-    """Of the array of covariances: lattice rows and columns, and the poses' dimension twice."""
+def estimator_of(config: FieldConfig) -> Any:
+    """The module whose `covariances` fill a field of this config."""
+    return import_module(f"locplan.estimators.{config.estimator}")
+
+
+def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
+    """Of a field's arrays: lattice rows and columns, then the headings if there are several.
+
+    Covariances have the poses' dimension twice at the end.
+    """
     stride = stride_cells(config, grid.resolution)
-    rows, cols = (-(-size // stride) for size in grid.shape)
+    points = tuple(-(-size // stride) for size in grid.shape)
+    places = points if config.headings == 1 else (*points, config.headings)
     dimension = SearchWindow.from_config(config, grid.resolution).dimension
-    return rows, cols, dimension, dimension
+    layers = dict.fromkeys(LAYERS[config.estimator], places)
+    return {"covariance": (*places, dimension, dimension), **layers}
 
 
-def missing_points(
-    covariance: NDArray[np.float64], grid: OccupancyGrid, config: FieldConfig
-) -> NDArray[np.bool_]:
-    """Lattice points that a field needs and an array of covariances does not hold, (h, w)."""
+def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
+    """A field's arrays without any values."""
+    return {name: np.full(shape, np.nan) for name, shape in field_shapes(grid, config).items()}
+
+
+def known_points(values: Values) -> NDArray[np.bool_]:
+    """Lattice points that hold values, (h, w)."""
+    covariance = values["covariance"]
+    return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
+
+
+def missing_points(values: Values, grid: OccupancyGrid, config: FieldConfig) -> NDArray[np.bool_]:
+    """Lattice points that a field needs and its arrays do not hold, (h, w)."""
     wanted = evaluated_points(grid.free, stride_cells(config, grid.resolution))
-    return wanted & np.isnan(covariance[:, :, 0, 0])
+    return wanted & ~known_points(values)
 
 
 def complete(
-    covariance: NDArray[np.float64],
+    values: Values,
     grid: OccupancyGrid,
     config: FieldConfig,
     threads: int | None,
@@ -75,19 +97,19 @@ def complete(
     progress: ProgressCallback | None,
 ) -> None:
     """`finished_chunks` to the end, for whoever does not mind the chunks."""
-    for _ in finished_chunks(covariance, grid, config, threads, executor, progress):
+    for _ in finished_chunks(values, grid, config, threads, executor, progress):
         pass
 
 
 def finished_chunks(
-    covariance: NDArray[np.float64],
+    values: Values,
     grid: OccupancyGrid,
     config: FieldConfig,
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
 ) -> Generator[Chunk]:
-    """Compute the covariances that are missing, and name each chunk as it is finished.
+    """Compute the values that are missing, and name each chunk as it is finished.
 
     The values depend neither on the tiles nor on where they are computed. Own threads count their
     cells as they go and stop at once when the caller does; an executor finishes the tiles that it
@@ -95,8 +117,8 @@ def finished_chunks(
 
     Parameters
     ----------
-    covariance : (h, w, d, d) array of float64
-        In the world frame, NaN where unknown; filled in place.
+    values : dict of arrays
+        Of `field_shapes`, covariances in the world frame, NaN where unknown; filled in place.
     grid, config, threads, executor, progress
         As for `locplan.covariance_field`.
 
@@ -112,7 +134,7 @@ def finished_chunks(
     """
     if threads is not None and threads < 1:
         raise ConfigError(f"threads must be at least 1, not {threads}")
-    missing = missing_points(covariance, grid, config)
+    missing = missing_points(values, grid, config)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
     if not total:
         return
@@ -121,10 +143,14 @@ def finished_chunks(
     pending: dict[Chunk, int] = {}
     waiting = _tiles(missing, pending, config, grid.resolution)
     pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
+    # Own threads share what the estimator makes of the whole map.
+    prepared = None
+    if executor is None:
+        prepared = estimator_of(config).prepare(grid.cells, grid.resolution, config)
     try:
         while True:
             for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
-                task, control = _task(grid, config, points), np.zeros(2, np.int64)
+                task, control = _task(grid, config, points, prepared), np.zeros(2, np.int64)
                 if executor is None:
                     task["control"] = control
                 with _told_in_short(executor):
@@ -137,8 +163,10 @@ def finished_chunks(
             if ready:
                 chunk, points, _ = running.pop(ready)
                 with _told_in_short(executor):
-                    values = ready.result()
-                covariance[points] = rotated(values, yaw) if yaw else values
+                    computed = ready.result()
+                for name, array in computed.items():
+                    turned = yaw and name == "covariance"
+                    values[name][points] = rotated(array, yaw) if turned else array
                 finished += len(points[0])
                 pending[chunk] -= 1
                 if not pending[chunk]:
@@ -153,8 +181,8 @@ def finished_chunks(
             pool.shutdown(cancel_futures=True)
 
 
-def compute(engine: int, **task: Any) -> NDArray[np.float64]:
-    """Covariances of a tile, wherever that is run, if it is the same engine there.
+def compute(engine: int, config: FieldConfig, **task: Any) -> Values:
+    """Values of a tile, wherever that is run, if it is the same engine there.
 
     Raises
     ------
@@ -165,7 +193,7 @@ def compute(engine: int, **task: Any) -> NDArray[np.float64]:
         raise FieldError(
             f"a worker has another locplan (engine {ENGINE}, not {engine}); install the same one"
         )
-    return sad.covariances(**task)
+    return estimator_of(config).covariances(config=config, **task)
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
@@ -204,7 +232,7 @@ def untouched_points(
             )
     stride = stride_cells(config, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
-    box = [2 * sad.halo(config, after.resolution, after.shape) + 1] * 2
+    box = [2 * estimator_of(config).halo(config, after.resolution, after.shape) + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return (near[::stride, ::stride] == 0) & evaluated_points(after.free, stride)
 
@@ -212,7 +240,7 @@ def untouched_points(
 def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
     """Edge of a tile [lattice points], and how many lattice points apart its own are."""
     stride = stride_cells(config, resolution)
-    apart = sad.points_apart(config, resolution, stride)
+    apart = estimator_of(config).points_apart(config, resolution, stride)
     return min(TILE, max(1, TILE_CELLS // (stride * apart))), apart
 
 
@@ -233,21 +261,25 @@ def _tiles(
             yield chunk, tile
 
 
-def _task(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> dict[str, Any]:
+def _task(
+    grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: Any
+) -> dict[str, Any]:
     """Arguments of the estimator, with the part of the map that these points depend on."""
     rows, cols = (index * stride_cells(config, grid.resolution) for index in points)
-    reach = sad.halo(config, grid.resolution, grid.shape)
-    top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
-    bottom, right = int(rows.max()) + reach + 1, int(cols.max()) + reach + 1
-    return {
-        "levels": grid.cells[top:bottom, left:right],
+    task = {
         "rows": rows,
         "cols": cols,
         "resolution": grid.resolution,
+        "yaw": grid.origin[2],
         "config": config,
-        "corner": (top, left),
         "map_shape": grid.shape,
     }
+    if prepared is not None:
+        return task | {"levels": grid.cells, "corner": (0, 0), "prepared": prepared}
+    reach = estimator_of(config).halo(config, grid.resolution, grid.shape)
+    top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
+    bottom, right = int(rows.max()) + reach + 1, int(cols.max()) + reach + 1
+    return task | {"levels": grid.cells[top:bottom, left:right], "corner": (top, left)}
 
 
 def _next(done: SimpleQueue[_Tile]) -> _Tile | None:

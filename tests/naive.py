@@ -326,3 +326,167 @@ def arc_crossings(center_x, center_y, radius, low, high, count=200_000):
             angles += [angle] * (abs(here[0] - cell[0]) + abs(here[1] - cell[1]))
         cell = here
     return angles
+
+
+def enters(row, col, drow, dcol, cell_row, cell_col, margin):
+    """Where a ray enters a cell's square, less a margin on each side; inf if it misses it."""
+    enter, leave = 0.0, math.inf
+    for start, delta, low in ((row, drow, cell_row), (col, dcol, cell_col)):
+        low, high = low + margin, low + 1 - margin
+        if delta == 0:
+            if not low <= start <= high:
+                return math.inf
+            continue
+        near, far = sorted(((low - start) / delta, (high - start) / delta))
+        enter, leave = max(enter, near), min(leave, far)
+    return enter if enter <= leave else math.inf
+
+
+def cast(stops, row, col, drow, dcol, max_range, margin=0.0):
+    """Range of a ray: the least entry into any cell that stops it, within the map's own square.
+
+    With a negative margin cells that are only touched stop the ray, with a positive one not.
+    """
+    best = math.inf
+    for cell_row, cell_col in np.argwhere(stops):
+        best = min(best, enters(row, col, drow, dcol, cell_row, cell_col, margin))
+    return best if best <= max_range else math.inf
+
+
+def empty_squares(stops):
+    """Grow a square from each cell until it holds a stop or leaves the map."""
+    rows, cols = stops.shape
+    result = np.zeros((4, rows + 2, cols + 2), np.uint8)
+    for quadrant in range(4):
+        for row in range(rows):
+            for col in range(cols):
+                for edge in range(1, 256):
+                    top = row if quadrant & 2 else row - edge + 1
+                    left = col if quadrant & 1 else col - edge + 1
+                    inside = 0 <= top <= rows - edge and 0 <= left <= cols - edge
+                    if not inside or stops[top : top + edge, left : left + edge].any():
+                        break
+                    result[quadrant, row + 1, col + 1] = edge
+    return result
+
+
+def information(stops, normals, resolution, row, col, heading, lidar, least_cosine=0.15, step=1e-5):
+    """Central differences of the ranges to the tangents of the surfaces that the beams hit."""
+    total = np.zeros((3, 3))
+
+    def origin(x, y, theta):
+        cos, sin = math.cos(theta), math.sin(theta)
+        return (
+            x + cos * lidar.forward - sin * lidar.left,
+            y + sin * lidar.forward + cos * lidar.left,
+        )
+
+    pose = np.array([col * resolution, row * resolution, heading])
+    for angle in lidar.angles:
+
+        def direction(theta, angle=angle):
+            bearing = theta + lidar.yaw + angle
+            return np.array([math.cos(bearing), math.sin(bearing)])
+
+        start, along = np.array(origin(*pose)), direction(heading)
+        first, best = None, lidar.max_range / resolution
+        for cell in np.argwhere(stops):
+            at = enters(
+                start[1] / resolution, start[0] / resolution, along[1], along[0], *cell, 0.0
+            )
+            if at < best:
+                first, best = cell, at
+        if first is None or best == 0:
+            continue
+        normal = np.array(normals[tuple(first)][::-1], float)
+        if not normal.any():
+            continue
+        hit = start + best * resolution * along
+
+        def range_at(moved, normal=normal, hit=hit, direction=direction):
+            return (normal @ (hit - origin(*moved))) / (normal @ direction(moved[2]))
+
+        gradient = np.array(
+            [
+                (range_at(pose + step * axis) - range_at(pose - step * axis)) / (2 * step)
+                for axis in np.eye(3)
+            ]
+        )
+        cosine = abs(normal @ along)
+        gradient *= cosine / max(cosine, least_cosine)
+        total += np.outer(gradient, gradient) / lidar.sigma**2
+    return total
+
+
+def walls(levels):
+    """Occupied cells that do not lie among none but occupied ones, (row, col)."""
+    around = np.pad(levels, 1, constant_values=127)
+    return [
+        (row, col)
+        for row, col in np.ndindex(levels.shape)
+        if levels[row, col] == 0 and around[row : row + 3, col : col + 3].any()
+    ]
+
+
+def squared_distance(walls, row, col):
+    """To the centre of the nearest wall, from anywhere [cells^2]."""
+    return min((row - r) ** 2 + (col - c) ** 2 for r, c in walls) if walls else math.inf
+
+
+def loss(squared, resolution, sigma_hit, z_rand):
+    """Log-likelihood that an endpoint loses by its distance [nat]."""
+    near = math.exp(-squared * resolution**2 / (2 * sigma_hit**2))
+    return -math.log((1 - z_rand) * near + z_rand)
+
+
+def score(levels, row, col, ends, step, half_steps, angles, cost):
+    """Sum of ``cost(squared distance)`` over the endpoints at every offset, (theta, dy, dx)."""
+    near, offsets = walls(levels), range(-half_steps, half_steps + 1)
+    result = np.zeros((len(angles), len(offsets), len(offsets)))
+    for k, theta in enumerate(angles):
+        cos, sin = math.cos(theta), math.sin(theta)
+        for x, y in ends:
+            if math.isnan(x):
+                continue
+            r = row + math.floor(sin * x + cos * y + 0.5)
+            c = col + math.floor(cos * x - sin * y + 0.5)
+            for j, dy in enumerate(offsets):
+                for i, dx in enumerate(offsets):
+                    result[k, j, i] += cost(squared_distance(near, r + dy * step, c + dx * step))
+    return result
+
+
+def moments(losses, mode):
+    """Mean and covariance of (dx, dy, theta) in steps, entropy [nat], mass outside the mode."""
+    weights = np.exp(-(losses - losses.min()))
+    weights /= math.fsum(weights.ravel())
+    half = [size // 2 for size in losses.shape]
+    poses = [(i - half[2], j - half[1], k - half[0]) for k, j, i in np.ndindex(losses.shape)]
+    poses, weights = np.array(poses, float), weights.ravel()
+    mean = np.array([math.fsum(weights * axis) for axis in poses.T])
+    covariance = np.empty((3, 3))
+    for a, b in np.ndindex(3, 3):
+        covariance[a, b] = math.fsum(weights * (poses[:, a] - mean[a]) * (poses[:, b] - mean[b]))
+    entropy = -math.fsum(w * math.log(w) for w in weights if w > 0)
+    return mean, covariance, entropy, math.fsum(weights[~mode.ravel()])
+
+
+def central_mode(losses, excess):
+    """Offsets reached from zero by steps to 26 neighbours, and their neighbours, (theta, dy, dx).
+
+    A step starts from what loses at most `excess` more than zero does.
+    """
+    centre = tuple(size // 2 for size in losses.shape)
+    inside = np.zeros(losses.shape, bool)
+    inside[centre] = True
+    queue = [centre]
+    while queue:
+        at = queue.pop()
+        if losses[at] > losses[centre] + excess:
+            continue
+        for move in itertools.product((-1, 0, 1), repeat=3):
+            there = tuple(np.add(at, move))
+            if min(there) >= 0 and np.less(there, losses.shape).all() and not inside[there]:
+                inside[there] = True
+                queue.append(there)
+    return inside

@@ -107,7 +107,7 @@ def test_interrupting_says_so(run, room, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("locplan.tiles.sad.covariances", interrupt)
+    monkeypatch.setattr("locplan.estimators.sad.covariances", interrupt)
     code, _, err = run("field", room, "--stride", "0.77")
     assert code == 130
     assert err == "locplan: interrupted\n"
@@ -370,7 +370,7 @@ def test_planners_that_take_any_path_say_so(run, room):
         (("--planner", "RRTstar", "--setting", "range"), "--setting must be NAME=VALUE"),
         (("--planner", "RRTstar", "--setting", "rang=1"), "no setting 'rang'; it has:"),
         (("--planner", "FMT", "--space", "Dubins", "--turning-radius", "1"), "cannot plan in"),
-        (("--planner", "RRTstar", "--space", "SE2"), "start must be x, y and a heading"),
+        (("--planner", "RRTstar", "--space", "SE2"), "start must be x, y [m] and a heading"),
         (("--planner", "grid", "--time-limit", "1"), "no option 'time_limit'"),
         (("--space", "Dubins"), "no option 'space'"),
     ],

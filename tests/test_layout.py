@@ -9,15 +9,19 @@ PACKAGE = Path(__file__).resolve().parent.parent / "locplan"
 FLOORS = (
     {"errors", "_kernels.simd", "_kernels.search", "_kernels.rays"},
     {"_kernels.bitplanes", "_kernels.any_angle", "_kernels.pareto", "_kernels.curves"},
-    {"_kernels.templates", "_kernels.motions"},
+    {"_kernels.templates", "_kernels.arcs", "_kernels.lidar", "_kernels.likelihood"},
+    {"_kernels.motions", "_kernels.information", "_kernels.posterior"},
+    {"estimators", "sensor"},
     {"_kernels.sad", "files", "progress", "covariance", "grid", "path", "config"},
-    {"search_window", "lattice", "map_files", "drawing"},
+    {"search_window", "lattice", "map_files", "drawing", "surfaces", "tables"},
     {"template_matching", "environments"},
-    {"estimators.sad"},
+    {"estimators.scene"},
+    {"estimators.sad", "estimators.fisher", "estimators.scan"},
     {"tiles"},
     {"field_files"},
     {"field", "cache"},
-    {"store", "costmap", "cluster"},
+    {"store", "blindness", "cluster"},
+    {"costmap"},
     {"metrics", "footprint"},
     {"planners.result", "planners.motions"},
     {"planners.grid", "planners.kinds"},
@@ -61,7 +65,7 @@ def modules() -> dict[str, Path]:
     for path in PACKAGE.rglob("*.py"):
         name = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
         name = name.removesuffix(".__init__")
-        if name not in ("__init__", "_kernels", "estimators"):
+        if name not in ("__init__", "_kernels"):
             result[name] = path
     return result
 

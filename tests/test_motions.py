@@ -10,7 +10,7 @@ from naive import arc_crossings as naive_arc_crossings
 from naive import motion_cost as naive_motion_cost
 from ompl import base
 
-from locplan._kernels import curves, motions, search
+from locplan._kernels import arcs, curves, motions, search
 from locplan.costmap import Costmap
 from locplan.errors import ConfigError, PoseError
 from locplan.grid import FREE, OccupancyGrid
@@ -48,7 +48,7 @@ def test_curves_lead_to_their_ends_and_none_of_ompls_is_shorter(name, extent):
         turns, lengths = SHORTEST[name](*start, *end)
         reached = tuple(start)
         for turn, length in zip(turns, lengths, strict=True):
-            reached = motions.moved(*reached, turn, length, 1.0)
+            reached = arcs.moved(*reached, turn, length, 1.0)
         assert reached[:2] == pytest.approx(end[:2], abs=1e-9)
         assert math.remainder(reached[2] - end[2], 2 * math.pi) == pytest.approx(0, abs=1e-9)
         for one, pose in ((state, start), (other, end)):
@@ -76,7 +76,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
     center_x, center_y, radius = *rng.uniform(-5, 5, 2), rng.uniform(0.3, 9)
     low = rng.uniform(-7, 7)
     high = low + rng.uniform(0.1, 2 * math.pi)
-    angles = motions.arc_crossings(center_x, center_y, radius, low, high)
+    angles = arcs.arc_crossings(center_x, center_y, radius, low, high)
     assert angles[0] == low
     assert angles[-1] == high
     assert (np.diff(angles) >= 0).all()
@@ -94,7 +94,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
 def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
     rng = np.random.default_rng(7)
     density = random_costs(11, blocked=blocked).density
-    half = search.bordered_half(density, 1)
+    half = search.bordered_half(density, 1)[None]
     columns = density.shape[1] + 2
     outcomes = set()
     for _ in range(100):
@@ -105,7 +105,7 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         turns, lengths = motions._word(kind, radius, start, end)
         expected = naive_motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
-        cost = motions.motion_cost(half, columns, kind, radius, *shifted, True)
+        cost = motions.motion_cost(half, columns, kind, radius, *shifted, 0.0, True)
         outcomes.add(math.isinf(cost))
         assert cost == pytest.approx(expected, rel=2e-3)
     assert False in outcomes
@@ -187,11 +187,36 @@ def test_nothing_costs_less_than_its_length():
         ("ReedsShepp", math.nan, "turning_radius must be a positive number"),
         ("ReedsShepp", "1", "turning_radius must be a positive number"),
         ("SE2", 1.0, "a turning radius is for the spaces"),
+        ("Dubins", 1e-310, r"turning_radius must lie in 0.0025..141.4 m"),
+        ("Dubins", 1e6, r"turning_radius must lie in 0.0025..141.4 m"),
+        ("Dubins", True, "turning_radius must be a positive number"),
     ],
 )
 def test_impossible_spaces_are_refused(space, radius, message):
     with pytest.raises(ConfigError, match=message):
         Motions(random_costs(0), space, radius)
+
+
+def test_ends_that_are_nowhere_or_face_nowhere_are_blocked():
+    costs = random_costs(0)
+    here = costs.grid.cell_to_world(20, 20)
+    for space, radius in (("R2", None), ("SE2", None), ("Dubins", 0.5), ("ReedsShepp", 0.5)):
+        motions = Motions(costs, space, radius)
+        for bad in ((math.inf, 0, 0), (math.nan, 0, 0), (1e9, 0, 0), (*here, math.nan)):
+            assert motions.cost((*here, 0.0), bad) == math.inf
+            assert motions.cost(bad, (*here, 0.0)) == math.inf
+
+
+@pytest.mark.parametrize("radius", [0.003, 0.5, 140.0])
+def test_headings_far_round_and_turns_of_any_size_end(radius):
+    costs = Costmap.blank(OccupancyGrid(np.full((40, 40), FREE), 0.25))
+    motions = Motions(costs, "ReedsShepp", radius)
+    for n in range(20860, 20890):
+        start, end = (5.0, 5.0, n * math.pi / 2 - 0.3), (5.0, 5.9, n * math.pi / 2 + 2.7)
+        usual = [(*pose[:2], math.remainder(pose[2], 2 * math.pi)) for pose in (start, end)]
+        assert motions.cost(start, end) == pytest.approx(motions.cost(*usual), rel=1e-6)
+    full_loop = Motions(costs, "Dubins", radius).cost((5.0, 5.0, 0.0), (4.9, 5.0, 0.0))
+    assert math.isinf(full_loop) == (radius > 5)
 
 
 def test_poses_must_fit_the_space():
@@ -200,6 +225,6 @@ def test_poses_must_fit_the_space():
     with pytest.raises(PoseError, match="no heading"):
         Motions(costs).checked((*here, 0.0), "start")
     for pose in (here, (*here, math.nan), (*here, "north"), (*here, 0.0, 1.0)):
-        with pytest.raises(PoseError, match="x, y and a heading"):
+        with pytest.raises(PoseError, match=r"x, y \[m\] and a heading"):
             Motions(costs, "SE2").checked(pose, "goal")
     assert Motions(costs, "SE2").checked([*here, 1], "goal") == (*here, 1.0)

@@ -250,7 +250,7 @@ def test_a_path_not_found_in_time_is_a_timeout():
 
 
 def test_a_start_at_the_goal_is_solved():
-    for planner, space in (("RRTstar", "R2"), ("BITstar", "R2"), ("PRM", "SE2"), ("RRT", "Dubins")):
+    for planner, space in ABLE:
         start, _, options = request(space)
         result = plan(two_ways(), start, start, planner=planner, iterations=200, **options)
         assert result.status == "solved"
@@ -262,8 +262,8 @@ def test_a_start_at_the_goal_is_solved():
     [
         ({"planner": "FMT", "space": "Dubins", "turning_radius": 1.0}, "RRTstar, .* can"),
         ({"planner": "RRTstar", "space": "Dubins"}, "turning radius"),
-        ({"planner": "RRTstar", "time_limit": 0.0}, "time_limit must be a positive"),
-        ({"planner": "RRTstar", "time_limit": math.inf}, "time_limit must be a positive"),
+        ({"planner": "RRTstar", "time_limit": 0.0}, "time_limit must be positive, seconds"),
+        ({"planner": "RRTstar", "time_limit": math.inf}, "time_limit must be positive, seconds"),
         ({"planner": "RRTstar", "iterations": 2.5}, "iterations must be a whole number"),
         ({"planner": "RRTstar", "seed": 0}, "seed must be a whole number of at least 1"),
         ({"planner": "RRT", "convergence": 0.01}, "convergence is for RRTstar"),
@@ -289,6 +289,18 @@ def test_impossible_ends_are_the_same_errors_as_the_grid_planners():
         with pytest.raises(PoseError) as tree:
             plan(costs, start, (3.45, 1.05), planner="RRTstar")
         assert str(tree.value) == str(grid.value)
+
+
+def test_roadmaps_refuse_what_they_cannot_do():
+    motions = sampling.Motions(two_ways())
+    for given, message in (
+        ({"planner": "RRTstar"}, "planner must be one of PRM, PRMstar"),
+        ({"seed": 0}, "seed must be a whole number"),
+        ({"settings": {"reach": 1}}, "has no setting 'reach'"),
+        ({"settings": ["range"]}, "settings must be a dict"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            sampling.grow_roadmap(motions, **given)
 
 
 def test_settings_reach_the_planner():
@@ -458,3 +470,26 @@ def test_many_solves_in_one_process_do_not_grow():
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     """
     assert int(in_a_process(code)) < 5000  # kB
+
+
+def test_a_timeout_is_no_verdict_on_the_footprint():
+    outline = [(0.5, 0.12), (0.5, -0.12), (-0.5, -0.12), (-0.5, 0.12)]
+    statuses = {
+        plan(
+            two_ways(), (0.55, 2.05), (3.45, 2.05),
+            planner="RRTConnect", footprint=outline, iterations=80, seed=seed,
+        ).status
+        for seed in range(1, 20)
+    }  # fmt: skip
+    assert statuses == {"solved", "timeout"}
+
+
+@pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])
+def test_any_heading_is_a_heading(heading):
+    for planner, space in (("RRTstar", "SE2"), ("RRTConnect", "ReedsShepp"), ("RRT", "Dubins")):
+        radius = {} if space == "SE2" else {"turning_radius": 0.25}
+        result = plan(
+            two_ways(), (0.55, 1.05, heading), (3.45, 1.05, heading),
+            planner=planner, space=space, iterations=20_000 if planner != "RRTstar" else 500, **radius,
+        )  # fmt: skip
+        assert result.status == "solved"

@@ -28,11 +28,11 @@ from locplan.config import FieldConfig
 from locplan.estimators import sad
 
 calls, compute = [], sad.covariances
-def slowly(levels, rows, *arguments, **options):
+def slowly(*, rows, **options):
     import time
     calls.append(len(rows))
     time.sleep(float(sys.argv[3]))
-    return compute(levels, rows, *arguments, **options)
+    return compute(rows=rows, **options)
 sad.covariances = slowly
 config = FieldConfig(sensor_range=0.6, window=0.4)
 print("began", flush=True)
@@ -51,9 +51,9 @@ def computed(monkeypatch) -> list[int]:
     """How many points each tile computed had."""
     calls, compute = [], sad.covariances
 
-    def spy(levels, rows, *arguments, **options):
+    def spy(*, rows, **options):
         calls.append(len(rows))
-        return compute(levels, rows, *arguments, **options)
+        return compute(rows=rows, **options)
 
     monkeypatch.setattr(sad, "covariances", spy)
     return calls

@@ -1,7 +1,8 @@
 """Exact integrals of a density along motions between poses: straight lines and curves.
 
 A pose is (x, y, heading) on a bordered grid as in `locplan._kernels.search`: column, row [cells]
-and the angle from the columns' direction towards the rows' [rad].
+and the angle from the columns' direction towards the rows' [rad]. The density may depend on the
+heading: then there is a layer for each of several, evenly spaced from `first` on.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels.arcs import arc, arc_crossings, closer, moved
 from locplan._kernels.curves import DUBINS, PIECES, QUARTER, STRAIGHT, TURN, dubins, reeds_shepp
 from locplan._kernels.rays import TOUCH, segment_cost
 
@@ -27,13 +29,14 @@ def motion_cost(
     radius: float,
     start: tuple,
     end: tuple,
+    first: float,
     corner_cutting: bool,
 ) -> float:
     """Integral of a density along a motion [density x cells]; infinite if it is blocked.
 
     Parameters
     ----------
-    half : (n,) array
+    half : (layers, n) array
         Half the density on a flat grid with a blocked border.
     columns : int
         Of the bordered grid.
@@ -43,11 +46,13 @@ def motion_cost(
         Least turning radius [cells].
     start, end : (x, y, heading)
         The start must lie on the grid.
+    first : float
+        The heading of the first layer [rad].
     corner_cutting : bool
         Whether corners of blocked cells may be touched.
     """
     if kind == STRAIGHT:
-        return segment_cost(half, columns, start[1], start[0], end[1], end[0], corner_cutting)
+        return _line_cost(half, columns, start, end, first, corner_cutting)
     turns, lengths = _word(kind, radius, start, end)
     x, y, heading = start
     total = 0.0
@@ -56,11 +61,11 @@ def motion_cost(
             continue
         x1, y1, heading1 = moved(x, y, heading, turns[n], lengths[n], radius)
         if turns[n]:
-            total += _arc_cost(
-                half, columns, x, y, heading, turns[n], lengths[n], radius, corner_cutting
-            )
+            piece = x, y, heading, turns[n], lengths[n]
+            total += _arc_cost(half, columns, piece, radius, first, corner_cutting)
         else:
-            total += segment_cost(half, columns, y, x, y1, x1, corner_cutting)
+            layer = half[_layer(heading - first, len(half))]
+            total += segment_cost(layer, columns, y, x, y1, x1, corner_cutting)
         if total == np.inf:
             break
         x, y, heading = x1, y1, heading1
@@ -69,7 +74,7 @@ def motion_cost(
 
 @njit(nogil=True, cache=True)
 def motion_poses(kind: int, radius: float, start: tuple, end: tuple) -> NDArray:
-    """Poses (n, 3) along a motion, n >= 2, so dense in turns that lines between them will do.
+    """Poses (n, 3) along a motion, so dense in turns that lines between them will do.
 
     Wherever a turn crosses a border between cells there is one: the lines cross the same cells as
     the curve.
@@ -86,9 +91,9 @@ def motion_poses(kind: int, radius: float, start: tuple, end: tuple) -> NDArray:
         x1, y1, heading1 = moved(x, y, heading, turns[n], lengths[n], radius)
         inner = np.empty((1, 3))
         if turns[n]:
-            center_x, center_y, low, high = _arc(x, y, heading, turns[n], lengths[n], radius)
+            center_x, center_y, low, high = arc(x, y, heading, turns[n], lengths[n], radius)
             angles = arc_crossings(center_x, center_y, radius, low, high)
-            angles = _closer(angles, FINEST)
+            angles = closer(angles, FINEST)
             if turns[n] * lengths[n] < 0:
                 angles = angles[::-1]
             inner = np.empty((max(1, len(angles) - 1), 3))
@@ -104,55 +109,6 @@ def motion_poses(kind: int, radius: float, start: tuple, end: tuple) -> NDArray:
 
 
 @njit(nogil=True, cache=True)
-def moved(
-    x: float, y: float, heading: float, turn: int, length: float, radius: float
-) -> tuple[float, float, float]:
-    """The pose at the end of one piece of a curve."""
-    if turn == 0:
-        return x + length * math.cos(heading), y + length * math.sin(heading), heading
-    heading1 = heading + turn * length / radius
-    x1 = x + turn * radius * (math.sin(heading1) - math.sin(heading))
-    y1 = y - turn * radius * (math.cos(heading1) - math.cos(heading))
-    return x1, y1, heading1
-
-
-@njit(nogil=True, cache=True)
-def arc_crossings(
-    center_x: float, center_y: float, radius: float, low: float, high: float
-) -> NDArray:
-    """Angles, ascending, at which an arc begins, crosses a border between cells, and ends.
-
-    Seen from its centre [rad]; some are doubled.
-    """
-    angles = np.empty(int(2 * (high - low) * radius) + 32)
-    angles[0], count, at = low, 1, low
-    while at < high:
-        # Within a quadrant of the circle either coordinate only grows or only falls.
-        quadrant = math.floor(at / QUARTER + 1e-12)
-        until = min((quadrant + 1) * QUARTER, high)
-        middle = (at + until) / 2
-        x_way = -1 if math.sin(middle) > 0 else 1
-        y_way = 1 if math.cos(middle) > 0 else -1
-        x_line = _next_line(center_x + radius * math.cos(at), x_way)
-        y_line = _next_line(center_y + radius * math.sin(at), y_way)
-        x_at = _angle_at((x_line - center_x) / radius, middle, False)
-        y_at = _angle_at((y_line - center_y) / radius, middle, True)
-        while min(x_at, y_at) < until:
-            if x_at < y_at:
-                angles[count] = max(at, x_at)
-                x_line += x_way
-                x_at = _angle_at((x_line - center_x) / radius, middle, False)
-            else:
-                angles[count] = max(at, y_at)
-                y_line += y_way
-                y_at = _angle_at((y_line - center_y) / radius, middle, True)
-            count += 1
-        angles[count] = at = until
-        count += 1
-    return angles[:count]
-
-
-@njit(nogil=True, cache=True)
 def _word(kind: int, radius: float, start: tuple, end: tuple) -> tuple[NDArray, NDArray]:
     """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
@@ -164,44 +120,70 @@ def _word(kind: int, radius: float, start: tuple, end: tuple) -> tuple[NDArray, 
 
 
 @njit(nogil=True, cache=True)
-def _arc(
-    x: float, y: float, heading: float, turn: int, length: float, radius: float
-) -> tuple[float, float, float, float]:
-    """Centre of a turn, and the least and greatest angle of its arc seen from there."""
-    begin, sweep = heading - turn * QUARTER, turn * length / radius
-    center_x, center_y = x - radius * math.cos(begin), y - radius * math.sin(begin)
-    return center_x, center_y, min(begin, begin + sweep), max(begin, begin + sweep)
+def _line_cost(
+    half: NDArray[np.float64],
+    columns: int,
+    start: tuple,
+    end: tuple,
+    first: float,
+    corner_cutting: bool,
+) -> float:
+    """Of a straight line, along which the heading turns evenly, the shorter way."""
+    layers = len(half)
+    if layers == 1:
+        return segment_cost(half[0], columns, start[1], start[0], end[1], end[0], corner_cutting)
+    heading = start[2] - first
+    turn = end[2] - start[2]
+    turn -= TURN * round(turn / TURN)
+    shares = np.sort(np.append(_changes(heading, turn, layers), np.array([0.0, 1.0])))
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    total = 0.0
+    for n in range(len(shares) - 1):
+        layer = half[_layer(heading + turn * (shares[n] + shares[n + 1]) / 2, layers)]
+        x0, y0 = start[0] + shares[n] * dx, start[1] + shares[n] * dy
+        x1, y1 = start[0] + shares[n + 1] * dx, start[1] + shares[n + 1] * dy
+        total += segment_cost(layer, columns, y0, x0, y1, x1, corner_cutting)
+        if total == np.inf:
+            break
+    return total
 
 
 @njit(nogil=True, cache=True)
 def _arc_cost(
     half: NDArray[np.float64],
     columns: int,
-    x: float,
-    y: float,
-    heading: float,
-    turn: int,
-    length: float,
+    piece: tuple,
     radius: float,
+    first: float,
     corner_cutting: bool,
 ) -> float:
-    center_x, center_y, low, high = _arc(x, y, heading, turn, length, radius)
+    """Of one turn (x, y, heading, side, length)."""
+    x, y, heading, turn, length = piece
+    layers, extent = len(half), half.shape[1] // columns + columns
+    if 2 * radius * math.sin(min(abs(length) / radius, math.pi) / 2) > extent:
+        return np.inf  # it leaves the map
+    center_x, center_y, low, high = arc(x, y, heading, turn, length, radius)
     angles = arc_crossings(center_x, center_y, radius, low, high)
-    first, last, way = (0, len(angles) - 1, 1) if turn * length > 0 else (len(angles) - 1, 0, -1)
+    towards = turn * QUARTER - first  # from an angle on the circle to the heading there
+    if layers > 1:
+        shares = _changes(low + towards, high - low, layers)
+        angles = np.sort(np.append(angles, low + shares * (high - low)))
+    begin, end, way = (0, len(angles) - 1, 1) if turn * length > 0 else (len(angles) - 1, 0, -1)
     total, before_row, before_col = 0.0, -1, -1
     # In the direction of travel: what lies beyond the border must not be looked at.
-    for n in range(first, last, way):
+    for n in range(begin, end, way):
         inside = abs(angles[n + way] - angles[n]) * radius
         if inside <= TOUCH:
             continue
         middle = (angles[n] + angles[n + way]) / 2
         row = math.floor(center_y + radius * math.sin(middle))
         col = math.floor(center_x + radius * math.cos(middle))
+        layer = half[_layer(middle + towards, layers)]
         at_corner = before_row >= 0 and row != before_row and col != before_col
         beside = before_row * columns + col, row * columns + before_col
-        if at_corner and not corner_cutting and half[beside[0]] + half[beside[1]] == np.inf:
+        if at_corner and not corner_cutting and layer[beside[0]] + layer[beside[1]] == np.inf:
             return np.inf
-        total += 2 * half[row * columns + col] * inside
+        total += 2 * layer[row * columns + col] * inside
         if total == np.inf:
             break
         before_row, before_col = row, col
@@ -209,38 +191,19 @@ def _arc_cost(
 
 
 @njit(nogil=True, cache=True)
-def _closer(angles: NDArray, most: float) -> NDArray:
-    """The same angles with more between them where they are further apart than `most`."""
-    count = 1
-    for n in range(len(angles) - 1):
-        count += max(1, math.ceil((angles[n + 1] - angles[n]) / most))
-    result = np.empty(count)
-    result[0], at = angles[0], 1
-    for n in range(len(angles) - 1):
-        parts = max(1, math.ceil((angles[n + 1] - angles[n]) / most))
-        for part in range(parts):
-            share = (part + 1) / parts
-            result[at] = angles[n] + share * (angles[n + 1] - angles[n])
-            at += 1
-    return result
+def _layer(heading: float, layers: int) -> int:
+    """The layer whose heading is next to one, counted from that of the first."""
+    return math.floor(heading / TURN * layers + 0.5) % layers if layers > 1 else 0
 
 
 @njit(nogil=True, cache=True)
-def _next_line(position: float, way: int) -> float:
-    """The next border between cells along one axis."""
-    return math.floor(position) + 1.0 if way > 0 else math.ceil(position) - 1.0
-
-
-@njit(nogil=True, cache=True)
-def _angle_at(ratio: float, near: float, of_sine: bool) -> float:
-    """Where on a circle the sine (or cosine) has a value, in the quadrant of an angle, or later."""
-    if abs(ratio) >= 1:
-        return np.inf
-    if of_sine:
-        angle = math.asin(ratio) if math.cos(near) > 0 else math.pi - math.asin(ratio)
-    else:
-        angle = math.acos(ratio) if math.sin(near) > 0 else -math.acos(ratio)
-    return angle + TURN * round((near - angle) / TURN)
+def _changes(heading: float, turn: float, layers: int) -> NDArray:
+    """The shares of a turn from a heading at which the next layer begins."""
+    begin, end = heading / TURN * layers + 0.5, (heading + turn) / TURN * layers + 0.5
+    low, high = math.ceil(min(begin, end)), math.floor(max(begin, end))
+    if begin == end or high < low:
+        return np.empty(0)
+    return (np.arange(low, high + 1) - begin) / (end - begin)
 
 
 @njit(nogil=True, cache=True)
@@ -263,10 +226,12 @@ def world_cost(
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
     the row of the world's origin, and the yaw; the radius is in cells.
     """
-    if not stands(half, columns, frame, x0, y0):
+    if not (stands(half, columns, frame, x0, y0) and stands(half, columns, frame, x1, y1)):
+        return blocked
+    if not math.isfinite(heading0 + heading1):
         return blocked
     start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
-    cost = motion_cost(half, columns, kind, radius, start, end, False)
+    cost = motion_cost(half, columns, kind, radius, start, end, -frame[4], False)
     cost /= math.hypot(frame[0], frame[1])
     return max(cost, math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
 
@@ -321,7 +286,9 @@ def world_poses(
 @njit(nogil=True, cache=True)
 def _on_grid(frame: tuple, x: float, y: float, heading: float) -> tuple[float, float, float]:
     along, across, col0, row0, yaw = frame
-    return along * x + across * y + col0, along * y - across * x + row0, heading - yaw
+    heading -= yaw
+    heading -= TURN * round(heading / TURN)
+    return along * x + across * y + col0, along * y - across * x + row0, heading
 
 
 @njit(nogil=True, cache=True)
@@ -329,5 +296,5 @@ def stands(half: NDArray[np.float64], columns: int, frame: tuple, x: float, y: f
     """Whether a position in the world [m] lies in a cell that is not blocked."""
     x, y, _ = _on_grid(frame, x, y, 0.0)
     col, row = math.floor(x), math.floor(y)
-    inside = 0 < col < columns - 1 and 0 < row < half.size // columns - 1
-    return inside and half[int(row) * columns + int(col)] < np.inf
+    inside = 0 < col < columns - 1 and 0 < row < half.shape[1] // columns - 1
+    return inside and half[0, int(row) * columns + int(col)] < np.inf

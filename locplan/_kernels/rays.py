@@ -1,4 +1,8 @@
-"""Straight lines through a grid, cell by cell (Amanatides and Woo, 1987).
+"""Straight lines and rays through a grid, cell by cell (Amanatides and Woo, 1987).
+
+A ray passes empty space in leaps. For each of the four quadrants that it may head into, every cell
+knows the largest empty square that has the cell in its corner; the ray leaves that square by one
+of its two far sides, and goes on from the cell behind it. Some six leaps reach the wall.
 
 Positions are continuous (row, col) in cells: cell (r, c) covers [r, r + 1) x [c, c + 1).
 """
@@ -11,6 +15,9 @@ from numpy.typing import NDArray
 
 TOUCH = 1e-6
 """A cell crossed by no more than this is only touched, at its corner [cells]."""
+
+LONGEST = 255
+"""The longest leap [cells]: what fits a byte."""
 
 
 @njit(inline="always")
@@ -121,3 +128,93 @@ def cells_along(
             else:
                 col += 1 if dcol > 0 else -1
     return rows[:count], cols[:count], lengths[:count]
+
+
+@njit(nogil=True, cache=True)
+def empty_squares(stops: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Edge of the largest empty square that starts at each cell [cells].
+
+    Parameters
+    ----------
+    stops : (H, W) array of bool
+        The cells that end a ray.
+
+    Returns
+    -------
+    (4, H + 2, W + 2) array of uint8
+        By quadrant, ``2 * (up the rows) + (up the columns)``; 0 in cells that stop a ray and in a
+        ring around the map, so that no ray has to look for the map's edge.
+    """
+    rows, cols = stops.shape
+    squares = np.zeros((4, rows + 2, cols + 2), np.uint8)
+    for quadrant in range(4):
+        row_step = 1 if quadrant & 2 else -1
+        col_step = 1 if quadrant & 1 else -1
+        for i in range(rows):
+            row = rows - i if row_step > 0 else 1 + i
+            for j in range(cols):
+                col = cols - j if col_step > 0 else 1 + j
+                if not stops[row - 1, col - 1]:
+                    least = min(
+                        squares[quadrant, row + row_step, col],
+                        squares[quadrant, row, col + col_step],
+                        squares[quadrant, row + row_step, col + col_step],
+                    )
+                    squares[quadrant, row, col] = min(least + 1, LONGEST)
+    return squares
+
+
+@njit(inline="always")
+def _edge(squares: NDArray[np.uint8], quadrant: int, row: int, col: int) -> int:
+    # Unsigned indices spare numba the question whether they count from the end.
+    return int(np.int64(squares[np.uintp(quadrant), np.uintp(row + 1), np.uintp(col + 1)]))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def cast(
+    squares: NDArray[np.uint8],
+    row: float,
+    col: float,
+    drow: float,
+    dcol: float,
+    max_range: float,
+) -> tuple[float, int, int]:
+    """Range of one ray [cells] and the cell (row, col) that stops it; inf, -1, -1 without a return.
+
+    The direction (drow, dcol) has length 1. A ray along the edge between two cells sees the upper
+    one; through a corner it passes one of the two cells beside it, so that no wall leaks. From
+    within a cell that stops rays the range is 0; from outside the map there is no return.
+    """
+    rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
+    row0, col0 = _first_cell(row, drow), _first_cell(col, dcol)
+    if not (0 <= row0 < rows and 0 <= col0 < cols):
+        return np.inf, -1, -1
+    # Counted from the first cell on, in the ray's own sense: up and down are the same.
+    up, right = drow >= 0, dcol >= 0
+    row_sign, col_sign = 1 if up else -1, 1 if right else -1
+    row_pace, col_pace = abs(drow), abs(dcol)
+    row_in_cell = row - row0 if up else row0 + 1 - row
+    col_in_cell = col - col0 if right else col0 + 1 - col
+    row_time, col_time = 1 / row_pace, 1 / col_pace
+    quadrant = 2 * up + right
+    i = j = 0
+    at = 0.0
+    edge = _edge(squares, quadrant, row0, col0)
+    while edge:
+        next_i, next_j = i + edge, j + edge
+        row_at = (next_i - row_in_cell) * row_time
+        col_at = (next_j - col_in_cell) * col_time
+        # Rounding must not take the ray out of the square by a side that it does not cross.
+        if row_at < col_at:
+            at, i = row_at, next_i
+            j = min(max(int(col_in_cell + at * col_pace), j), next_j - 1)
+        else:
+            at, j = col_at, next_j
+            i = min(max(int(row_in_cell + at * row_pace), i), next_i - 1)
+        if at > max_range:
+            return np.inf, -1, -1
+        edge = _edge(squares, quadrant, row0 + row_sign * i, col0 + col_sign * j)
+    hit_row, hit_col = row0 + row_sign * i, col0 + col_sign * j
+    if 0 <= hit_row < rows and 0 <= hit_col < cols:
+        return at, hit_row, hit_col
+    return np.inf, -1, -1

@@ -165,3 +165,71 @@ set_lanes = intrinsic(_lanes_where("!=", 0))
 `at` on of an array of uint8 for which ``(word ^ flip) & masks[first:]`` is not zero."""
 full_lanes = intrinsic(_lanes_where("==", 2**64 - 1))
 """As `set_lanes`, for the words for which that is all ones."""
+
+
+SHORTS = 32
+_SHORTS = ir.VectorType(ir.IntType(16), SHORTS)
+_SUMS = ir.VectorType(ir.IntType(32), SHORTS)
+
+
+class _U16x32(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name="u16x32")
+
+
+_u16x32 = _U16x32()
+
+
+@register_model(_U16x32)
+class _U16x32Model(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, _SHORTS)
+
+
+@intrinsic
+def zero_shorts(typingctx: Any) -> Any:
+    """Thirty-two zeros."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return ir.Constant(_SHORTS, [0] * SHORTS)
+
+    return _u16x32(), codegen
+
+
+@intrinsic
+def add_shorts(typingctx: Any, total: Any, values: Any, index: Any) -> Any:
+    """``total + values[index : index + 32]`` of an array of uint16, lane by lane."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = _pointer(context, builder, signature.args[1], args[1], args[2], _SHORTS)
+        return builder.add(args[0], builder.load(pointer, align=2))
+
+    return _u16x32(_u16x32, values, types.intp), codegen
+
+
+@intrinsic
+def add_shorts_to(typingctx: Any, target: Any, index: Any, total: Any) -> Any:
+    """``target[index : index + 32] += total`` for an array of uint32."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], _SUMS)
+        sums = builder.add(builder.load(pointer, align=4), builder.zext(args[2], _SUMS))
+        builder.store(sums, pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(target, types.intp, _u16x32), codegen
+
+
+@intrinsic
+def lanes_at_most(typingctx: Any, values: Any, index: Any, limit: Any) -> Any:
+    """One bit for each of ``values[index : index + 32]`` of an array of uint32 up to `limit`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], _SUMS)
+        undefined, first = ir.Constant(_SUMS, ir.Undefined), ir.IntType(32)(0)
+        lane = builder.insert_element(undefined, args[2], first)
+        limits = builder.shuffle_vector(lane, undefined, ir.Constant(_SUMS, [0] * SHORTS))
+        chosen = builder.icmp_unsigned("<=", builder.load(pointer, align=4), limits)
+        return builder.zext(builder.bitcast(chosen, ir.IntType(SHORTS)), ir.IntType(64))
+
+    return types.uint64(values, types.intp, types.uint32), codegen

@@ -11,10 +11,14 @@ from locplan.cli.options import (
     STYLE,
     AsJson,
     CacheDir,
+    Estimator,
+    FieldOfView,
+    Headings,
     MapFile,
     Preset,
     Range,
     Scheduler,
+    SensorName,
     Stride,
     Template,
     Threads,
@@ -46,7 +50,11 @@ def field(
         typer.Option(help="Draw e over the map (.png, .pdf, .svg; of many maps a folder)."),
     ] = None,
     preset: Preset = "default",
-    sensor_range: Range = 6.0,
+    sensor_range: Range = None,
+    estimator: Estimator = "sad",
+    sensor: SensorName = None,
+    field_of_view: FieldOfView = None,
+    headings: Headings = 0,
     template: Template = "disc",
     stride: Stride = 0.2,
     threads: Threads = None,
@@ -58,7 +66,9 @@ def field(
     from locplan import reporting
     from locplan.batch import jobs_for, run_all
 
-    config = config_of(preset, sensor_range, template, stride)
+    config = config_of(
+        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+    )
     jobs = jobs_for(maps, output, picture)
     with computing(config, threads, scheduler, cache_dir) as compute:
         if len(jobs) == 1:
@@ -81,10 +91,17 @@ def plot(
     map_file: MapFile,
     output: Annotated[Path, typer.Option("--output", "-o", help="The picture (.png, .pdf, .svg).")],
     scalar: Annotated[
-        str, typer.Option(help="e | position_std | position_rms | heading_std.")
+        str,
+        typer.Option(
+            help="e | position_std | position_rms | heading_std; of scan: ambiguity | entropy."
+        ),
     ] = "e",
     preset: Preset = "default",
-    sensor_range: Range = 6.0,
+    sensor_range: Range = None,
+    estimator: Estimator = "sad",
+    sensor: SensorName = None,
+    field_of_view: FieldOfView = None,
+    headings: Headings = 0,
     template: Template = "disc",
     stride: Stride = 0.2,
     threads: Threads = None,
@@ -94,13 +111,17 @@ def plot(
     """Draw the map with its field as a heat map."""
     from locplan import plotting
     from locplan.covariance import SCALARS
+    from locplan.estimators import LAYERS
     from locplan.files import PICTURES, check_target
 
-    if scalar not in SCALARS:
-        raise ConfigError(f"--scalar must be one of {', '.join(SCALARS)}, not {scalar!r}")
+    known = (*SCALARS, *LAYERS[estimator]) if estimator in LAYERS else SCALARS
+    if scalar not in known:
+        raise ConfigError(f"--scalar must be one of {', '.join(known)}, not {scalar!r}")
     check_target(output, *PICTURES)
     grid = load(map_file)
-    config = config_of(preset, sensor_range, template, stride)
+    config = config_of(
+        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+    )
     with computing(config, threads, scheduler, cache_dir) as compute:
         computed = compute(grid)
     plotting.save_figure(plotting.field_figure(computed, scalar), output)

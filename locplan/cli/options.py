@@ -31,7 +31,29 @@ STYLE: dict[str, Any] = {
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML file.")]
 Preset = Annotated[str, typer.Option(help="default | paper (Eq. 8-10 as printed).")]
-Range = Annotated[float, typer.Option("--range", help="Sensor range [m].")]
+Range = Annotated[
+    float | None, typer.Option("--range", help="Sensor range [m]; 6, or the sensor's own.")
+]
+Estimator = Annotated[
+    str,
+    typer.Option(
+        help="sad (the paper's) | fisher | scan: the last two know the sensor (see --sensor)."
+    ),
+]
+SensorName = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor",
+        metavar="NAME",
+        help="rplidar-a1 | utm-30lx | lms291 | urg-04lx.",
+    ),
+]
+FieldOfView = Annotated[
+    float | None, typer.Option("--field-of-view", help="Of the sensor [deg]; 360, or its own.")
+]
+Headings = Annotated[
+    int, typer.Option(help="Of the field; by default 1 if the sensor sees all round, else 8.")
+]
 Template = Annotated[str, typer.Option(help="disc (the paper's) | visible (what a ray sees).")]
 Stride = Annotated[float, typer.Option(help="Spacing of the evaluated cells [m].")]
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads; all cores by default.")]
@@ -50,14 +72,36 @@ def load(map_file: Path) -> OccupancyGrid:
     return load_map(map_file)
 
 
-def config_of(preset: str, sensor_range: float, template: str, stride: float) -> FieldConfig:
+def config_of(
+    preset: str,
+    sensor_range: float | None,
+    template: str,
+    stride: float,
+    estimator: str = "sad",
+    sensor_name: str | None = None,
+    field_of_view: float | None = None,
+    headings: int = 0,
+) -> FieldConfig:
     from locplan.config import FieldConfig
+    from locplan.sensor import Sensor
 
     presets = {"default": FieldConfig, "paper": FieldConfig.paper}
     if preset not in presets:
         raise ConfigError(f"--preset must be one of {', '.join(presets)}, not {preset!r}")
-    config = presets[preset](sensor_range=sensor_range)
     changes: dict[str, Any] = {"template": template, "stride": stride}
+    if estimator != "sad":
+        if preset != "default" or template != "disc":
+            raise ConfigError("--preset and --template are for --estimator sad")
+        sensor = Sensor.preset(sensor_name) if sensor_name else Sensor(range=6.0)
+        given = {"range": sensor_range, "field_of_view_deg": field_of_view}
+        wanted: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        changes |= {"estimator": estimator, "headings": headings}
+        changes["sensor"] = dataclasses.replace(sensor, **wanted)
+    elif sensor_name or field_of_view is not None or headings:
+        raise ConfigError(
+            "--sensor, --field-of-view and --headings are for --estimator fisher and scan"
+        )
+    config = presets[preset](sensor_range=6.0 if sensor_range is None else sensor_range)
     return dataclasses.replace(config, **changes)
 
 

@@ -11,10 +11,14 @@ from locplan.cli.options import (
     STYLE,
     AsJson,
     CacheDir,
+    Estimator,
+    FieldOfView,
+    Headings,
     MapFile,
     Preset,
     Range,
     Scheduler,
+    SensorName,
     Stride,
     Template,
     Threads,
@@ -44,11 +48,16 @@ def plan(
     start: Start,
     goal: Goal,
     via: Annotated[
-        list[str] | None, typer.Option(metavar="X,Y", help="Visit this on the way [m]; repeatable.")
+        list[str] | None,
+        typer.Option(metavar="X,Y[,DEG]", help="Visit this on the way."),
     ] = None,
     weight: Annotated[
         float, typer.Option(help="Metres of detour accepted per metre of blind travel.")
     ] = 4.0,
+    criterion: Annotated[
+        str,
+        typer.Option(help="What is blind: e | position_std | heading_std; of scan: ambiguity ..."),
+    ] = "e",
     max_e: Annotated[
         float | None, typer.Option(help="Enter no cell with e above this [m² rad].")
     ] = None,
@@ -67,7 +76,9 @@ def plan(
     turning_radius: Annotated[
         float | None, typer.Option(help="Of Dubins and ReedsShepp [m].")
     ] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Of OMPL's [s]; 5 by default.")] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(help="Of OMPL's, for each path [s]; 5 by default.")
+    ] = None,
     iterations: Annotated[
         int | None, typer.Option(help="Of OMPL's: with a seed, the same path again.")
     ] = None,
@@ -90,7 +101,11 @@ def plan(
         typer.Option("--output", "-o", help="Folder for the paths (CSV), plan.json and plan.png."),
     ] = None,
     preset: Preset = "default",
-    sensor_range: Range = 6.0,
+    sensor_range: Range = None,
+    estimator: Estimator = "sad",
+    sensor: SensorName = None,
+    field_of_view: FieldOfView = None,
+    headings: Headings = 0,
     template: Template = "disc",
     stride: Stride = 0.2,
     threads: Threads = None,
@@ -100,6 +115,7 @@ def plan(
 ) -> None:
     """Plan a path that the robot can localize on, beside the shortest one."""
     from locplan import planners, reporting
+    from locplan.blindness import check_criterion
     from locplan.costmap import Costmap, check_weight
     from locplan.files import make_folder
     from locplan.planners.kinds import KINDS
@@ -127,16 +143,23 @@ def plan(
     }
     options = {name: value for name, (value, usual) in given.items() if value != usual}
     grid = load(map_file)
-    config = config_of(preset, sensor_range, template, stride)
+    config = config_of(
+        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+    )
     planners.check_request(planner, max_e=max_e, budget=budget, **options)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends, stops, space=space)
     check_weight(weight)
+    check_criterion(criterion, config)
     if output:
         make_folder(output)
     with computing(config, threads, scheduler, cache_dir) as compute:
         computed = compute(grid)
-    costs = Costmap.from_field(grid, computed, weight=weight, robot_radius=robot_radius)
-    with progress_bar(planner, "iterations" if iterations else "") as progress:
+    costs = Costmap.from_field(
+        grid, computed, weight=weight, robot_radius=robot_radius, criterion=criterion
+    )
+    with progress_bar(
+        planner, "iterations" if iterations and time_limit is None else ""
+    ) as progress:
         if planner in KINDS:
             options["progress"] = in_turn(progress, 2 * (len(stops) + 1))
         plans = planners.plan_beside_shortest(
@@ -155,8 +178,8 @@ def plan(
 @app.command()
 def pareto(
     map_file: MapFile,
-    start: Start,
-    goal: Goal,
+    start: Annotated[str, typer.Option(metavar="X,Y", help="Start [m].")],
+    goal: Annotated[str, typer.Option(metavar="X,Y", help="Goal [m].")],
     objective: Annotated[
         str, typer.Option(help="u (metres of blind travel) | e (its integral).")
     ] = "u",
@@ -170,7 +193,11 @@ def pareto(
         typer.Option("--output", "-o", help="Folder for front.png, front.csv, .json, knee.csv."),
     ] = None,
     preset: Preset = "default",
-    sensor_range: Range = 6.0,
+    sensor_range: Range = None,
+    estimator: Estimator = "sad",
+    sensor: SensorName = None,
+    field_of_view: FieldOfView = None,
+    headings: Headings = 0,
     template: Template = "disc",
     stride: Stride = 0.2,
     threads: Threads = None,
@@ -188,7 +215,9 @@ def pareto(
     ends = position("start", start), position("goal", goal)
     check_caps(objective, time_limit, max_labels)
     grid = load(map_file)
-    config = config_of(preset, sensor_range, template, stride)
+    config = config_of(
+        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+    )
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends)
     if output:
         make_folder(output)

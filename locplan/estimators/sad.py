@@ -32,7 +32,8 @@ def covariances(
     corner: tuple[int, int] = (0, 0),
     map_shape: tuple[int, int] | None = None,
     control: NDArray[np.int64] | None = None,
-) -> NDArray[np.float64]:
+    **_: Any,
+) -> dict[str, NDArray[np.float64]]:
     """Covariance of a pose match at each cell, in the grid's own axes.
 
     Parameters
@@ -55,7 +56,7 @@ def covariances(
 
     Returns
     -------
-    (n, 3, 3) array of float64, or (n, 2, 2) without rotation
+    dict with "covariance", (n, 3, 3) array of float64, or (n, 2, 2) without rotation
         k times the weighted covariance of (x, y, theta) [m, m, rad] (Eq. 8), plus Q if
         `config.quantisation`.
     """
@@ -72,7 +73,11 @@ def covariances(
     steps = np.array([window.step, window.step, window.rotation_step])
     covariance = config.noise_level * in_steps * np.outer(steps, steps)
     covariance = covariance[:, : window.dimension, : window.dimension]
-    return covariance + window.quantisation if config.quantisation else covariance
+    return {"covariance": covariance + window.quantisation if config.quantisation else covariance}
+
+
+def prepare(levels: NDArray[np.uint8], resolution: float, config: FieldConfig) -> None:
+    """Nothing: the layout of the map is that of a tile."""
 
 
 def sad_distributions(

@@ -80,18 +80,20 @@ def clear_of_walls(solver: Solver, outline: Footprint) -> Solver:
     """
 
     def clear(costs: Costmap, stops: list[Position]) -> dict[str, Any]:
-        meets = None
+        meets, timeout = None, None
         for radius in (outline.inscribed_radius, outline.circumscribed_radius):
             wide = costs.with_robot_radius(max(radius, costs.robot_radius))
             if not _free(wide, stops):
                 continue
             found = solver(wide, stops)
+            if found.get("status") == "timeout":
+                timeout = found
             if "path" in found:
                 collision = outline.first_collision(costs.grid, found["path"])
                 if collision is None:
                     return found
                 meets = meets or collision
-        without = solver(costs, stops)
+        without = timeout or solver(costs, stops)
         if "path" not in without:
             return without
         note = "no path is wide enough for the footprint"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Real
 from typing import Any
@@ -20,6 +20,8 @@ from locplan.path import Path
 SPACES = ("R2", "SE2", "Dubins", "ReedsShepp")
 """Positions; poses that turn on the spot; curves driven forward; curves that may reverse."""
 CURVED = ("Dubins", "ReedsShepp")
+LEAST_RADIUS, GREATEST_RADIUS = 0.01, 10.0
+"""Of turns, in cells and in diagonals of the map: others are as good as none, or as straight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,8 @@ class Motions:
     """The motions of a robot between two poses (x, y, heading) in the world [m, m, rad].
 
     A motion's cost is the exact integral of the costmap's density along its true curve, found in
-    one compiled call. In "R2" headings do not count.
+    one compiled call. In "R2" headings do not count; elsewhere that of the heading counts, where
+    the costmap has several.
 
     Raises
     ------
@@ -45,7 +48,7 @@ class Motions:
     True
     """
 
-    costs: Costmap
+    costs: Costmap = field(repr=False)
     """What travel costs."""
     space: str = "R2"
     """One of "R2", "SE2", "Dubins", "ReedsShepp"."""
@@ -54,9 +57,18 @@ class Motions:
 
     def __post_init__(self) -> None:
         check_space(self.space, self.turning_radius)
+        if self.turning_radius is None:
+            return
+        grid = self.costs.grid
+        least, greatest = LEAST_RADIUS * grid.resolution, math.hypot(*grid.shape) * grid.resolution
+        if not least <= self.turning_radius <= GREATEST_RADIUS * greatest:
+            raise ConfigError(
+                f"turning_radius must lie in {least:g}..{GREATEST_RADIUS * greatest:.4g} m"
+                f" on this map, not {self.turning_radius:g}"
+            )
 
     def checked(self, pose: Sequence[float], role: str) -> tuple[float, ...]:
-        """A pose of the space where the robot can stand: (x, y), or (x, y, heading).
+        """A pose of the space where the robot can stand: (x, y), or (x, y, heading in -pi..pi).
 
         Raises
         ------
@@ -118,7 +130,9 @@ class Motions:
         frame = along, across, 1 - along * x - across * y, 1 - along * y + across * x, yaw
         kind = {"Dubins": DUBINS, "ReedsShepp": REEDS_SHEPP}.get(self.space, STRAIGHT)
         radius = (self.turning_radius or grid.resolution) / grid.resolution
-        half = bordered_half(self.costs.density, 1)
+        # Without a heading the merged cost counts.
+        density = self.costs.density[None] if self.space == "R2" else self.costs.density_of_heading
+        half = np.array([bordered_half(layer, 1) for layer in density])
         return half, grid.shape[1] + 2, kind, radius, frame
 
 
@@ -131,7 +145,11 @@ def check_space(space: str, turning_radius: float | None) -> None:
             raise ConfigError(f"a turning radius is for the spaces {', '.join(CURVED)}")
     elif turning_radius is None:
         raise ConfigError(f"space {space!r} needs a turning radius, in metres")
-    elif not (isinstance(turning_radius, Real) and 0 < float(turning_radius) < math.inf):
+    elif not (
+        isinstance(turning_radius, Real)
+        and not isinstance(turning_radius, bool)
+        and 0 < float(turning_radius) < math.inf
+    ):
         raise ConfigError(f"turning_radius must be a positive number of m, not {turning_radius!r}")
 
 
@@ -144,10 +162,13 @@ def check_pose(
     except (TypeError, ValueError):
         numbers = ()
     if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
-        raise PoseError(f"{role} must be x, y and a heading [m, m, rad], not {pose!r}")
+        raise PoseError(f"{role} must be x, y [m] and a heading, not {pose!r}")
     if not headed and len(numbers) == 3:
         raise PoseError(f"{role} must be x, y [m]: without SE2, Dubins or ReedsShepp no heading")
     costs.cell_of(numbers[:2] if headed else pose, role)
+    if headed:
+        # Not pi itself: in OMPL's spaces that is no valid heading.
+        return (*numbers[:2], (numbers[2] + math.pi) % (2 * math.pi) - math.pi)
     return numbers
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from locplan.costmap import Costmap
@@ -31,7 +31,7 @@ class Plan:
     """World position [m], or pose."""
     goal: Position
     """World position [m], or pose."""
-    path: Path | None
+    path: Path | None = field(repr=False)
     """The path from start to goal, or None."""
     metrics: PathMetrics | None
     """What the path costs, or None."""
@@ -51,8 +51,11 @@ class Plan:
     """If infeasible: the least `budget` or `max_e` with which there is a path."""
     minimises: bool = True
     """Whether the planner seeks the least J; some of OMPL's stop at the first path they find."""
-    history: tuple[tuple[float, float], ...] = ()
-    """Of a sampling planner: seconds since it began and its best J [m], whenever that fell."""
+    history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+    """Of a sampling planner: seconds since it began and its best J [m], whenever that fell.
+
+    Of a path over waypoints there is none.
+    """
     note: str = ""
     """Why there is no path, and what would help, if that is known."""
 

@@ -10,7 +10,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,15 @@ from ompl import base, util
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from locplan.errors import ConfigError
 from locplan.planners.motions import CURVED, Motions
 from locplan.planners.result import Plan, finished
 from locplan.planners.sampling.logs import logged
-from locplan.planners.sampling.settings import planner_of
+from locplan.planners.sampling.settings import check_settings, planner_of
 from locplan.planners.sampling.setup import pose_reader, space_information
-from locplan.planners.sampling.stopping import Limits
+from locplan.planners.sampling.stopping import Limits, check_whole
 
+ROADMAPS = ("PRM", "PRMstar")
 GROWTH = 0.5
 """Share of the time limit for growth; reading the roadmap and its costs takes most of the rest."""
 
@@ -36,9 +38,9 @@ class Roadmap:
 
     motions: Motions
     """The costmap and the kind of motion."""
-    poses: NDArray[np.float64]
+    poses: NDArray[np.float64] = field(repr=False)
     """(n, 3) of x, y, heading in the world [m, m, rad]; in "R2" the heading is 0."""
-    graph: csr_array
+    graph: csr_array = field(repr=False)
     """(n, n): J of the motion from one pose to another [m], where there is one."""
 
     def plan(self, start: Sequence[float], goal: Sequence[float]) -> Plan:
@@ -127,7 +129,16 @@ def grow_roadmap(
         OMPL's settings of the planner by their names.
     ahead : (k, 2) array, optional
         Positions of a path that the roadmap shall hold besides [m].
+
+    Raises
+    ------
+    ConfigError
+        If the planner, the seed or a setting is impossible.
     """
+    if planner not in ROADMAPS:
+        raise ConfigError(f"planner must be one of {', '.join(ROADMAPS)}, not {planner!r}")
+    check_whole("seed", seed)
+    check_settings(planner, settings or {})
     limits = limits or Limits()
     with logged():
         util.RNG.setSeed(seed)

@@ -14,6 +14,8 @@ from locplan.errors import ConfigError
 
 REWIRE_FACTOR = 0.25
 """Of RRTstar and its kin: a quarter as many neighbours give more iterations and a better J."""
+SAMPLES_PER_BATCH = 1000
+"""Of BITstar in "R2": fewer and larger batches than its own 100 give a better J on large maps."""
 _NO_PLAIN_VALUE = (
     "setName",
     "setProblemDefinition",
@@ -39,13 +41,16 @@ def planner_of(
     planner = kind(information)
     if issubclass(kind, geometric.RRTstar):
         planner.setRewireFactor(REWIRE_FACTOR)
+    if kind is geometric.BITstar and information.getStateDimension() == 2:
+        planner.setSamplesPerBatch(SAMPLES_PER_BATCH)
     setters = _setters(name)
     for setting, value in settings.items():
         try:
             getattr(planner, setters[setting])(value)
         except (TypeError, RuntimeError) as error:
-            takes = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
-            why = takes if isinstance(error, TypeError) else error
+            signature = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
+            wanted = signature.rpartition(": ")[2].partition(")")[0]
+            why = f"it must be {wanted}" if isinstance(error, TypeError) else error
             raise ConfigError(f"{name} does not take {setting}={value!r}: {why}") from None
     return planner
 
@@ -53,12 +58,15 @@ def planner_of(
 def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
     """Raise a ConfigError unless the planner has all these settings."""
     known = _setters(planner)
+    if not isinstance(settings, Mapping):
+        raise ConfigError(f"settings must be a dict, such as {{'range': 2.0}}, not {settings!r}")
     for name, value in settings.items():
         if name not in known:
             raise ConfigError(f"{planner} has no setting {name!r}; it has: {', '.join(known)}")
         number = isinstance(value, Real) and not isinstance(value, bool)
-        if number and not 0 < float(value) < math.inf:
-            raise ConfigError(f"{planner}'s setting {name} must be positive, not {value!r}")
+        least = 1 if isinstance(value, int) else 0
+        if number and not least <= float(value) < math.inf:
+            raise ConfigError(f"{planner}'s setting {name} must be {least} or more, not {value!r}")
 
 
 def _setters(planner: str) -> dict[str, str]:

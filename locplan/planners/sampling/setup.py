@@ -128,7 +128,7 @@ def problem_definition(
     problem.setStartAndGoalStates(*ends)
     objective = CostObjective(information, motions)
     bound = objective.motionCostHeuristic(*ends).value()
-    objective.setCostThreshold(base.Cost(bound * (1 + OPTIMAL)))
+    objective.setCostThreshold(base.Cost(max(bound * (1 + OPTIMAL), OPTIMAL)))
     problem.setOptimizationObjective(objective)
     return problem
 
@@ -149,7 +149,7 @@ def write_pose(state: base.State, space: str, pose: Sequence[float]) -> None:
     else:
         state.setX(float(pose[0]))
         state.setY(float(pose[1]))
-        state.setYaw(math.remainder(float(pose[2]), 2 * math.pi))
+        state.setYaw((float(pose[2]) + math.pi) % (2 * math.pi) - math.pi)
 
 
 def pose_reader(space: str) -> Callable[[base.State], Pose]:

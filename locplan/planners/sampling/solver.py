@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from ompl import base, util
 
 from locplan.costmap import Costmap
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, LocplanError
 from locplan.metrics import path_metrics
+from locplan.path import Path
 from locplan.planners.any_angle import prepare as prepare_any_angle
 from locplan.planners.any_angle import straightened
 from locplan.planners.grid import cheapest_cells, through_centres
@@ -20,13 +21,14 @@ from locplan.planners.kinds import KINDS, able
 from locplan.planners.motions import Motions, check_space
 from locplan.planners.sampling.leading import lead
 from locplan.planners.sampling.logs import logged
-from locplan.planners.sampling.roadmap import grow_roadmap
+from locplan.planners.sampling.roadmap import ROADMAPS, grow_roadmap
 from locplan.planners.sampling.settings import check_settings, planner_of
-from locplan.planners.sampling.setup import poses_of, problem_definition, space_information
+from locplan.planners.sampling.setup import OPTIMAL, poses_of, problem_definition, space_information
 from locplan.planners.sampling.stopping import Limits, check_whole
 from locplan.progress import ProgressCallback
 
-ROADMAPS = ("PRM", "PRMstar")
+JOINED = 4
+"""Neighbours by which free cells hold together: who may not cut corners has no others."""
 
 
 def solve(
@@ -72,7 +74,7 @@ def solve(
         Of OMPL's random numbers, at least 1.
     from_grid : bool
         Begin with the grid planner's path: RRTstar and its kin grow their tree along it, roadmaps
-        hold it. In "R2" only.
+        hold it, and what comes of it costs no more. In "R2" only.
     improve : bool
         Straighten the path at last as the any-angle planner does. In "R2" only.
     settings : mapping, optional
@@ -87,20 +89,26 @@ def solve(
         "history".
     """
     motions = Motions(costs, space, turning_radius)
-    cells = cheapest_cells(costs, start[:2], goal[:2], allow_corner_cutting=False)
-    if cells is None:
+    if not _joined(costs, start, goal):
         return {}  # what no path over the grid joins, no motion does
+    direct = motions.path(np.array([start, goal]))
+    if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
+        return {"path": direct, "history": ((0.0, path_metrics(costs, direct).cost),)}
     ahead = None
     if from_grid:
-        ahead = through_centres(costs, cells, start, goal, trim=True).xy
+        cells = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
+        assert cells is not None
+        ahead = through_centres(costs, cells, start, goal, trim=True)
     limits = Limits(time_limit, iterations, convergence, progress)
     began = time.perf_counter()
     search = _by_roadmap if planner in ROADMAPS else _by_tree
     poses = search(planner, motions, start, goal, limits, seed, settings or {}, ahead)
-    if poses is None:
+    found = [] if poses is None else [motions.path(poses)]
+    found += [ahead] if ahead else []
+    if not found:
         note = f"no path found within {limits.told()}; more of it or another seed may find one"
         return {"status": "timeout", "note": note}
-    path = motions.path(poses)
+    path = min(found, key=lambda one: path_metrics(costs, one).cost)
     history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
     return {"path": straightened(costs, path) if improve else path, "history": history}
 
@@ -150,6 +158,16 @@ def prepare(*, planner: str, space: str = "R2", **_: Any) -> None:
     motions.is_free(*poses[0, :2])
 
 
+def _joined(costs: Costmap, start: Sequence[float], goal: Sequence[float]) -> bool:
+    """Whether any path over free cells joins two positions."""
+    import cv2
+
+    free = np.isfinite(costs.density).astype(np.uint8)
+    _, part = cv2.connectedComponents(free, connectivity=JOINED)
+    one, other = (part[costs.grid.world_to_cell(*pose[:2])] for pose in (start, goal))
+    return bool(one == other)
+
+
 def _by_tree(
     planner: str,
     motions: Motions,
@@ -158,7 +176,7 @@ def _by_tree(
     limits: Limits,
     seed: int,
     settings: Mapping[str, Any],
-    ahead: NDArray[np.float64] | None,
+    ahead: Path | None,
 ) -> NDArray[np.float64] | None:
     """The poses (n, 3) that the path's motions join, or None."""
     with logged():
@@ -171,9 +189,14 @@ def _by_tree(
         best_cost = (lambda: tree.bestCost().value()) if hasattr(tree, "bestCost") else None
         ends = limits.condition(best_cost)
         if ahead is not None:
-            ends = lead(tree, information, problem, ahead, goal, ends)
+            ends = lead(tree, information, problem, ahead.xy, goal, ends)
         status = tree.solve(base.PlannerTerminationCondition(ends))
-        if status.getStatus() != base.PlannerStatus.PlannerStatusType.EXACT_SOLUTION:
+        kinds = base.PlannerStatus.PlannerStatusType
+        if status.getStatus() in (kinds.INVALID_START, kinds.INVALID_GOAL):
+            raise LocplanError(
+                f"OMPL refuses {tuple(start)} or {tuple(goal)} as a state in {motions.space}"
+            )
+        if status.getStatus() != kinds.EXACT_SOLUTION:
             return None
         poses = poses_of(problem.getSolutionPath(), motions.space)
     poses[[0, -1], : len(start)] = start, goal
@@ -188,9 +211,10 @@ def _by_roadmap(
     limits: Limits,
     seed: int,
     settings: Mapping[str, Any],
-    ahead: NDArray[np.float64] | None,
+    ahead: Path | None,
 ) -> NDArray[np.float64] | None:
+    positions = ahead.xy if ahead else None
     roadmap = grow_roadmap(
-        motions, planner=planner, limits=limits, seed=seed, settings=settings, ahead=ahead
+        motions, planner=planner, limits=limits, seed=seed, settings=settings, ahead=positions
     )
     return roadmap.poses_between(start, goal)

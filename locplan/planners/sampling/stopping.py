@@ -45,10 +45,10 @@ class Limits:
     """Seconds since the start and the best J [m], wherever it was seen to fall."""
 
     def __post_init__(self) -> None:
-        for name, unit in (("time_limit", "s"), ("convergence", "of J")):
+        for name, unit in (("time_limit", "seconds"), ("convergence", "a share of J")):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Real) and 0 < float(value) < math.inf):
-                raise ConfigError(f"{name} must be a positive number {unit}, not {value!r}")
+                raise ConfigError(f"{name} must be positive, {unit}, not {value!r}")
         check_whole("iterations", 1 if self.iterations is None else self.iterations)
         if self.time_limit is None and self.iterations is None:
             self.time_limit = TIME_LIMIT

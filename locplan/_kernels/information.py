@@ -1,0 +1,101 @@
+"""Fisher information of a lidar's ranges about the robot's pose.
+
+Source: A. Censi, "On achievable accuracy for range-finder localization", ICRA 2007,
+doi 10.1109/ROBOT.2007.364120.
+
+A beam of direction d meets a surface with the unit normal n at h, counted from the robot's own
+centre of rotation. When the robot moves by dp and turns by dtheta the range changes by
+
+    dr = -(n . dp + (h x n) dtheta) / (d . n),        h x n = h_x n_y - h_y n_x,
+
+which holds wherever on the robot the lidar is mounted. The information is the sum of g g^T /
+sigma^2 over the beams, g the gradient of the range.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.lidar import Lidar
+from locplan._kernels.rays import cast
+
+STOP, DONE = 0, 1
+LEAST_COSINE = 0.15
+"""Below this |d . n| a range on a grid no longer grows as 1 / |d . n|."""
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def information(
+    squares: NDArray[np.uint8],
+    normals: NDArray[np.float32],
+    resolution: float,
+    rows: NDArray[np.float64],
+    cols: NDArray[np.float64],
+    headings: NDArray[np.float64],
+    lidar: Lidar,
+    control: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Information about (x, y, theta) at each position and heading.
+
+    Parameters
+    ----------
+    squares : (4, H + 2, W + 2) array of uint8
+        The map as `rays.empty_squares`.
+    normals : (H, W, 2) array of float32
+        Unit normals (row, col) of the cells that stop a beam; where zero a beam tells nothing.
+    resolution : float
+        Edge of a cell [m].
+    rows, cols : (n,) arrays of float
+        Positions of the robot [cells]; a cell's centre ends in .5.
+    headings : (m,) array of float
+        Of the robot [rad], from the columns' axis towards that of the rows.
+    lidar : Lidar
+        Beams, mount and noise.
+    control : (2,) array of int64
+        Shared with other threads: the first is set to stop early, the second counts the positions
+        done. Positions left out are NaN.
+
+    Returns
+    -------
+    (n, m, 3, 3) array of float64
+        In the grid's own axes, x along the columns and y along the rows
+        [1/m^2, 1/(m rad), 1/rad^2]. Zero without any return.
+    """
+    result = np.full((rows.size, headings.size, 3, 3), np.nan)
+    bearings = headings.reshape(-1, 1) + lidar.yaw + lidar.angles
+    beam_x, beam_y = np.cos(bearings), np.sin(bearings)
+    lever_x = np.cos(headings) * lidar.forward - np.sin(headings) * lidar.left
+    lever_y = np.sin(headings) * lidar.forward + np.cos(headings) * lidar.left
+    max_range = lidar.max_range / resolution
+    for n in range(rows.size):
+        if control[STOP]:
+            break
+        for k in range(headings.size):
+            row = rows[n] + lever_y[k] / resolution
+            col = cols[n] + lever_x[k] / resolution
+            xx = xy = yy = xt = yt = tt = 0.0
+            for b in range(lidar.angles.size):
+                dx, dy = beam_x[k, b], beam_y[k, b]
+                at, hit_row, hit_col = cast(squares, row, col, dy, dx, max_range)
+                if not 0 < at < np.inf:  # at 0 the lidar itself is within a wall
+                    continue
+                ny, nx = normals[hit_row, hit_col, 0], normals[hit_row, hit_col, 1]
+                hx, hy = lever_x[k] + at * resolution * dx, lever_y[k] + at * resolution * dy
+                turn = hx * ny - hy * nx
+                weight = 1 / max((dx * nx + dy * ny) ** 2, LEAST_COSINE**2)
+                xx += weight * nx * nx
+                xy += weight * nx * ny
+                yy += weight * ny * ny
+                xt += weight * nx * turn
+                yt += weight * ny * turn
+                tt += weight * turn * turn
+            of_pose = result[n, k]
+            of_pose[0, 0], of_pose[1, 1], of_pose[2, 2] = xx, yy, tt
+            of_pose[0, 1] = of_pose[1, 0] = xy
+            of_pose[0, 2] = of_pose[2, 0] = xt
+            of_pose[1, 2] = of_pose[2, 1] = yt
+            of_pose /= lidar.sigma**2
+        control[DONE] += 1
+    return result

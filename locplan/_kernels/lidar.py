@@ -1,0 +1,69 @@
+"""A planar lidar on a robot, and the scan that it would take on a map without noise."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.rays import cast
+
+
+class Lidar(NamedTuple):
+    """A planar lidar, and where on the robot it is."""
+
+    angles: NDArray[np.float64]  # (beam,) from its own axis [rad]
+    forward: float  # of the robot's centre of rotation [m]
+    left: float  # likewise [m]
+    yaw: float  # of its axis against the robot's [rad]
+    sigma: float  # of a range [m]
+    max_range: float  # [m]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def scan_ends(
+    squares: NDArray[np.uint8],
+    resolution: float,
+    row: float,
+    col: float,
+    heading: float,
+    lidar: Lidar,
+    ends: NDArray[np.float64],
+) -> None:
+    """Where the beams end as x (columns) and y (rows) from the robot [cells], into (beam, 2).
+
+    A beam ends in the middle of its way through the cell that stops it, so that its end lies
+    inside of that whatever the rounding. NaN without a return.
+
+    Parameters
+    ----------
+    squares : (4, H + 2, W + 2) array of uint8
+        The map as `rays.empty_squares`.
+    resolution : float
+        Edge of a cell [m].
+    row, col, heading : float
+        The robot's pose on the grid [cells, cells, rad].
+    lidar : Lidar
+        Its beams and mount.
+    ends : (beam, 2) array
+        Filled.
+    """
+    cos, sin = np.cos(heading), np.sin(heading)
+    lever_x = (cos * lidar.forward - sin * lidar.left) / resolution
+    lever_y = (sin * lidar.forward + cos * lidar.left) / resolution
+    from_row, from_col = row + lever_y, col + lever_x
+    max_range = lidar.max_range / resolution
+    for b in range(lidar.angles.size):
+        bearing = heading + lidar.yaw + lidar.angles[b]
+        dx, dy = np.cos(bearing), np.sin(bearing)
+        at, hit_row, hit_col = cast(squares, from_row, from_col, dy, dx, max_range)
+        if not at < np.inf:
+            ends[b] = np.nan
+            continue
+        leave_row = (hit_row + (dy >= 0) - from_row) / dy
+        leave_col = (hit_col + (dx >= 0) - from_col) / dx
+        middle = (at + max(at, min(leave_row, leave_col))) / 2
+        ends[b, 0] = lever_x + middle * dx
+        ends[b, 1] = lever_y + middle * dy

@@ -1,0 +1,110 @@
+"""The likelihood field of a map, laid out so that neighbouring offsets of an endpoint are vectors.
+
+A beam that ends at distance d from the nearest wall, from cell centre to cell centre, has the
+likelihood of AMCL's likelihood-field model, ``z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand`` with
+``z_hit = 1 - z_rand``. It is held as a *cost*, the loss of its logarithm against d = 0, in whole
+steps of which `TOP` are the cost of a beam that ends nowhere near anything.
+
+Other than AMCL's, walls are hollow: an occupied cell among none but occupied ones is not one. Where
+a map paints black what it does not know, endpoints could else be pushed into a wall at no cost.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+TOP = 4095
+"""The greatest cost: that of a beam whose endpoint only chance explains."""
+GROUP = 3
+"""Offsets in y that are scored together."""
+
+
+class LikelihoodField(NamedTuple):
+    """Costs of the map and its surroundings, every `step`-th row and column together.
+
+    The layout ends so far off the map that at no offset anything is near to what lies beyond.
+    """
+
+    costs: NDArray[np.uint16]  # (row mod step, col mod step, row div step, col div step), flat
+    first: int  # where the layout begins, as a row and as a column of the map
+    last_row: int  # the last row of the layout, and the last column, that a first offset may have
+    last_col: int
+    step: int
+    width: int  # costs of a row
+    plane: int  # costs of one pair of remainders
+    nats: float  # what a step of cost is in log-likelihood
+
+
+def likelihood_reach(resolution: float, sigma_hit: float, z_rand: float) -> int:
+    """How far from a wall the cost may be less than `TOP` [cells]."""
+    # There the likelihood is half a step of cost above z_rand.
+    excess = z_rand * math.expm1(-math.log(z_rand) / TOP / 2) / (1 - z_rand)
+    return math.ceil(sigma_hit * math.sqrt(-2 * math.log(excess)) / resolution)
+
+
+def costs_of_squared_distance(
+    resolution: float, sigma_hit: float, z_rand: float
+) -> NDArray[np.uint16]:
+    """Costs at a squared distance of 0, 1, ... cells^2; the last one is `TOP`."""
+    reach = likelihood_reach(resolution, sigma_hit, z_rand)
+    squared = np.arange(reach**2 + 1) * resolution**2
+    likelihood = (1 - z_rand) * np.exp(-squared / (2 * sigma_hit**2)) + z_rand
+    return np.rint(np.log(likelihood) / math.log(z_rand) * TOP).astype(np.uint16)
+
+
+@njit(nogil=True, cache=True)
+def distances_along_columns(walls: NDArray[np.uint8], reach: int) -> NDArray:
+    """Rows to the nearest wall in the same column, at most ``reach + 1``.
+
+    (H + 2 reach, W): for `reach` rows more on either side of the map.
+    """
+    rows, cols = walls.shape
+    distance = np.full((rows + 2 * reach, cols), reach + 1, np.uint16)
+    for i in range(rows):
+        for j in range(cols):
+            if walls[i, j]:
+                distance[reach + i, j] = 0
+    one = np.uint16(1)
+    for i in range(1, len(distance)):
+        for j in range(cols):
+            distance[i, j] = min(distance[i, j], np.uint16(distance[i - 1, j] + one))
+    for i in range(len(distance) - 2, -1, -1):
+        for j in range(cols):
+            distance[i, j] = min(distance[i, j], np.uint16(distance[i + 1, j] + one))
+    return distance
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def lay_out(
+    walls: NDArray[np.uint8],
+    costs: NDArray[np.uint16],
+    reach: int,
+    margin: int,
+    step: int,
+    width: int,
+    plane: int,
+    planes: NDArray[np.uint16],
+) -> None:
+    """Write the costs around all walls into the planes, the map `margin` cells inside."""
+    along_columns = distances_along_columns(walls, reach)
+    cols, furthest = walls.shape[1], np.int32(costs.size - 1)
+    squared, nearest = np.empty(cols, np.int32), np.empty(cols + 2 * reach, np.int32)
+    for i in range(len(along_columns)):
+        row = margin - reach + i
+        line = row % step * step * plane + row // step * width
+        for j in range(cols):
+            squared[j] = np.int32(along_columns[i, j]) ** 2
+        nearest[:] = furthest
+        for shift in range(-reach, reach + 1):
+            around, aside = nearest[reach + shift : reach + shift + cols], np.int32(shift * shift)
+            for j in range(cols):
+                around[j] = min(around[j], np.int32(squared[j] + aside))
+        for remainder in range(step):
+            for j in range((remainder - margin + reach) % step, nearest.size, step):
+                col = (margin - reach + j) // step
+                planes[line + remainder * plane + col] = costs[nearest[j]]

@@ -1,0 +1,358 @@
+"""Posteriors of simulated scans over the search window: correlative scan matching, in vectors.
+
+The endpoints of a scan are turned about the robot by each heading, rounded to cells, and shifted
+by each offset; the sum of their costs (`likelihood`) is the loss of log-likelihood. Offsets are
+whole steps of the lattice, so that in a field that keeps every `step`-th column together the
+offsets in x of an endpoint lie side by side: one vector. Sums are of whole numbers and so do not
+depend on their order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.lidar import Lidar, scan_ends
+from locplan._kernels.likelihood import GROUP, TOP, LikelihoodField
+from locplan._kernels.simd import SHORTS, add_shorts, add_shorts_to, lanes_at_most, zero_shorts
+
+STOP, DONE = 0, 1
+BATCH = 65535 // TOP
+"""Beams whose costs fit into sixteen bits."""
+NEGLIGIBLE = 30.0
+"""Offsets whose log-probability is so much below the greatest are left out [nat]."""
+CONNECTED = 0.01
+"""The central mode holds together by offsets of at least this share of the centre's probability."""
+FINE = 1024
+"""A cost is exponentiated by two tables: one of its multiples of this, one of the rest."""
+NOWHERE = np.uint32(1 << 31)
+"""Cost where the arrays of costs hold no offset."""
+WORD = 64
+
+
+class Lattice(NamedTuple):
+    """Offsets of the search window, and how the costs of all of them lie in memory."""
+
+    half_steps: int
+    cos: NDArray[np.float64]  # (heading,)
+    sin: NDArray[np.float64]
+    offsets: int  # in x, and in y
+    width: int  # costs of the offsets in x, in whole vectors
+    plane: int  # costs of a heading
+    empty: NDArray[np.uint32]  # (theta, dy, dx), flat: 0 at the offsets, else NOWHERE
+
+
+class Weights(NamedTuple):
+    """exp(-nats * cost) by two tables."""
+
+    coarse: NDArray[np.float64]  # of multiples of FINE
+    fine: NDArray[np.float64]  # of 0 .. FINE - 1
+    limit: int  # the greatest cost that they cover; beyond it weights are negligible
+    nats: float  # one step of cost
+
+
+class Posteriors(NamedTuple):
+    """What n poses x m views say: moments of (dx, dy, theta) in steps of the lattice."""
+
+    mean: NDArray[np.float64]  # (n, m, 3)
+    covariance: NDArray[np.float64]  # (n, m, 3, 3), about the mean
+    entropy: NDArray[np.float64]  # (n, m) [nat]
+    ambiguity: NDArray[np.float64]  # (n, m) probability outside the central mode
+
+
+@njit(nogil=True, cache=True)
+def make_lattice(half_steps: int, angles: NDArray[np.float64]) -> Lattice:
+    """The lattice of ``2 * half_steps + 1`` offsets along x and y, and headings [rad]."""
+    offsets = 2 * half_steps + 1
+    width = -(-offsets // SHORTS) * SHORTS
+    # A row and a column without offsets, or more, keep apart what are no neighbours. An even
+    # number of rows makes whole words of bits.
+    rows = -(-(offsets + 1) // (2 * GROUP)) * 2 * GROUP
+    empty = np.full((angles.size, rows, width), NOWHERE)
+    empty[:, :offsets, :offsets] = 0
+    plane = rows * width
+    return Lattice(
+        half_steps, np.cos(angles), np.sin(angles), offsets, width, plane, empty.reshape(-1)
+    )
+
+
+@njit(nogil=True, cache=True)
+def make_weights(nats: float, most: int) -> Weights:
+    """Tables for costs up to `most`, or to where they are negligible."""
+    multiples = int(min(NEGLIGIBLE / nats, float(most))) // FINE + 1
+    coarse = np.exp(-nats * FINE * np.arange(multiples))
+    return Weights(coarse, np.exp(-nats * np.arange(FINE)), multiples * FINE - 1, nats)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def find_starts(
+    field: LikelihoodField,
+    first_row: int,
+    first_col: int,
+    cos: float,
+    sin: float,
+    xs: NDArray[np.float64],
+    ys: NDArray[np.float64],
+    starts: NDArray[np.int64],
+) -> None:
+    """Where each turned endpoint's cost at its first offset lies, into `starts`.
+
+    `first_row` and `first_col` of the layout are the robot's own at that offset.
+    """
+    step, plane, width = float(field.step), float(field.plane), float(field.width)
+    last_row, last_col = float(field.last_row), float(field.last_col)
+    # In floating point, where all of this is exact: vectors have no division of integers.
+    share = 1.0 / step
+    for n in range(xs.size):
+        row = np.floor(sin * xs[n] + cos * ys[n] + 0.5) + first_row
+        col = np.floor(cos * xs[n] - sin * ys[n] + 0.5) + first_col
+        # Beyond the layout nothing is near at any offset, however far it is.
+        row, col = min(max(row, 0.0), last_row), min(max(col, 0.0), last_col)
+        i, j = np.floor((row + 0.5) * share), np.floor((col + 0.5) * share)
+        remainders = (row - i * step) * step + (col - j * step)
+        starts[n] = np.int64(remainders * plane + i * width + j)
+
+
+@njit(nogil=True, cache=True)
+def score(
+    field: LikelihoodField,
+    lattice: Lattice,
+    row: int,
+    col: int,
+    ends: NDArray[np.float64],
+    costs: NDArray[np.uint32],
+) -> None:
+    """Add the costs of a scan's endpoints at all offsets to ``costs`` (theta, dy, dx), flat.
+
+    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. What is
+    added where `costs` holds no offset has no meaning.
+    """
+    returned = ~np.isnan(ends[:, 0])
+    xs, ys = ends[returned, 0], ends[returned, 1]
+    starts = np.empty(xs.size, np.int64)
+    planes, stride = field.costs, field.width
+    from_here = -lattice.half_steps * field.step - field.first
+    for k in range(lattice.cos.size):
+        cos, sin = lattice.cos[k], lattice.sin[k]
+        find_starts(field, row + from_here, col + from_here, cos, sin, xs, ys, starts)
+        for j in range(0, lattice.offsets, GROUP):
+            for i in range(0, lattice.width, SHORTS):
+                base = j * stride + i
+                to = k * lattice.plane + j * lattice.width + i
+                for batch in range(0, starts.size, BATCH):
+                    a = b = c = zero_shorts()
+                    for n in range(batch, min(batch + BATCH, starts.size)):
+                        at = base + starts[n]
+                        a = add_shorts(a, planes, at)
+                        b = add_shorts(b, planes, at + stride)
+                        c = add_shorts(c, planes, at + 2 * stride)
+                    add_shorts_to(costs, to, a)
+                    add_shorts_to(costs, to + lattice.width, b)
+                    add_shorts_to(costs, to + 2 * lattice.width, c)
+
+
+@njit(nogil=True, cache=True)
+def dilate(bits: NDArray[np.uint64], distance: int, guard: int, to: NDArray[np.uint64]) -> None:
+    """``bits | bits << distance | bits >> distance`` of one long number, but for `guard` words."""
+    one, left = np.uint64(1), np.uint64(distance % WORD)
+    right, words = np.uint64(WORD - 1) - left, np.uint64(distance // WORD)
+    for n in range(np.uint64(guard), np.uint64(bits.size - guard)):
+        up = bits[n - words] << left | bits[n - words - one] >> one >> right
+        down = bits[n + words] >> left | bits[n + words + one] << one << right
+        to[n] = bits[n] | up | down
+
+
+@njit(nogil=True, cache=True)
+def central_mode(
+    lattice: Lattice, costs: NDArray[np.uint32], excess: float, bits: NDArray[np.uint64]
+) -> NDArray:
+    """The offsets of the central mode, one bit for each of `costs` in words of 64.
+
+    It is what is connected to the zero offset, each to any of 26 neighbours, by offsets that cost
+    at most `excess` more than zero does, and the neighbours of all that: so it has its tails, too.
+    ``bits`` (4, words) is scratch space.
+    """
+    centre = (lattice.cos.size - 1) // 2 * lattice.plane + lattice.half_steps * (lattice.width + 1)
+    limit = np.uint32(min(costs[centre] + excess, NOWHERE - 1.0))
+    guard = lattice.plane // WORD + 2
+    bits[:] = 0
+    passable, inside, grown, between = bits
+    for n in range(0, costs.size, WORD):
+        high = lanes_at_most(costs, n + SHORTS, limit) << np.uint64(SHORTS)
+        passable[guard + n // WORD] = lanes_at_most(costs, n, limit) | high
+    inside[guard + centre // WORD] = np.uint64(1) << np.uint64(centre % WORD)
+    growing = True
+    while growing:
+        dilate(inside, 1, guard, grown)
+        dilate(grown, lattice.width, guard, between)
+        dilate(between, lattice.plane, guard, grown)
+        growing = False
+        for n in range(inside.size):
+            now = grown[n] & passable[n]
+            growing |= now != inside[n]
+            inside[n] = now
+    return grown[guard:]
+
+
+@njit(nogil=True, cache=True)
+def sums(
+    weights: Weights,
+    costs: NDArray[np.uint32],
+    least: int,
+    others: int,
+    at: int,
+    count: int,
+    first_x: int,
+) -> tuple[float, float, float, float, float]:
+    """Sums over `count` offsets from `at` on, neighbours in x, of their weights w.
+
+    These are relative to that of the least cost. Of w, w x, w x^2, w times the cost above the
+    least, and w where `others` has a bit.
+    """
+    coarse, fine, limit = weights.coarse, weights.fine, np.uint64(weights.limit)
+    total = total_x = total_xx = loss = outside = 0.0
+    for i in range(np.uint64(count)):
+        cost = np.uint64(costs[np.uint64(at) + i] - least)
+        if cost <= limit:
+            w = coarse[cost // np.uint64(FINE)] * fine[cost % np.uint64(FINE)]
+            x = np.float64(np.int64(i) + first_x)
+            total += w
+            total_x += w * x
+            total_xx += w * x * x
+            loss += w * np.float64(np.int64(cost))
+            if others >> i & np.uint64(1):
+                outside += w
+    return total, total_x, total_xx, loss, outside
+
+
+@njit(nogil=True, cache=True)
+def moments(
+    lattice: Lattice,
+    weights: Weights,
+    costs: NDArray[np.uint32],
+    mode: NDArray[np.uint64],
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+) -> tuple[float, float]:
+    """Mean and covariance, in steps, into the arrays given; the entropy [nat] and the ambiguity.
+
+    Moments are taken about the zero offset: its sums are exact where all weights are equal, and
+    nothing cancels where all others vanish.
+    """
+    rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
+    least = costs.min()
+    total = total_loss = total_outside = 0.0
+    first, second = np.zeros(3), np.zeros((3, 3))
+    for at in range(0, costs.size, SHORTS):
+        if not lanes_at_most(costs, at, least + weights.limit):
+            continue
+        row, left = at // lattice.width, at % lattice.width
+        others = ~mode[at // WORD] >> np.uint64(at % WORD)
+        count, x = min(SHORTS, lattice.offsets - left), left - lattice.half_steps
+        w, wx, wxx, loss, outside = sums(weights, costs, least, others, at, count, x)
+        y, t = float(row % rows - lattice.half_steps), float(row // rows - half_headings)
+        total += w
+        total_loss += loss
+        total_outside += outside
+        first[0] += wx
+        first[1] += w * y
+        first[2] += w * t
+        second[0, 0] += wxx
+        second[0, 1] += wx * y
+        second[0, 2] += wx * t
+        second[1, 1] += w * y * y
+        second[1, 2] += w * y * t
+        second[2, 2] += w * t * t
+    for i in range(3):
+        mean[i] = first[i] / total
+        for j in range(i, 3):
+            covariance[i, j] = second[i, j] / total - mean[i] * (first[j] / total)
+            covariance[j, i] = covariance[i, j]
+    return np.log(total) + weights.nats * total_loss / total, total_outside / total
+
+
+@njit(nogil=True, cache=True)
+def posterior_of(
+    field: LikelihoodField,
+    lattice: Lattice,
+    weights: Weights,
+    row: int,
+    col: int,
+    ends: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+) -> tuple[float, float]:
+    """`moments` of the scan whose beams end at `ends` (beam, 2), see `score`."""
+    costs = lattice.empty.copy()
+    score(field, lattice, row, col, ends, costs)
+    words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
+    excess = -np.log(CONNECTED) / weights.nats
+    mode = central_mode(lattice, costs, excess, np.empty((4, words), np.uint64))
+    return moments(lattice, weights, costs, mode, mean, covariance)
+
+
+@njit(nogil=True, cache=True)
+def scan_posteriors(
+    field: LikelihoodField,
+    lattice: Lattice,
+    squares: NDArray[np.uint8],
+    resolution: float,
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    headings: NDArray[np.float64],
+    lidar: Lidar,
+    temperature: float,
+    control: NDArray[np.int64],
+) -> Posteriors:
+    """Posteriors of the scans that are seen from n cells in m headings of the robot.
+
+    Parameters
+    ----------
+    field, lattice
+        Of the map and of the search window.
+    squares : (4, H + 2, W + 2) array of uint8
+        The map as `rays.empty_squares`.
+    resolution : float
+        Edge of a cell [m].
+    rows, cols : (n,) arrays
+        The robot's cells; it stands at their centres.
+    headings : (m,) array
+        Of the robot, from the columns' axis towards that of the rows [rad].
+    lidar : Lidar
+        Its beams and mount.
+    temperature : float
+        Factor on the log-likelihood.
+    control : (2,) array
+        ``control[DONE]`` counts the cells as they are done; once another thread sets
+        ``control[STOP]`` the rest is NaN.
+    """
+    shape = rows.size, headings.size
+    result = Posteriors(
+        np.full((*shape, 3), np.nan),
+        np.full((*shape, 3, 3), np.nan),
+        np.full(shape, np.nan),
+        np.full(shape, np.nan),
+    )
+    weights = make_weights(temperature * field.nats, lidar.angles.size * TOP)
+    ends = np.empty((lidar.angles.size, 2))
+    for n in range(rows.size):
+        if control[STOP]:
+            break
+        for m in range(headings.size):
+            row, col = rows[n] + 0.5, cols[n] + 0.5
+            scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
+            result.entropy[n, m], result.ambiguity[n, m] = posterior_of(
+                field,
+                lattice,
+                weights,
+                rows[n],
+                cols[n],
+                ends,
+                result.mean[n, m],
+                result.covariance[n, m],
+            )
+        control[DONE] += 1
+    return result

@@ -1,0 +1,116 @@
+"""Which way the walls of an occupancy grid face, and which of their cells a beam can end at."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+BLUR = 1.0
+"""Standard deviation of the Gaussian that softens the cells' stairs [cells]."""
+LEVELS = 100
+"""Of the softened map: so many that all sums over windows are exact, whatever part is summed."""
+WIDTHS = 3, 9, 27, 81
+"""Edges of the windows that a normal is averaged over, one after the other [cells]."""
+REACH = 3 + 1 + sum(width // 2 for width in WIDTHS)
+"""How far from a cell the map counts for its normal [cells]."""
+BAND = 1024
+"""Rows that are worked on at once, which bounds the memory."""
+STRAIGHT = 0.8
+"""Least share of a window's slopes that agrees on one axis: (l1 - l2) / (l1 + l2)."""
+TURN = math.radians(18)
+"""What a wider window may turn the axis by."""
+POST = 1e-3
+"""A cell about which the narrowest window agrees on no axis at all: a lone post."""
+
+
+def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Unit normal of the surface at each occupied cell, without a sign.
+
+    The main axis of the structure tensor (Bigün and Granlund, 1987), over the widest window in
+    which the surface is straight and still faces as it does in the narrower ones. A cell's stairs
+    turn a narrow window's axis by degrees, from which a bare slanting corridor would seem to
+    fix the position along it; a wide window alone would smooth away a door frame that does.
+
+    Parameters
+    ----------
+    occupied : (H, W) array of bool
+        The cells that have a surface. The map's edge is taken to go on outside. A part of a map
+        gives the same normals `REACH` cells from its edges.
+
+    Returns
+    -------
+    (H, W, 2) array of float32
+        (row, col) components; zero where a cell is not occupied or faces no way.
+    """
+    rows = len(occupied)
+    normals = np.zeros((*occupied.shape, 2), np.float32)
+    for top in range(0, rows, BAND):
+        bottom, above = min(top + BAND, rows), max(0, top - REACH)
+        part = _normals(occupied[above : min(rows, bottom + REACH)])
+        normals[top:bottom] = part[top - above : bottom - above]
+    return normals
+
+
+def walls(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """1 in occupied cells with a neighbour, of 8, that is not occupied, else 0; (H, W)."""
+    import cv2
+
+    solid = occupied.astype(np.uint8)
+    around = np.ones((3, 3), np.uint8)
+    enclosed = cv2.erode(solid, around, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(solid - enclosed)
+
+
+def _normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
+    import cv2
+
+    edge: Any = {"borderType": cv2.BORDER_REPLICATE}
+    soft = cv2.GaussianBlur(occupied.astype(np.uint8) * LEVELS, (0, 0), BLUR, **edge)
+    slope_row = cv2.Scharr(soft, cv2.CV_64F, 0, 1, **edge)
+    slope_col = cv2.Scharr(soft, cv2.CV_64F, 1, 0, **edge)
+    # The tensor as the doubled angle of its main axis, (cos, sin), and its trace: whole numbers.
+    tensor = np.stack(
+        [
+            (slope_col - slope_row) * (slope_col + slope_row),
+            2 * slope_col * slope_row,
+            slope_col**2 + slope_row**2,
+        ],
+        axis=-1,
+    )
+    tensor = _summed(tensor, WIDTHS[0])
+    axis, agreement = _main_axes(tensor[occupied])
+    faces = agreement > POST
+    for width in WIDTHS[1:]:
+        tensor = _summed(tensor, width)
+        wider, agreement = _main_axes(tensor[occupied])
+        alike = (axis * wider).sum(axis=1) > math.cos(2 * TURN)
+        better = alike & (agreement > STRAIGHT)
+        axis[better] = wider[better]
+    # Halving the angle by roots keeps the normals of walls along the axes free of rounding.
+    double_cos, double_sin = axis.T
+    row = np.copysign(np.sqrt(np.clip((1 - double_cos) / 2, 0, 1)), double_sin)
+    col = np.sqrt(np.clip((1 + double_cos) / 2, 0, 1))
+    normals = np.zeros((*occupied.shape, 2), np.float32)
+    normals[occupied] = np.stack([row * faces, col * faces], axis=-1)
+    return normals
+
+
+def _summed(tensor: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    import cv2
+
+    window: Any = width, width
+    return np.asarray(
+        cv2.boxFilter(tensor, -1, window, normalize=False, borderType=cv2.BORDER_REPLICATE)
+    )
+
+
+def _main_axes(
+    tensors: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit vectors of the doubled angle, (n, 2), and how far all slopes agree on it, 0..1."""
+    length = np.hypot(tensors[:, 0], tensors[:, 1])
+    axes = tensors[:, :2] / np.maximum(length, 1.0)[:, None]
+    return axes, length / np.maximum(tensors[:, 2], 1.0)

@@ -1,0 +1,408 @@
+"""Fields that know the sensor, and what becomes of them."""
+
+import dataclasses
+import itertools
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from conftest import corridor, drawn, random_rooms
+
+from locplan import environments
+from locplan.config import FieldConfig
+from locplan.costmap import Costmap
+from locplan.covariance import rotated, scalar
+from locplan.errors import ConfigError
+from locplan.field import CovarianceField, covariance_field
+from locplan.grid import FREE, OccupancyGrid
+from locplan.metrics import path_metrics, profile
+from locplan.path import Path
+from locplan.planners import plan
+from locplan.planners.motions import Motions
+from locplan.sensor import SENSORS, Sensor
+from locplan.store import load_or_compute
+from locplan.surfaces import REACH, surface_normals
+
+ALL_ROUND = Sensor(range=2.5, beams=72)
+AHEAD = Sensor(range=2.5, field_of_view_deg=120.0, beams=40, mount_x=0.15, mount_yaw_deg=10.0)
+SMALL = {"window": 0.6, "step": 0.2, "rotation_window_deg": 30.0}
+
+
+def config(estimator, sensor=ALL_ROUND, **changes):
+    return FieldConfig(estimator=estimator, sensor=sensor, **SMALL | changes)
+
+
+@pytest.fixture(scope="module")
+def rooms() -> OccupancyGrid:
+    return OccupancyGrid(random_rooms((110, 130), seed=7), 0.05, (1.0, 2.0, 0.6), name="rooms")
+
+
+@pytest.fixture(scope="module", params=["fisher", "scan"])
+def estimator(request) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def ahead(rooms, estimator) -> CovarianceField:
+    return covariance_field(rooms, config(estimator, AHEAD, headings=4))
+
+
+def assert_same(one: CovarianceField, other: CovarianceField) -> None:
+    assert one.values.keys() == other.values.keys()
+    for name, array in one.values.items():
+        np.testing.assert_array_equal(array, other.values[name])
+
+
+def test_one_heading_has_no_axis_of_its_own(rooms, estimator):
+    field = covariance_field(rooms, config(estimator))
+    assert field.covariance.shape[2:] == (3, 3)
+    assert field.e.shape == field.covariance.shape[:2]
+    assert set(field.layers) == ({"ambiguity", "entropy"} if estimator == "scan" else set())
+    for layer in field.layers.values():
+        assert layer.shape == field.e.shape
+        assert np.array_equal(np.isnan(layer), ~field.evaluated)
+
+
+def test_several_headings_do(ahead, estimator):
+    h, w = ahead.evaluated.shape
+    assert ahead.covariance.shape == (h, w, 4, 3, 3)
+    assert ahead.e.shape == (h, w, 4)
+    assert ahead.e_map().shape == (*ahead.grid.shape, 4)
+    assert all(layer.shape == (h, w, 4) for layer in ahead.layers.values())
+    known = ahead.covariance[ahead.evaluated]
+    assert (np.linalg.eigvalsh(known) > 0).all()
+    assert not np.allclose(known[:, 0], known[:, 1])
+
+
+def test_a_place_without_returns_is_exactly_featureless(estimator):
+    grid = OccupancyGrid(np.full((40, 40), FREE), 0.1)
+    for sensor in (ALL_ROUND, AHEAD):
+        field = covariance_field(grid, config(estimator, sensor))
+        assert field.e[field.evaluated] == pytest.approx(field.anchors()[1], rel=1e-12)
+        costs = Costmap.from_field(grid, field)
+        assert costs.u[5, 5] == pytest.approx(1.0, rel=1e-12)
+
+
+def test_neither_tiles_nor_executors_change_a_bit(rooms, estimator, ahead, monkeypatch):
+    monkeypatch.setattr("locplan.tiles.TILE", 9)
+    assert_same(covariance_field(rooms, ahead.config, threads=2), ahead)
+    with ThreadPoolExecutor(2) as executor:  # whose tasks are cut out of the map
+        assert_same(covariance_field(rooms, ahead.config, executor=executor), ahead)
+
+
+def test_fields_are_saved_cached_and_updated_with_all_they_hold(rooms, ahead, tmp_path):
+    ahead.save(tmp_path / "ahead.zarr")
+    loaded = CovarianceField.load(tmp_path / "ahead.zarr")
+    assert_same(loaded, ahead)
+    assert loaded.config == ahead.config
+    for _ in range(2):
+        assert_same(load_or_compute(rooms, ahead.config, cache_dir=tmp_path / "cache"), ahead)
+    cells = rooms.cells.copy()
+    cells[3:6, 4:7] = 0
+    after = dataclasses.replace(rooms, cells=cells)
+    assert_same(ahead.update(after), covariance_field(after, ahead.config))
+
+
+def test_xarray_opens_headings_and_layers(ahead, tmp_path):
+    import xarray
+
+    ahead.save(tmp_path / "ahead.zarr")
+    with xarray.open_zarr(tmp_path / "ahead.zarr", consolidated=False) as dataset:
+        assert dataset.covariance.dims == ("y", "x", "heading", "pose_row", "pose_col")
+        assert dataset.heading.values == pytest.approx([0, math.pi / 2, math.pi, 3 * math.pi / 2])
+        for name in ahead.layers:
+            np.testing.assert_array_equal(dataset[name], ahead.layers[name])
+
+
+def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
+    # An odd number of cells, so that the lattice turns onto itself.
+    grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
+    turned = OccupancyGrid(np.rot90(grid.cells, -1), 0.05)
+    wanted = config(estimator, dataclasses.replace(AHEAD, beams=41), headings=4)
+    before, after = covariance_field(grid, wanted), covariance_field(turned, wanted)
+    both = np.rot90(before.evaluated, -1) & after.evaluated
+    expected = rotated(np.rot90(before.covariance, -1), math.pi / 2)
+    expected = np.roll(expected, 1, axis=2)  # who faced x faces y
+    difference = np.abs(after.covariance[both] - expected[both])
+    assert np.median(difference) < 1e-9
+    assert (difference.max(axis=(1, 2, 3)) < 1e-6).mean() > 0.9  # a ray on an edge may take either
+
+
+def test_the_yaw_of_the_map_turns_covariances_but_not_headings(estimator):
+    cells = random_rooms((80, 90), seed=5)
+    straight = covariance_field(OccupancyGrid(cells, 0.05), config(estimator, AHEAD, headings=4))
+    turned = covariance_field(OccupancyGrid(cells, 0.05, (0.0, 0.0, math.pi / 2)), straight.config)
+    expected = np.roll(rotated(straight.covariance, math.pi / 2), 1, axis=2)
+    known = straight.evaluated
+    np.testing.assert_array_equal(turned.evaluated, known)
+    assert np.median(np.abs(turned.covariance[known] - expected[known])) < 1e-9
+    ratio = turned.e[known] / np.roll(straight.e, 1, axis=2)[known]
+    assert (np.abs(np.log(ratio)) < 0.1).mean() > 0.95  # a beam on a cell's edge may take either
+
+
+def test_a_corridor_is_uncertain_along_its_axis(estimator):
+    for angle in (0.0, math.pi / 6):
+        grid = corridor(14.0, 1.6, angle=angle)
+        field = covariance_field(grid, config(estimator))
+        covariance = field.at(0.0, 0.0)
+        values, vectors = np.linalg.eigh(covariance[:2, :2])
+        along = math.atan2(vectors[1, 1], vectors[0, 1])
+        assert abs(math.remainder(along - angle, math.pi)) < math.radians(8)
+        # A slanting corridor's walls are stairs on the grid, which tell a little.
+        assert values[1] > (0.95 if angle == 0 else 0.4) * field.window.uniform_covariance[0, 0]
+
+
+def test_the_papers_places_are_told_apart():
+    grid, at = environments.make("places", resolution=0.05), environments.landmarks("places")
+    wanted = FieldConfig(estimator="scan", stride=0.4)
+    field = covariance_field(grid, wanted)
+    e = {name: float(scalar(field.at(*xy), "e")) for name, xy in at.items()}
+    assert min(e, key=e.get) == "A"
+    assert e["B"] > 10 * e["A"]
+    ambiguity = field.on_map(field.scalar("ambiguity"), logarithmic=False)
+    there = {name: ambiguity[grid.world_to_cell(*xy)] for name, xy in at.items()}
+    assert there["D"] > 0.5  # its bays repeat
+    assert there["A"] < 0.1
+    fisher = covariance_field(grid, FieldConfig(estimator="fisher", stride=0.4))
+    corridor_, complex_ = (fisher.at(*at[name]) for name in "BA")
+    assert scalar(corridor_, "position_std") > 5 * scalar(complex_, "position_std")
+
+
+def test_positions_alone_have_two_dimensions(rooms, estimator):
+    field = covariance_field(rooms, config(estimator, rotation_window_deg=0.0))
+    assert field.covariance.shape[2:] == (2, 2)
+    assert (np.linalg.eigvalsh(field.covariance[field.evaluated]) > 0).all()
+
+
+def test_the_covariance_in_between_headings(ahead):
+    i, j = np.argwhere(ahead.evaluated)[100]
+    x, y = ahead.grid.cell_to_world(int(i * ahead.stride), int(j * ahead.stride))
+    for k, heading in enumerate(ahead.config.heading_angles):
+        assert ahead.at(x, y, heading) == pytest.approx(ahead.covariance[i, j, k])
+        assert ahead.at(x, y, heading - 2 * math.pi) == pytest.approx(ahead.covariance[i, j, k])
+    low, high = ahead.covariance[i, j, :2]
+    between = scalar(ahead.at(x, y, math.pi / 4), "e")
+    assert between == pytest.approx(math.sqrt(scalar(low, "e") * scalar(high, "e")))
+    merged = np.linalg.inv(np.mean([np.linalg.inv(c) for c in ahead.covariance[i, j]], axis=0))
+    assert ahead.at(x, y) == pytest.approx(merged)
+
+
+def test_scalars_over_all_headings(ahead):
+    known = ahead.evaluated
+    worst = ahead.scalar("e", headings="worst")
+    assert worst[known] == pytest.approx(ahead.e[known].max(axis=1))
+    mean = ahead.scalar("e", headings="mean")
+    assert (mean[known] <= worst[known] * (1 + 1e-9)).all()
+
+
+def test_costs_by_every_criterion(rooms, ahead):
+    for criterion in ("e", "position_std", "heading_std", *ahead.layers):
+        costs = Costmap.from_field(rooms, ahead, criterion=criterion)
+        free = np.isfinite(costs.density)
+        assert free.any()
+        assert costs.u[free].min() >= 0
+        assert costs.u[free].max() <= 1
+        assert costs.u_of_heading.shape == (4, *rooms.shape)
+    with pytest.raises(ConfigError, match="criterion must be one of"):
+        Costmap.from_field(rooms, ahead, criterion="entropie")
+    plain = covariance_field(rooms, FieldConfig(sensor_range=1.0, stride=0.4))
+    with pytest.raises(ConfigError, match="criterion must be one of"):
+        Costmap.from_field(rooms, plain, criterion="ambiguity")
+
+
+def test_two_fields_make_one_cost(rooms):
+    fields = [covariance_field(rooms, config(name)) for name in ("fisher", "scan")]
+    apart = [Costmap.from_field(rooms, field, criterion="position_std") for field in fields]
+    larger = Costmap.from_fields(rooms, fields, criterion="position_std")
+    mean = Costmap.from_fields(rooms, fields, criterion="position_std", fuse="mean")
+    free = np.isfinite(larger.density)
+    assert larger.u[free] == pytest.approx(np.maximum(apart[0].u, apart[1].u)[free])
+    # But for what is clipped before or after.
+    assert mean.u[free] == pytest.approx((apart[0].u + apart[1].u)[free] / 2, abs=0.01)
+    assert mean.e[free] == pytest.approx(np.sqrt(apart[0].e * apart[1].e)[free])
+    with pytest.raises(ConfigError, match="fuse must be one of"):
+        Costmap.from_fields(rooms, fields, fuse="sum")
+    with pytest.raises(ConfigError, match="needs fields"):
+        Costmap.from_fields(rooms, [])
+
+
+def test_fields_with_one_heading_and_with_several_go_together(rooms, ahead):
+    other = covariance_field(rooms, config("fisher"))
+    costs = Costmap.from_fields(rooms, [ahead, other])
+    expected = np.maximum(
+        Costmap.from_field(rooms, ahead).u_of_heading, Costmap.from_field(rooms, other).u
+    )
+    np.testing.assert_allclose(costs.u_of_heading, expected)
+    more = covariance_field(rooms, config("fisher", AHEAD, headings=3))
+    with pytest.raises(ConfigError, match="as many"):
+        Costmap.from_fields(rooms, [ahead, more])
+
+
+@pytest.fixture(scope="module")
+def headed_costs() -> Costmap:
+    """Free space in which facing west costs nothing, and facing east most."""
+    grid = OccupancyGrid(np.full((40, 60), FREE), 0.1)
+    costs = Costmap.blank(grid)
+    u = 0.5 + 0.5 * np.cos(2 * np.pi * np.arange(8) / 8)
+    layers = np.broadcast_to(u[:, None, None], (8, *grid.shape))
+    return dataclasses.replace(
+        costs, weight=4.0, u=np.full(grid.shape, 0.5), u_of_heading=layers, e_of_heading=layers
+    )
+
+
+def test_a_motions_cost_is_that_of_its_headings(headed_costs):
+    u = headed_costs.u_of_heading[:, 0, 0]
+    turning = Motions(headed_costs, "SE2")
+    assert turning.cost((1, 1, 0.0), (4, 1, 0.0)) == pytest.approx(3 * (1 + 4 * u[0]))
+    assert turning.cost((1, 1, math.pi), (4, 1, math.pi)) == pytest.approx(3.0)
+    # A quarter turn on the way: half a bin, a whole one, half a bin.
+    quarter = turning.cost((1, 1, 0.0), (4, 1, math.pi / 2))
+    shares = np.array([0.25, 0.5, 0.25])
+    assert quarter == pytest.approx(3 * (1 + 4 * shares @ u[:3]))
+    car = Motions(headed_costs, "Dubins", turning_radius=1.0)
+    circle = car.cost((2, 1, 0.0), (2, 3, math.pi))
+    shares = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
+    assert circle == pytest.approx(math.pi * (1 + 4 * shares @ u[:5]))
+
+
+def test_the_metrics_of_a_path_are_those_of_its_headings(headed_costs):
+    rng = np.random.default_rng(1)
+    for space, radius in (("SE2", None), ("Dubins", 0.7), ("ReedsShepp", 0.4)):
+        motions = Motions(headed_costs, space, radius)
+        for _ in range(40):
+            poses = rng.uniform([1, 1, -7], [5, 3, 7], (3, 3))
+            cost = sum(motions.cost(*two) for two in itertools.pairwise(poses))
+            path = motions.path(poses)
+            if math.isfinite(cost):
+                metrics = path_metrics(headed_costs, path)
+                assert metrics.cost == pytest.approx(cost, rel=1e-4)
+                assert metrics.integrated_u == pytest.approx((cost - path.length) / 4, rel=1e-3)
+                distance, u = profile(headed_costs, path, headed_costs.u_of_heading)
+                assert np.diff(distance) @ u == pytest.approx(metrics.integrated_u)
+
+
+def test_without_headings_the_merged_cost_counts(headed_costs):
+    path = Path(np.array([[1.0, 1.0], [4.0, 1.0]]))
+    assert path_metrics(headed_costs, path).integrated_u == pytest.approx(1.5)
+
+
+def test_where_it_faces_decides_how_it_turns_round(headed_costs):
+    # To face north: the way over east sees nothing, that over west all.
+    start, goal = (2.0, 1.0, -math.pi / 2), (4.0, 3.0, math.pi / 2)
+    result = plan(
+        headed_costs, start, goal, planner="RRTstar", space="SE2", iterations=3000, seed=1
+    )
+    assert result.status == "solved"
+    straight = Motions(headed_costs, "SE2").cost(start, goal)
+    assert result.metrics.cost < 0.8 * straight
+
+
+def test_paths_by_heading():
+    path = Path(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([0.0, math.pi / 2]))
+    runs = [(k, xy.tolist()) for k, xy in path.by_heading(4)]
+    assert runs == [(0, [[0.0, 0.0], [2.0, 0.0]]), (1, [[2.0, 0.0], [4.0, 0.0]])]
+    back = Path(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([0.1, 2 * math.pi - 0.1]))
+    assert [k for k, _ in back.by_heading(4)] == [0]
+    assert sum(np.hypot(*np.diff(xy, axis=0).T).sum() for _, xy in path.by_heading(7)) == (
+        pytest.approx(4.0)
+    )
+
+
+def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
+    occupied = random_rooms((300, 310), seed=2) == 0
+    whole = surface_normals(occupied)
+    part = surface_normals(occupied[40:260, 30:300])
+    inner = slice(REACH, -REACH)
+    np.testing.assert_array_equal(part[inner, inner], whole[40:260, 30:300][inner, inner])
+    monkeypatch.setattr("locplan.surfaces.BAND", 37)
+    np.testing.assert_array_equal(surface_normals(occupied), whole)
+
+
+def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
+    # An asymmetric room; the pose that fits noisy ranges best, to first order in exact ranges.
+    from locplan._kernels.rays import cast, empty_squares
+
+    size = 0.02
+    cells = np.full((220, 320), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 0
+    cells[:60, :80] = 0
+    squares = empty_squares(cells == 0)
+    sensor = Sensor(range=10.0, beams=90, range_sigma=0.02)
+    grid = OccupancyGrid(cells, size)
+    wide = FieldConfig(estimator="fisher", sensor=sensor, quantisation=False, stride=0.2)
+    field = covariance_field(grid, wide)
+
+    def ranges(x, y, theta):
+        return np.array(
+            [
+                size * cast(squares, y / size, x / size, math.sin(a), math.cos(a), 1e9)[0]
+                for a in theta + sensor.angles
+            ]
+        )
+
+    i, j = 14, 20
+    assert field.evaluated[i, j]
+    pose = np.array([*grid.cell_to_world(i * field.stride, j * field.stride), 0.0])
+    step = np.array([0.1, 0.1, 0.04])
+    jacobian = np.stack(
+        [
+            (ranges(*(pose + e * step)) - ranges(*(pose - e * step))) / (2 * s)
+            for e, s in zip(np.eye(3), step, strict=True)
+        ],
+        axis=1,
+    )
+    smooth = np.abs(jacobian).max(axis=1) < 15  # but for beams whose wall changes
+    rng = np.random.default_rng(0)
+    estimates = [
+        np.linalg.lstsq(jacobian[smooth], rng.normal(0, 0.02, smooth.sum()), rcond=None)[0]
+        for _ in range(2000)
+    ]
+    ratio = np.sqrt(np.diag(field.covariance[i, j]) / np.var(estimates, axis=0))
+    assert (ratio > 0.75).all()
+    assert (ratio < 1.3).all()
+
+
+def test_presets_follow_the_makers():
+    assert {sensor.range for sensor in SENSORS.values()} == {5.6, 12.0, 30.0, 80.0}
+    for name, sensor in SENSORS.items():
+        assert Sensor.preset(name) == sensor
+        wanted = FieldConfig(estimator="fisher", sensor=sensor)
+        assert wanted.sensor_range == sensor.range
+        assert wanted.headings == (1 if sensor.sees_all_round else 8)
+        spacing = np.degrees(np.diff(sensor.angles))
+        assert spacing == pytest.approx(np.full(sensor.beams - 1, spacing[0]))
+    with pytest.raises(ConfigError, match="sensor must be one of"):
+        Sensor.preset("kinect")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Sensor(range=0.0), "range must be positive m"),
+        (lambda: Sensor(range=math.inf), "range must be a number of m"),
+        (lambda: Sensor(field_of_view_deg=400.0), "at most 360"),
+        (lambda: Sensor(beams=0), "beams must be a whole number"),
+        (lambda: Sensor(beams=1.5), "beams must be a whole number"),
+        (lambda: Sensor(mount_x="front"), "mount_x must be a number of m"),
+        (lambda: FieldConfig(sensor=Sensor()), "knows no sensor but its range"),
+        (lambda: FieldConfig(headings=4), "the same for all headings"),
+        (lambda: FieldConfig(estimator="fisher", sensor="lidar"), "must be a Sensor"),
+        (lambda: FieldConfig(estimator="fisher", headings=0.5), "headings must be a whole"),
+        (lambda: FieldConfig(estimator="scan", sensor=AHEAD, headings=1), "depends on the heading"),
+        (lambda: FieldConfig(estimator="scan", z_rand=1.0), "z_rand must lie between"),
+        (lambda: FieldConfig(estimator="scan", max_beams=0), "max_beams must be a whole"),
+        (lambda: FieldConfig(estimator="scan", temperature=-1), "temperature must be a positive"),
+        (lambda: FieldConfig(estimator="icp"), "estimator must be one of sad, fisher, scan"),
+    ],
+)
+def test_impossible_sensors_and_configs_are_refused(make, message):
+    with pytest.raises(ConfigError, match=message):
+        make()
+
+
+def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
+    for level in "#. ":
+        grid = drawn(*[level * 12] * 9, resolution=0.2)
+        field = covariance_field(grid, config(estimator))
+        assert field.evaluated.sum() == (108 if level == "." else 0)
