@@ -384,3 +384,39 @@ def test_the_help_names_all_planners(run):
 
     _, out, _ = run("plan", "--help")
     assert all(name in out for name in names())
+
+
+def test_fields_that_know_the_sensor(run, room, tmp_path):
+    sensor = "--estimator", "scan", "--range", "3", "--field-of-view", "180", "--headings", "4"
+    code, out, _ = run("field", room, *sensor, "-o", tmp_path / "f.zarr")
+    assert code == 0
+    assert "scan, sensor 3 m, 180 deg, 360 beams, 4 headings" in out.replace("\n", " ")
+    field = CovarianceField.load(tmp_path / "f.zarr")
+    assert field.covariance.shape[2] == 4
+    ends = "--start", "1,1", "--goal", "4,3.5", "--robot-radius", "0.1"
+    code, out, _ = run("plan", room, *ends, *sensor, "--criterion", "ambiguity")
+    assert code == 0
+    for scalar in ("ambiguity", "position_std"):
+        picture = tmp_path / f"{scalar}.png"
+        assert run("plot", room, *sensor, "-o", picture, "--scalar", scalar)[0] == 0
+        assert picture.stat().st_size > 1000
+
+
+def test_a_saturated_field_names_the_estimator_that_tells_more(run, room):
+    _, out, _ = run("field", room, "--estimator", "fisher", "--sensor", "utm-30lx")
+    assert "--estimator scan" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--sensor", "utm-30lx"), "are for --estimator fisher and scan"),
+        (("--estimator", "scan", "--sensor", "kinect"), "sensor must be one of rplidar-a1"),
+        (("--estimator", "icp"), "estimator must be one of sad, fisher, scan"),
+        (("--estimator", "fisher", "--preset", "paper"), "are for --estimator sad"),
+        (("--estimator", "fisher", "--field-of-view", "0"), "field_of_view_deg must be positive"),
+        (("--estimator", "scan", "--headings", "-1"), "headings must be a whole number"),
+    ],
+)
+def test_impossible_sensors_are_refused(run, room, options, message):
+    assert message in refused(run("field", room, *options))

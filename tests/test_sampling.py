@@ -132,8 +132,9 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
 )
 def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
     start, goal, options = request(space)
+    options["iterations"] = 20_000 if planner == "BITstar" else 2500
     paths = [
-        plan(two_ways(), start, goal, planner=planner, iterations=2500, seed=seed, **options).path
+        plan(two_ways(), start, goal, planner=planner, seed=seed, **options).path
         for seed in (4, 4, 5)
     ]
     assert np.array_equal(paths[0].xy, paths[1].xy)
@@ -448,7 +449,7 @@ def test_hard_cases_do_not_crash_the_process(planner):
             heading = () if space == "R2" else (0.3,)
             radius = {{"turning_radius": 0.4}} if space in ("Dubins", "ReedsShepp") else {{}}
             print(plan(costs, (*start, *heading), (*goal, *heading), planner={planner!r},
-                       space=space, iterations=300, time_limit=2.0, **radius).status)
+                       space=space, iterations=300, time_limit=0.7, **radius).status)
     """
     assert set(in_a_process(code).split()) <= {"solved", "timeout"}
 
@@ -473,15 +474,13 @@ def test_many_solves_in_one_process_do_not_grow():
 
 
 def test_a_timeout_is_no_verdict_on_the_footprint():
-    outline = [(0.5, 0.12), (0.5, -0.12), (-0.5, -0.12), (-0.5, 0.12)]
-    statuses = {
-        plan(
-            two_ways(), (0.55, 2.05), (3.45, 2.05),
-            planner="RRTConnect", footprint=outline, iterations=80, seed=seed,
-        ).status
-        for seed in range(1, 20)
-    }  # fmt: skip
-    assert statuses == {"solved", "timeout"}
+    from locplan.footprint import Footprint
+    from locplan.planners.limits import clear_of_walls
+
+    outline = Footprint([(0.3, 0.1), (0.3, -0.1), (-0.3, -0.1), (-0.3, 0.1)])
+    late = {"status": "timeout", "note": "no path found within 1 s"}
+    stops = [(0.55, 0.55), (3.45, 3.55)]
+    assert clear_of_walls(lambda costs, stops: dict(late), outline)(two_ways(), stops) == late
 
 
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])
@@ -490,6 +489,6 @@ def test_any_heading_is_a_heading(heading):
         radius = {} if space == "SE2" else {"turning_radius": 0.25}
         result = plan(
             two_ways(), (0.55, 1.05, heading), (3.45, 1.05, heading),
-            planner=planner, space=space, iterations=20_000 if planner != "RRTstar" else 500, **radius,
+planner=planner, space=space, time_limit=0.5, **radius,
         )  # fmt: skip
         assert result.status == "solved"

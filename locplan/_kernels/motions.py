@@ -21,6 +21,10 @@ FINEST = 0.02
 """Greatest turn between two positions of a path [rad]: its length is true to 2e-5."""
 
 
+ABOVE = 1 + 1e-14
+"""No motion costs less than its length, however that is rounded."""
+
+
 @njit(nogil=True, cache=True)
 def motion_cost(
     half: NDArray[np.float64],
@@ -233,7 +237,7 @@ def world_cost(
     start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
     cost = motion_cost(half, columns, kind, radius, start, end, -frame[4], False)
     cost /= math.hypot(frame[0], frame[1])
-    return max(cost, math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
+    return max(cost, ABOVE * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
 
 
 @njit(nogil=True, cache=True)

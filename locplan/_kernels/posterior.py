@@ -17,41 +17,15 @@ from numpy.typing import NDArray
 
 from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import GROUP, TOP, LikelihoodField
+from locplan._kernels.offsets import FINE, NOWHERE, Lattice, Weights, make_weights
 from locplan._kernels.simd import SHORTS, add_shorts, add_shorts_to, lanes_at_most, zero_shorts
 
 STOP, DONE = 0, 1
 BATCH = 65535 // TOP
 """Beams whose costs fit into sixteen bits."""
-NEGLIGIBLE = 30.0
-"""Offsets whose log-probability is so much below the greatest are left out [nat]."""
 CONNECTED = 0.01
 """The central mode holds together by offsets of at least this share of the centre's probability."""
-FINE = 1024
-"""A cost is exponentiated by two tables: one of its multiples of this, one of the rest."""
-NOWHERE = np.uint32(1 << 31)
-"""Cost where the arrays of costs hold no offset."""
 WORD = 64
-
-
-class Lattice(NamedTuple):
-    """Offsets of the search window, and how the costs of all of them lie in memory."""
-
-    half_steps: int
-    cos: NDArray[np.float64]  # (heading,)
-    sin: NDArray[np.float64]
-    offsets: int  # in x, and in y
-    width: int  # costs of the offsets in x, in whole vectors
-    plane: int  # costs of a heading
-    empty: NDArray[np.uint32]  # (theta, dy, dx), flat: 0 at the offsets, else NOWHERE
-
-
-class Weights(NamedTuple):
-    """exp(-nats * cost) by two tables."""
-
-    coarse: NDArray[np.float64]  # of multiples of FINE
-    fine: NDArray[np.float64]  # of 0 .. FINE - 1
-    limit: int  # the greatest cost that they cover; beyond it weights are negligible
-    nats: float  # one step of cost
 
 
 class Posteriors(NamedTuple):
@@ -61,30 +35,6 @@ class Posteriors(NamedTuple):
     covariance: NDArray[np.float64]  # (n, m, 3, 3), about the mean
     entropy: NDArray[np.float64]  # (n, m) [nat]
     ambiguity: NDArray[np.float64]  # (n, m) probability outside the central mode
-
-
-@njit(nogil=True, cache=True)
-def make_lattice(half_steps: int, angles: NDArray[np.float64]) -> Lattice:
-    """The lattice of ``2 * half_steps + 1`` offsets along x and y, and headings [rad]."""
-    offsets = 2 * half_steps + 1
-    width = -(-offsets // SHORTS) * SHORTS
-    # A row and a column without offsets, or more, keep apart what are no neighbours. An even
-    # number of rows makes whole words of bits.
-    rows = -(-(offsets + 1) // (2 * GROUP)) * 2 * GROUP
-    empty = np.full((angles.size, rows, width), NOWHERE)
-    empty[:, :offsets, :offsets] = 0
-    plane = rows * width
-    return Lattice(
-        half_steps, np.cos(angles), np.sin(angles), offsets, width, plane, empty.reshape(-1)
-    )
-
-
-@njit(nogil=True, cache=True)
-def make_weights(nats: float, most: int) -> Weights:
-    """Tables for costs up to `most`, or to where they are negligible."""
-    multiples = int(min(NEGLIGIBLE / nats, float(most))) // FINE + 1
-    coarse = np.exp(-nats * FINE * np.arange(multiples))
-    return Weights(coarse, np.exp(-nats * np.arange(FINE)), multiples * FINE - 1, nats)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -54,7 +54,8 @@ def covariances(
         theta) [m, m, rad], times k, plus Q if `config.quantisation`; "ambiguity" and "entropy" of
         `locplan.estimators.LAYERS`, (n,) or (n, headings).
     """
-    from locplan._kernels.posterior import make_lattice, scan_posteriors
+    from locplan._kernels.offsets import make_lattice
+    from locplan._kernels.posterior import scan_posteriors
 
     scene = prepared or prepare(levels, resolution, config)
     window = SearchWindow.from_config(config, resolution)

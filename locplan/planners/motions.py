@@ -167,9 +167,15 @@ def check_pose(
         raise PoseError(f"{role} must be x, y [m]: without SE2, Dubins or ReedsShepp no heading")
     costs.cell_of(numbers[:2] if headed else pose, role)
     if headed:
-        # Not pi itself: in OMPL's spaces that is no valid heading.
-        return (*numbers[:2], (numbers[2] + math.pi) % (2 * math.pi) - math.pi)
+        return (*numbers[:2], wrapped(numbers[2]))
     return numbers
+
+
+def wrapped(heading: float) -> float:
+    """The same heading in -pi..pi [rad], pi itself as -pi: in OMPL's spaces it is not valid."""
+    if -math.pi <= heading < math.pi:
+        return heading
+    return (heading + math.pi) % (2 * math.pi) - math.pi
 
 
 def _pose(pose: Iterable[float]) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ import numpy as np
 from ompl import base
 from ompl.base import Cost
 
-from locplan.planners.motions import Motions
+from locplan.planners.motions import Motions, wrapped
 
 BLOCKED = 1e15
 """J of a motion that is not free, for OMPL, some of whose planners crash on infinity [m]."""
@@ -149,7 +149,7 @@ def write_pose(state: base.State, space: str, pose: Sequence[float]) -> None:
     else:
         state.setX(float(pose[0]))
         state.setY(float(pose[1]))
-        state.setYaw((float(pose[2]) + math.pi) % (2 * math.pi) - math.pi)
+        state.setYaw(wrapped(float(pose[2])))
 
 
 def pose_reader(space: str) -> Callable[[base.State], Pose]:

@@ -24,9 +24,11 @@ from locplan.planners.sampling.logs import logged
 from locplan.planners.sampling.roadmap import ROADMAPS, grow_roadmap
 from locplan.planners.sampling.settings import check_settings, planner_of
 from locplan.planners.sampling.setup import OPTIMAL, poses_of, problem_definition, space_information
-from locplan.planners.sampling.stopping import Limits, check_whole
+from locplan.planners.sampling.stopping import SETTLED_AFTER, Limits, check_whole
 from locplan.progress import ProgressCallback
 
+EDGES_OF_A_BATCH = 30_000
+"""Iterations of BITstar are edges: so many at least before it may count as converged."""
 JOINED = 4
 """Neighbours by which free cells hold together: who may not cut corners has no others."""
 
@@ -187,7 +189,8 @@ def _by_tree(
         tree.setProblemDefinition(problem)
         tree.setup()
         best_cost = (lambda: tree.bestCost().value()) if hasattr(tree, "bestCost") else None
-        ends = limits.condition(best_cost)
+        least = EDGES_OF_A_BATCH if planner == "BITstar" else SETTLED_AFTER
+        ends = limits.condition(best_cost, settled_after=least)
         if ahead is not None:
             ends = lead(tree, information, problem, ahead.xy, goal, ends)
         status = tree.solve(base.PlannerTerminationCondition(ends))

@@ -60,11 +60,16 @@ class Limits:
         return " and ".join(seconds + counted)
 
     def condition(
-        self, best_cost: Callable[[], float] | None = None, *, share: float = 1.0
+        self,
+        best_cost: Callable[[], float] | None = None,
+        *,
+        share: float = 1.0,
+        settled_after: int = SETTLED_AFTER,
     ) -> Callable[[], bool]:
         """What OMPL asks at every iteration: whether to end the search that begins now.
 
-        `best_cost` tells the best J so far, `share` which part of the time limit counts.
+        `best_cost` tells the best J so far, `share` which part of the time limit counts; before
+        `settled_after` iterations no search has converged.
         """
         time_limit = math.inf if self.time_limit is None else share * self.time_limit
         most = math.inf if self.iterations is None else self.iterations
@@ -79,7 +84,11 @@ class Limits:
                 if best_cost and (cost := best_cost()) < best[-1][1]:
                     best.append((iteration, cost))
                     self.history.append((elapsed, cost))
-                if self.convergence and _settled(best, iteration, self.convergence):
+                if (
+                    self.convergence
+                    and iteration >= settled_after
+                    and _settled(best, iteration, self.convergence)
+                ):
                     return True
                 if self.progress and iteration % TELL_EVERY == 0:
                     whole = (1000 * elapsed, 1000 * time_limit)
@@ -98,7 +107,5 @@ def check_whole(name: str, value: object) -> None:
 
 
 def _settled(best: list[tuple[int, float]], iteration: int, convergence: float) -> bool:
-    if iteration < SETTLED_AFTER:
-        return False
     earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
     return best[-1][1] > earlier * (1 - convergence)
