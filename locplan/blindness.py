@@ -45,13 +45,13 @@ def blindness(
         es.append(_headings_first(e, headings))
     if len(fields) == 1:
         return us[0], es[0]
-    e = np.exp(_mean([np.log(one) for one in es])) if fuse == "mean" else _largest(es)
+    e = np.exp(_mean([_log(one) for one in es])) if fuse == "mean" else _largest(es)
     if fuse == "max":
         return _largest(us), e
     if criterion in fields[0].layers:
         return _mean(us), e
     least, greatest = np.exp(np.log(anchors).mean(axis=0))
-    return _blindness(np.exp(_mean([np.log(one) for one in values])), least, greatest, law), e
+    return _blindness(np.exp(_mean([_log(one) for one in values])), least, greatest, law), e
 
 
 def _anchors(field: CovarianceField, criterion: str) -> tuple[float, float]:
@@ -71,6 +71,10 @@ def _headings_first(values: NDArray, headings: str | None) -> NDArray[np.float64
 
 def _mean(arrays: Sequence[NDArray]) -> NDArray[np.float64]:
     return sum(arrays[1:], arrays[0]) / len(arrays)
+
+
+def _log(values: NDArray) -> NDArray[np.float64]:
+    return np.log(np.maximum(values, np.finfo(float).tiny))
 
 
 def _largest(arrays: Sequence[NDArray]) -> NDArray[np.float64]:

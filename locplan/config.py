@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
@@ -16,6 +17,8 @@ from locplan.sensor import Sensor
 ESTIMATORS = ("sad", "fisher", "scan")
 TEMPLATES = ("disc", "visible")
 TAU = {"disc": 0.57, "visible": 0.23}
+DISC = 6.0
+"""The paper's template radius [m]."""
 HEADINGS = 8
 """Of a field, where the sensor sees something else in each."""
 WEIGHT_LAWS = ("exponential", "inverse-square")
@@ -48,7 +51,7 @@ class FieldConfig:
     "sad" is the paper's correlation of sums of absolute differences; "fisher" the Fisher
     information of the lidar's beams; "scan" the posterior of a simulated scan in the window.
     """
-    sensor_range: float = 6.0
+    sensor_range: float = DISC
     """Radius of the template disc, or the sensor's range [m]."""
     sensor: Sensor | None = None
     """The lidar, for "fisher" and "scan"; None sees all round up to `sensor_range`."""
@@ -129,9 +132,18 @@ class FieldConfig:
 
     def _settle_sensor(self) -> None:
         """One sensor, one range, and a number of headings."""
+        if not _is_whole(self.max_beams) or self.max_beams < 1:
+            raise ConfigError(
+                f"max_beams must be a whole number of 1 or more, not {self.max_beams!r}"
+            )
+        object.__setattr__(self, "max_beams", int(self.max_beams))
+        if not (_is_number(self.z_rand) and 0 < self.z_rand < 1):
+            raise ConfigError(f"z_rand must lie between 0 and 1, not {self.z_rand!r}")
         if self.estimator == "sad":
             if self.sensor is not None:
-                raise ConfigError('estimator "sad" knows no sensor but its range: set sensor_range')
+                raise ConfigError(
+                    'estimator "sad" knows no sensor but its range: set sensor_range, sensor=None'
+                )
             if self.headings not in (0, 1):
                 raise ConfigError('estimator "sad" is the same for all headings')
             object.__setattr__(self, "headings", 1)
@@ -139,22 +151,25 @@ class FieldConfig:
         if self.sensor is None:
             self._keep("sensor_range", _positive("sensor_range", self.sensor_range, "m"))
             object.__setattr__(self, "sensor", Sensor(range=self.sensor_range))
+        if isinstance(self.sensor, Mapping):  # as `dataclasses.asdict` has it
+            object.__setattr__(self, "sensor", Sensor(**self.sensor))
         if not isinstance(self.sensor, Sensor):
             raise ConfigError(f"sensor must be a Sensor, not {self.sensor!r}")
+        if self.sensor_range not in (DISC, self.sensor.range):
+            raise ConfigError(
+                f"sensor_range ({self.sensor_range!r} m) is not the sensor's range"
+                f" ({self.sensor.range:g} m); set that of the sensor"
+            )
         self._keep("sensor_range", self.sensor.range)
         alike = self.sensor.sees_alike_in_all_headings
         if not _is_whole(self.headings) or not 0 <= self.headings <= 360:
             raise ConfigError(f"headings must be a whole number in 0..360, not {self.headings!r}")
         headings = self.headings or (1 if alike else HEADINGS)
         if headings == 1 and not alike:
-            raise ConfigError("what this sensor sees depends on the heading: set headings above 1")
-        object.__setattr__(self, "headings", int(headings))
-        if not _is_whole(self.max_beams) or self.max_beams < 1:
             raise ConfigError(
-                f"max_beams must be a whole number of 1 or more, not {self.max_beams!r}"
+                "what this sensor sees depends on the heading: set headings above 1, or to 0"
             )
-        if not (_is_number(self.z_rand) and 0 < self.z_rand < 1):
-            raise ConfigError(f"z_rand must lie between 0 and 1, not {self.z_rand!r}")
+        object.__setattr__(self, "headings", int(headings))
 
     @property
     def heading_angles(self) -> NDArray[np.float64]:

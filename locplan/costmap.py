@@ -40,9 +40,9 @@ class Costmap:
     """How blind a cell is, 0..1, (H, W); NaN where there is no field."""
     e: NDArray[np.float64]
     """The field's e [m^2 rad], (H, W); NaN where there is no field."""
-    u_of_heading: NDArray[np.float64] | None = None
+    u_of_heading: NDArray[np.float32] | None = None
     """For n headings of the robot, evenly spaced from 0 on, where it matters: (n, H, W)."""
-    e_of_heading: NDArray[np.float64] | None = None
+    e_of_heading: NDArray[np.float32] | None = None
     """The same [m^2 rad]."""
 
     @classmethod
@@ -124,6 +124,7 @@ class Costmap:
 
         The other parameters are those of `from_field`.
         """
+        fields = list(fields)
         for field in fields:
             if field.grid.digest != grid.digest:
                 raise FieldError(
@@ -137,6 +138,8 @@ class Costmap:
         counts = {field.config.headings for field in fields} - {1}
         if not fields or len(counts) > 1:
             raise ConfigError("a costmap needs fields, and all with several headings as many")
+        if len({field.window.dimension for field in fields}) > 1:
+            raise ConfigError("a costmap needs fields that all have rotation, or none")
         own = [blindness(fields, criterion, law, fuse, None)] if counts else []
         u, e = blindness(fields, criterion, law, fuse, headings)
         density = np.where(np.isnan(u), np.inf, 1 + weight * u)
@@ -147,8 +150,8 @@ class Costmap:
             robot_radius=float(robot_radius),
             u=u,
             e=e,
-            u_of_heading=own[0][0] if own else None,
-            e_of_heading=own[0][1] if own else None,
+            u_of_heading=own[0][0].astype(np.float32) if own else None,
+            e_of_heading=own[0][1].astype(np.float32) if own else None,
         )
 
     @classmethod
@@ -193,7 +196,8 @@ class Costmap:
         if self.u_of_heading is None:
             return self.density[None]
         free = np.isfinite(self.density) & np.isfinite(self.u_of_heading)
-        return np.where(free, 1 + self.weight * self.u_of_heading, np.inf)
+        u = self.u_of_heading.astype(np.float64)
+        return np.where(free, 1 + self.weight * u, np.inf)
 
     def with_weight(self, weight: float) -> Costmap:
         """The same costmap, made from its u with another weight; 0 finds shortest paths.

@@ -9,6 +9,8 @@ SCALARS = ("e", "position_std", "position_rms", "heading_std")
 """Scalars of a covariance by name, see `scalar`."""
 
 UNITS = {"position_std": "m", "position_rms": "m", "heading_std": "rad"}
+LEAST_VARIANCE = 1e-12
+"""Far below what any lidar resolves [m^2, rad^2]."""
 
 
 def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -86,5 +88,9 @@ def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
 
 
 def mean_information(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of the mean inverse of covariances (..., n, d, d), over n: (..., d, d)."""
-    return np.linalg.inv(np.linalg.inv(covariances).mean(axis=-3))
+    """The inverse of the mean inverse of covariances (..., n, d, d), over n: (..., d, d).
+
+    Where one has no extent along some axis, it is taken as `LEAST_VARIANCE`.
+    """
+    extended = covariances + LEAST_VARIANCE * np.eye(covariances.shape[-1])
+    return np.linalg.inv(np.linalg.inv(extended).mean(axis=-3))

@@ -24,7 +24,6 @@ from locplan.config import FieldConfig
 from locplan.errors import FieldError, LocplanError
 from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.lattice import evaluated_points, stride_cells
-from locplan.sensor import Sensor
 from locplan.tiles import (
     ENGINE,
     Chunk,
@@ -254,8 +253,7 @@ def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     about = read_attributes(folder)
     grid = read_grid(folder, about)
     try:
-        sensor = about["config"]["sensor"] and Sensor(**about["config"]["sensor"])
-        config = FieldConfig(**about["config"] | {"sensor": sensor})
+        config = FieldConfig(**about["config"])
     except (KeyError, TypeError, LocplanError) as error:
         raise FieldError(f"{folder}: its config is damaged ({_in_short(error)})") from None
     values, damaged = read_values(folder, grid, config)

@@ -5,6 +5,7 @@ Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -29,6 +30,25 @@ def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
     ]
     wanted[nearest[0], nearest[1]] = True
     return wanted
+
+
+def standing_cells(
+    free: NDArray[np.bool_], rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Each cell, or for one that is not free the nearest free one within `reach` rows and columns.
+
+    A lattice point in a wall serves free cells beside it; a sensor inside the wall sees nothing.
+    """
+    rows, cols = rows.copy(), cols.copy()
+    lost = np.flatnonzero(~free[rows, cols])
+    span = range(-reach, reach + 1)
+    for move in sorted(itertools.product(span, span), key=lambda move: math.hypot(*move)):
+        row, col = rows[lost] + move[0], cols[lost] + move[1]
+        inside = (row >= 0) & (row < free.shape[0]) & (col >= 0) & (col < free.shape[1])
+        found = inside & free[np.where(inside, row, 0), np.where(inside, col, 0)]
+        rows[lost[found]], cols[lost[found]] = row[found], col[found]
+        lost = lost[~found]
+    return rows, cols
 
 
 def spread(values: NDArray[np.float64], shape: tuple[int, int], stride: int) -> NDArray[np.float64]:

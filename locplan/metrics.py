@@ -48,13 +48,10 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
     integrals of e and u are NaN.
     """
-    headed = path.heading is not None and costs.u_of_heading is not None
-    if headed:
-        assert costs.u_of_heading is not None
+    layers: tuple[NDArray, NDArray, NDArray] = costs.e[None], costs.u[None], costs.density[None]
+    if path.heading is not None and costs.u_of_heading is not None:
         assert costs.e_of_heading is not None
         layers = costs.e_of_heading, costs.u_of_heading, costs.density_of_heading
-    else:
-        layers = costs.e[None], costs.u[None], costs.density[None]
     layer, row, col, lengths = _crossed(costs.grid, path, len(layers[0]))
     at = layer, row, col
     e, u = _along(layers[0], at, np.nan), _along(layers[1], at, np.nan)
@@ -74,7 +71,7 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
 
 
 def profile(
-    costs: Costmap, path: Path, layer: NDArray[np.float64]
+    costs: Costmap, path: Path, layer: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A layer (H, W), or (n, H, W) for n headings, along a path, as steps.
 

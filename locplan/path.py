@@ -89,7 +89,8 @@ class Path:
             World positions of the stretch [m]; the next one begins where it ends.
         """
         assert self.heading is not None
-        turns = np.remainder(np.diff(self.heading) + np.pi, 2 * np.pi) - np.pi
+        turns = np.diff(self.heading)
+        turns -= 2 * np.pi * np.round(turns / (2 * np.pi))
         begin = self.heading[0]
         heading = np.concatenate([[begin], begin + np.cumsum(turns)]) / (2 * np.pi) * count + 0.5
         stretch, current = [self.xy[0]], int(np.floor(heading[0]))

@@ -19,9 +19,8 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from locplan.config import FieldConfig
+from locplan.captions import LABELS, how, request, unit_of
 from locplan.costmap import Costmap
-from locplan.covariance import UNITS
 from locplan.field import CovarianceField
 from locplan.files import PICTURES, check_target, replacing
 from locplan.grid import FREE, UNKNOWN, OccupancyGrid
@@ -48,14 +47,6 @@ PATH_STYLES: tuple[dict[str, Any], ...] = (
 )
 """In the order of the plans; told apart by dash as well as by colour."""
 END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
-LABELS = {
-    "e": "pose uncertainty e",
-    "position_std": "largest position std. deviation",
-    "position_rms": "rms position deviation",
-    "heading_std": "heading std. deviation",
-    "ambiguity": "probability outside the central mode",
-    "entropy": "entropy of the posterior",
-}
 
 
 def field_figure(field: CovarianceField, name: str = "e") -> Figure:
@@ -72,14 +63,42 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     figure = Figure(figsize=_map_size(field.grid), layout="constrained")
     axes = figure.add_subplot()
     image = draw_field(axes, field, name)
-    unit = {"e": field.e_unit, "ambiguity": "1", "entropy": "nat"} | UNITS
-    figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit[name]}]", shrink=0.9)
+    figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit_of(field, name)}]", shrink=0.9)
     config = field.config
     axes.set_title(
         f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated\n"
-        f"{_how(config)}, range {config.sensor_range:g} m",
+        f"{how(config)}, range {config.sensor_range:g} m",
         fontsize="medium",
     )
+    return figure
+
+
+def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e") -> Figure:
+    """A scalar of several fields side by side on one scale, a row for each map.
+
+    Parameters
+    ----------
+    rows : sequence of mappings of str to CovarianceField
+        Of each map its fields, by the name to show; all rows alike, e in one unit.
+    name : str
+        As for `field_figure`.
+    """
+    columns = max(map(len, rows))
+    sizes = [_map_size(next(iter(fields.values())).grid) for fields in rows]
+    heights = [height / width for width, height in sizes]
+    size = 3.6 * columns + 1, sum(3.6 * height + 0.6 for height in heights)
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
+    image = unit = None
+    for axes_of_row, fields in zip(grid, rows, strict=True):
+        for axes, (label, field) in zip(axes_of_row, fields.items(), strict=False):
+            image, unit = draw_field(axes, field, name), unit_of(field, name)
+            axes.set_title(label, fontsize="medium")
+            axes.set(xlabel="", ylabel="")
+    assert image is not None
+    figure.colorbar(image, ax=grid.ravel().tolist(), label=f"{LABELS[name]} [{unit}]", shrink=0.6)
+    figure.supxlabel("x [m]", fontsize="medium")
+    figure.supylabel("y [m]", fontsize="medium")
     return figure
 
 
@@ -110,7 +129,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
             f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m blind,"
             f" ∫e ds = {metrics.integrated_e:.3g} {field.e_unit} m"
         )
-        blindness = costs.u
+        blindness: NDArray[np.floating] = costs.u
         if plan.path.heading is not None and costs.u_of_heading is not None:
             blindness = costs.u_of_heading
         distance, u = profile(costs, plan.path, blindness)
@@ -147,7 +166,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     figure.legend(
         handles=handles, loc="outside lower center", frameon=False, fontsize="medium", ncols=2
     )
-    upper.set_title(f"{costs.grid.name or 'map'}: {_request(costs, plans)}", fontsize="medium")
+    upper.set_title(f"{costs.grid.name or 'map'}: {request(costs, plans)}", fontsize="medium")
     return figure
 
 
@@ -263,33 +282,12 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
             axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow)
 
 
-def _how(config: FieldConfig) -> str:
-    """The estimator and what decides its values most."""
-    if config.sensor is None:
-        return f"{config.estimator}, {config.template}, {config.weight_law}"
-    several = f", mean of {config.headings} headings" if config.headings != 1 else ""
-    return f"{config.estimator}, {config.sensor.field_of_view_deg:g}°{several}"
-
-
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
     """Write a figure, whole or not at all; the suffix chooses the format (.png, .pdf, .svg)."""
     check_target(FilePath(path), *PICTURES)
     suffix = FilePath(path).suffix.lower().lstrip(".")
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
-
-
-def _request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
-    """What was asked of the plans."""
-    asked = [f"weight {costs.weight:g}"]
-    for plan in plans.values():
-        if plan.budget is not None:
-            asked = [f"budget {plan.budget:g} m"]
-        if plan.max_e is not None:
-            asked.append(f"e at most {plan.max_e:g}")
-        if plan.footprint is not None and "footprint" not in asked:
-            asked.append("footprint")
-    return ", ".join([*asked, f"robot radius {costs.robot_radius:g} m"])
 
 
 def _draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray, **options: Any) -> AxesImage:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from locplan.errors import ConfigError
 
 FULL_CIRCLE = 360.0
+LEAST_SIGMA = 1e-6
+"""A smaller deviation of ranges would leave nothing of a covariance but rounding [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +54,10 @@ class Sensor:
             self._keep(name, _number(name, getattr(self, name), unit))
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} must be positive {unit}, not {getattr(self, name)!r}")
+        if self.range_sigma < LEAST_SIGMA:
+            raise ConfigError(
+                f"range_sigma must be at least {LEAST_SIGMA:g} m, not {self.range_sigma!r}"
+            )
         if self.field_of_view_deg > FULL_CIRCLE:
             raise ConfigError(
                 f"field_of_view_deg must be at most 360 deg, not {self.field_of_view_deg!r}"
@@ -98,7 +104,10 @@ class Sensor:
 
     @property
     def sees_alike_in_all_headings(self) -> bool:
-        """Whether what it sees at a place does not depend on where the robot heads."""
+        """Whether what it sees at a place does not depend on where the robot heads.
+
+        But for where between its beams a feature falls.
+        """
         return self.sees_all_round and self.mount_x == self.mount_y == 0.0
 
     def _keep(self, name: str, value: float) -> None:

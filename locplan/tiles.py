@@ -19,7 +19,7 @@ from locplan.covariance import rotated
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.estimators import LAYERS
 from locplan.grid import OccupancyGrid
-from locplan.lattice import evaluated_points, stride_cells
+from locplan.lattice import evaluated_points, standing_cells, stride_cells
 from locplan.progress import ProgressCallback
 from locplan.search_window import SearchWindow
 
@@ -232,7 +232,9 @@ def untouched_points(
             )
     stride = stride_cells(config, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
-    box = [2 * estimator_of(config).halo(config, after.resolution, after.shape) + 1] * 2
+    # A sensor that would be in a wall stands up to a stride aside.
+    reach = stride + estimator_of(config).halo(config, after.resolution, after.shape)
+    box = [2 * reach + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return (near[::stride, ::stride] == 0) & evaluated_points(after.free, stride)
 
@@ -265,7 +267,10 @@ def _task(
     grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: Any
 ) -> dict[str, Any]:
     """Arguments of the estimator, with the part of the map that these points depend on."""
-    rows, cols = (index * stride_cells(config, grid.resolution) for index in points)
+    stride = stride_cells(config, grid.resolution)
+    rows, cols = (index * stride for index in points)
+    if config.sensor is not None:
+        rows, cols = standing_cells(grid.free, rows, cols, stride)
     task = {
         "rows": rows,
         "cols": cols,

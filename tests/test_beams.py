@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from locplan._kernels.information import DONE, STOP, information
-from locplan._kernels.lidar import Lidar
+from locplan._kernels.lidar import FRACTION, Lidar
 from locplan._kernels.rays import cast, empty_squares
 from locplan.surfaces import surface_normals
 
@@ -398,6 +398,7 @@ def test_a_mounted_lidar_is_a_lidar_there_seen_from_here():
     forward, left, yaw, heading = 0.35, -0.2, 0.6, 1.1
     cos, sin = math.cos(heading), math.sin(heading)
     lever = np.array([cos * forward - sin * left, sin * forward + cos * left])
+    lever = np.round(lever / 0.1 / FRACTION) * FRACTION * 0.1
     mounted = at_pose(occupied, 0.1, 30, 30, heading, lidar(FULL_CIRCLE, forward, left, yaw))
     there = at_pose(occupied, 0.1, 30 + lever[1] / 0.1, 30 + lever[0] / 0.1, heading + yaw, lidar())
     moves = np.array([[1, 0, -lever[1]], [0, 1, lever[0]], [0, 0, 1]])

@@ -16,6 +16,7 @@ from locplan.covariance import rotated, scalar
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, covariance_field
 from locplan.grid import FREE, OccupancyGrid
+from locplan.lattice import standing_cells
 from locplan.metrics import path_metrics, profile
 from locplan.path import Path
 from locplan.planners import plan
@@ -87,8 +88,14 @@ def test_a_place_without_returns_is_exactly_featureless(estimator):
 def test_neither_tiles_nor_executors_change_a_bit(rooms, estimator, ahead, monkeypatch):
     monkeypatch.setattr("locplan.tiles.TILE", 9)
     assert_same(covariance_field(rooms, ahead.config, threads=2), ahead)
+    odd = Sensor(
+        range=2.0, beams=61, field_of_view_deg=180, mount_x=0.23, mount_y=-0.11, mount_yaw_deg=20
+    )
     with ThreadPoolExecutor(2) as executor:  # whose tasks are cut out of the map
-        assert_same(covariance_field(rooms, ahead.config, executor=executor), ahead)
+        for sensor in (AHEAD, odd, dataclasses.replace(odd, mount_x=-0.317)):
+            wanted = config(estimator, sensor, headings=4)
+            field = covariance_field(rooms, wanted, executor=executor)
+            assert_same(field, covariance_field(rooms, wanted))
 
 
 def test_fields_are_saved_cached_and_updated_with_all_they_hold(rooms, ahead, tmp_path):
@@ -194,6 +201,9 @@ def test_scalars_over_all_headings(ahead):
     assert worst[known] == pytest.approx(ahead.e[known].max(axis=1))
     mean = ahead.scalar("e", headings="mean")
     assert (mean[known] <= worst[known] * (1 + 1e-9)).all()
+    for covariances, e in zip(ahead.covariance[known][::50], mean[known][::50], strict=True):
+        merged = np.linalg.inv(np.mean([np.linalg.inv(one) for one in covariances], axis=0))
+        assert e == pytest.approx(math.sqrt(np.linalg.det(merged)))
 
 
 def test_costs_by_every_criterion(rooms, ahead):
@@ -221,6 +231,7 @@ def test_two_fields_make_one_cost(rooms):
     # But for what is clipped before or after.
     assert mean.u[free] == pytest.approx((apart[0].u + apart[1].u)[free] / 2, abs=0.01)
     assert mean.e[free] == pytest.approx(np.sqrt(apart[0].e * apart[1].e)[free])
+    assert larger.e[free] == pytest.approx(np.maximum(apart[0].e, apart[1].e)[free])
     with pytest.raises(ConfigError, match="fuse must be one of"):
         Costmap.from_fields(rooms, fields, fuse="sum")
     with pytest.raises(ConfigError, match="needs fields"):
@@ -233,7 +244,7 @@ def test_fields_with_one_heading_and_with_several_go_together(rooms, ahead):
     expected = np.maximum(
         Costmap.from_field(rooms, ahead).u_of_heading, Costmap.from_field(rooms, other).u
     )
-    np.testing.assert_allclose(costs.u_of_heading, expected)
+    np.testing.assert_allclose(costs.u_of_heading, expected, rtol=1e-6)
     more = covariance_field(rooms, config("fisher", AHEAD, headings=3))
     with pytest.raises(ConfigError, match="as many"):
         Costmap.from_fields(rooms, [ahead, more])
@@ -382,6 +393,7 @@ def test_presets_follow_the_makers():
         (lambda: Sensor(range=0.0), "range must be positive m"),
         (lambda: Sensor(range=math.inf), "range must be a number of m"),
         (lambda: Sensor(field_of_view_deg=400.0), "at most 360"),
+        (lambda: Sensor(range_sigma=1e-200), "range_sigma must be at least"),
         (lambda: Sensor(beams=0), "beams must be a whole number"),
         (lambda: Sensor(beams=1.5), "beams must be a whole number"),
         (lambda: Sensor(mount_x="front"), "mount_x must be a number of m"),
@@ -401,8 +413,62 @@ def test_impossible_sensors_and_configs_are_refused(make, message):
         make()
 
 
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [(-math.pi / 2, math.pi / 2), (math.pi / 2, -math.pi / 2), (0.0, -math.pi), (-math.pi, 0.0)],
+)
+def test_half_a_turn_goes_the_same_way_for_planner_and_metrics(headed_costs, start, end):
+    motions = Motions(headed_costs, "SE2")
+    poses = np.array([[1.0, 1.0, start], [4.0, 2.0, end]])
+    measured = path_metrics(headed_costs, motions.path(poses)).cost
+    assert measured == pytest.approx(motions.cost(*poses))
+
+
+def test_a_lidar_inside_a_wall_sees_nothing(estimator):
+    cells = np.full((40, 60), FREE, np.uint8)
+    cells[:, 40:45] = 0
+    sensor = Sensor(range=3.0, beams=60, field_of_view_deg=180.0, mount_x=0.5)
+    field = covariance_field(OccupancyGrid(cells, 0.1), config(estimator, sensor, headings=4))
+    assert field.e[10, 18, 0] == pytest.approx(field.anchors()[1])
+
+
+def test_sharp_posteriors_have_a_mean_information(rooms):
+    wanted = config(
+        "scan", AHEAD, headings=4, quantisation=False, temperature=1.0, rotation_window_deg=10.0
+    )
+    field = covariance_field(rooms, wanted)
+    assert np.isfinite(field.scalar("e", headings="mean")[field.evaluated]).all()
+    for fuse in ("max", "mean"):
+        costs = Costmap.from_fields(rooms, iter([field, field]), fuse=fuse)
+        free = np.isfinite(costs.density)
+        assert np.isfinite(costs.u[free]).all()
+        assert np.isfinite(costs.e[free]).all()
+
+
+def test_configs_survive_their_own_dictionary():
+    for wanted in (FieldConfig(), config("scan", AHEAD), config("fisher", max_beams=np.int64(9))):
+        assert FieldConfig(**dataclasses.asdict(wanted)) == wanted
+    with pytest.raises(ConfigError, match="is not the sensor's range"):
+        dataclasses.replace(FieldConfig(estimator="fisher"), sensor_range=8.0)
+
+
 def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
     for level in "#. ":
         grid = drawn(*[level * 12] * 9, resolution=0.2)
         field = covariance_field(grid, config(estimator))
         assert field.evaluated.sum() == (108 if level == "." else 0)
+
+
+def test_lattice_points_in_walls_are_looked_at_from_beside_them():
+    free = random_rooms((30, 34), seed=4) == FREE
+    rows, cols = np.indices(free.shape).reshape(2, -1)
+    at = standing_cells(free, rows, cols, 3)
+    for row, col, to_row, to_col in zip(rows, cols, *at, strict=True):
+        near = np.argwhere(free[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4])
+        if len(near) == 0:
+            assert (to_row, to_col) == (row, col)
+            continue
+        corner = np.array([max(0, row - 3) - row, max(0, col - 3) - col])
+        apart = np.hypot(*(near + corner).T)
+        assert free[to_row, to_col]
+        assert math.hypot(to_row - row, to_col - col) == pytest.approx(apart.min())

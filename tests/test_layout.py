@@ -39,6 +39,7 @@ FLOORS = (
     {"planners.sampling.solver"},
     {"planners.sampling"},
     {"planners"},
+    {"captions"},
     {"plotting"},
     {"reporting"},
     {"batch"},

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.lidar import Lidar
+from locplan._kernels.lidar import Lidar, lever
 from locplan._kernels.rays import cast
 
 STOP, DONE = 0, 1
@@ -66,15 +66,13 @@ def information(
     result = np.full((rows.size, headings.size, 3, 3), np.nan)
     bearings = headings.reshape(-1, 1) + lidar.yaw + lidar.angles
     beam_x, beam_y = np.cos(bearings), np.sin(bearings)
-    lever_x = np.cos(headings) * lidar.forward - np.sin(headings) * lidar.left
-    lever_y = np.sin(headings) * lidar.forward + np.cos(headings) * lidar.left
     max_range = lidar.max_range / resolution
     for n in range(rows.size):
         if control[STOP]:
             break
         for k in range(headings.size):
-            row = rows[n] + lever_y[k] / resolution
-            col = cols[n] + lever_x[k] / resolution
+            ahead_x, ahead_y = lever(lidar, headings[k], resolution)
+            row, col = rows[n] + ahead_y, cols[n] + ahead_x
             xx = xy = yy = xt = yt = tt = 0.0
             for b in range(lidar.angles.size):
                 dx, dy = beam_x[k, b], beam_y[k, b]
@@ -82,7 +80,7 @@ def information(
                 if not 0 < at < np.inf:  # at 0 the lidar itself is within a wall
                     continue
                 ny, nx = normals[hit_row, hit_col, 0], normals[hit_row, hit_col, 1]
-                hx, hy = lever_x[k] + at * resolution * dx, lever_y[k] + at * resolution * dy
+                hx, hy = (ahead_x + at * dx) * resolution, (ahead_y + at * dy) * resolution
                 turn = hx * ny - hy * nx
                 weight = 1 / max((dx * nx + dy * ny) ** 2, LEAST_COSINE**2)
                 xx += weight * nx * nx

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from locplan._kernels.rays import cast
 
+FRACTION = 2.0**-20
+"""Of a cell: to what a lidar's place on the robot is rounded."""
+
 
 class Lidar(NamedTuple):
     """A planar lidar, and where on the robot it is."""
@@ -20,6 +23,19 @@ class Lidar(NamedTuple):
     yaw: float  # of its axis against the robot's [rad]
     sigma: float  # of a range [m]
     max_range: float  # [m]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def lever(lidar: Lidar, heading: float, resolution: float) -> tuple[float, float]:
+    """Where the lidar is from the robot's centre, x (columns) and y (rows) [cells].
+
+    Rounded to `FRACTION`, so that added to any cell's place it is exact: a part of a map then
+    gives the same bits as the whole.
+    """
+    cos, sin = np.cos(heading), np.sin(heading)
+    x = (cos * lidar.forward - sin * lidar.left) / resolution
+    y = (sin * lidar.forward + cos * lidar.left) / resolution
+    return np.round(x / FRACTION) * FRACTION, np.round(y / FRACTION) * FRACTION
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -50,16 +66,14 @@ def scan_ends(
     ends : (beam, 2) array
         Filled.
     """
-    cos, sin = np.cos(heading), np.sin(heading)
-    lever_x = (cos * lidar.forward - sin * lidar.left) / resolution
-    lever_y = (sin * lidar.forward + cos * lidar.left) / resolution
+    lever_x, lever_y = lever(lidar, heading, resolution)
     from_row, from_col = row + lever_y, col + lever_x
     max_range = lidar.max_range / resolution
     for b in range(lidar.angles.size):
         bearing = heading + lidar.yaw + lidar.angles[b]
         dx, dy = np.cos(bearing), np.sin(bearing)
         at, hit_row, hit_col = cast(squares, from_row, from_col, dy, dx, max_range)
-        if not at < np.inf:
+        if not 0 < at < np.inf:  # at 0 the lidar itself is within a wall
             ends[b] = np.nan
             continue
         leave_row = (hit_row + (dy >= 0) - from_row) / dy

@@ -154,7 +154,7 @@ def halo(config: FieldConfig, resolution: float, map_shape: tuple[int, int]) -> 
 
     window = SearchWindow.from_config(config, resolution)
     around = likelihood_reach(resolution, config.sigma_hit, config.z_rand) + 2
-    offsets = math.ceil(window.half_steps * window.step_cells)
+    offsets = window.half_steps * window.step_cells
     reach = reach_of_beams(config, resolution) + offsets + around
     return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
