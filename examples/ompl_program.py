@@ -46,7 +46,8 @@ def main(folder: str = "ompl_program") -> None:
     for kind in (geometric.RRTstar, geometric.BITstar):
         benchmark.addPlanner(kind(information))
     request = tools.Request()
-    request.maxTime, request.runCount, request.displayProgress = 0.5, 2, False
+    request.maxTime, request.runCount = 0.5, 2
+    request.displayProgress = request.saveConsoleOutput = False
     benchmark.benchmark(request)
     log = Path(folder) / "benchmark.log"
     log.parent.mkdir(parents=True, exist_ok=True)
