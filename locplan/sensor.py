@@ -128,7 +128,8 @@ SENSORS = {
     "utm-30lx": Sensor(range=30.0, field_of_view_deg=270.0, beams=1081, range_sigma=0.03),
     # Sick, LMS291 technical description: 80 m, 180 deg, 0.5 deg, statistical error 10 mm.
     "lms291": Sensor(range=80.0, field_of_view_deg=180.0, beams=361, range_sigma=0.01),
-    # Hokuyo, URG-04LX-UG01 data sheet: 5.6 m, 240 deg, 0.36 deg, 30 mm up to 1 m, 3 % beyond.
-    "urg-04lx": Sensor(range=5.6, field_of_view_deg=240.0, beams=667, range_sigma=0.03),
+    # Hokuyo, URG-04LX-UG01 data sheet: 5.6 m, 240 deg, 0.36 deg (682 steps), 30 mm to 1 m,
+    # 3 % beyond.
+    "urg-04lx": Sensor(range=5.6, field_of_view_deg=240.0, beams=682, range_sigma=0.03),
 }
 """Common lidars by their makers' data sheets."""

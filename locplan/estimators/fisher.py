@@ -1,7 +1,7 @@
 """The covariance that the Fisher information of a lidar's beams allows at given cells.
 
 Sources: A. Censi, "On achievable accuracy for range-finder localization", ICRA 2007, doi
-10.1109/ROBOT.2007.364120; Z. Wang et al. on the static localizability of grid maps. The search
+10.1109/ROBOT.2007.364120; Wang et al. on the static localizability of grid maps. The search
 window's uniform variance is the prior, so that a place without any return is exactly featureless.
 """
 
