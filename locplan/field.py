@@ -194,7 +194,7 @@ class CovarianceField:
         mean information over all headings. NaN in cells that are not free or lie outside the map.
         """
         nowhere = np.full(self.covariance.shape[-2:], np.nan)
-        if not (math.isfinite(x) and math.isfinite(y)):
+        if not all(map(math.isfinite, (x, y, heading or 0.0))):
             return nowhere
         row, col = self.grid.world_to_cell(x, y)
         if not (self.grid.contains(row, col) and self.grid.free[row, col]):

@@ -27,7 +27,7 @@ SATURATED = 1 / 3
 REMEDY = {
     "sad": "more is told apart by what the lidar sees: --estimator scan, or fisher (--sensor)",
     "fisher": "more is told apart by --estimator scan, which also sees repetition",
-    "scan": "more is told apart by a finer lattice, or by another --criterion than e",
+    "scan": "there matches are as sharp as the search window's steps of offset can tell",
 }
 _METRICS = (
     ("length", "length", "m", ".2f"),

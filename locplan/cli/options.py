@@ -52,7 +52,10 @@ FieldOfView = Annotated[
     float | None, typer.Option("--field-of-view", help="Of the sensor [deg]; 360, or its own.")
 ]
 Headings = Annotated[
-    int, typer.Option(help="Of the field; by default 1 if the sensor sees all round, else 8.")
+    int,
+    typer.Option(
+        show_default=False, help="Of the field; 1 if the sensor sees all round, else 8, by default."
+    ),
 ]
 Template = Annotated[str, typer.Option(help="disc (the paper's) | visible (what a ray sees).")]
 Stride = Annotated[float, typer.Option(help="Spacing of the evaluated cells [m].")]

@@ -56,7 +56,9 @@ def plan(
     ] = 4.0,
     criterion: Annotated[
         str,
-        typer.Option(help="What is blind: e | position_std | heading_std; of scan: ambiguity ..."),
+        typer.Option(
+            help="Of u: e | position_std | position_rms | heading_std | ambiguity | entropy."
+        ),
     ] = "e",
     max_e: Annotated[
         float | None, typer.Option(help="Enter no cell with e above this [m² rad].")
