@@ -65,9 +65,10 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     image = draw_field(axes, field, name)
     figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit_of(field, name)}]", shrink=0.9)
     config = field.config
-    saturated = f": {field.saturated_share:.0%} saturated" if name == "e" else ""
+    of_e = "" if name == "e" else " in e"
     axes.set_title(
-        f"{field.grid.name or 'map'}{saturated}\n{how(config)}, range {config.sensor_range:g} m",
+        f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated{of_e}\n"
+        f"{how(config)}, range {config.sensor_range:g} m",
         fontsize="medium",
     )
     return figure
