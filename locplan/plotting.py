@@ -65,9 +65,8 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     image = draw_field(axes, field, name)
     figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit_of(field, name)}]", shrink=0.9)
     config = field.config
-    of_e = "" if name == "e" else " in e"
     axes.set_title(
-        f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated{of_e}\n"
+        f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated\n"
         f"{how(config)}, range {config.sensor_range:g} m",
         fontsize="medium",
     )
