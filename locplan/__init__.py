@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from locplan import environments, plotting, template_matching
+    from locplan import environments, paper, plotting, template_matching
     from locplan.config import FieldConfig
     from locplan.costmap import Costmap
     from locplan.errors import LocplanError
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from locplan.planners import Plan, plan
     from locplan.planners.cost_to_go import CostToGo, plan_field
     from locplan.planners.pareto import ParetoFront, pareto_front
+    from locplan.search_window import SearchWindow
     from locplan.sensor import Sensor
     from locplan.store import load_or_compute
 
@@ -53,9 +54,10 @@ _HOME = {
     "ParetoFront": "planners.pareto",
     "pareto_front": "planners.pareto",
     "load_or_compute": "store",
+    "SearchWindow": "search_window",
     "Sensor": "sensor",
 }
-_SUBMODULES = ("environments", "plotting", "template_matching")
+_SUBMODULES = ("environments", "paper", "plotting", "template_matching")
 
 __all__ = [
     "CostToGo",
@@ -69,11 +71,13 @@ __all__ = [
     "Path",
     "PathMetrics",
     "Plan",
+    "SearchWindow",
     "Sensor",
     "covariance_field",
     "environments",
     "load_map",
     "load_or_compute",
+    "paper",
     "pareto_front",
     "plan",
     "plan_field",

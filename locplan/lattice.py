@@ -70,3 +70,30 @@ def neighbours(position: float, size: int) -> list[tuple[int, float]]:
     position = min(max(position, 0.0), size - 1.0)
     low = math.floor(position)
     return [(low, 1 - (position - low)), (min(low + 1, size - 1), position - low)]
+
+
+def spread_out(
+    xy: NDArray[np.float64], priority: NDArray[np.float64], spacing: float
+) -> NDArray[np.int64]:
+    """Indices of positions at least `spacing` apart that leave no gap, high priority first.
+
+    Parameters
+    ----------
+    xy : (n, 2) array
+    priority : (n,) array
+    spacing : float
+
+    Examples
+    --------
+    >>> xy = np.array([[0.1, 0.5], [0.9, 0.5], [1.1, 0.5], [2.5, 0.5]])
+    >>> spread_out(xy, np.array([1.0, 2.0, 3.0, 1.0]), 0.9).tolist()
+    [2, 0, 3]
+    """
+    from scipy.spatial import cKDTree
+
+    tree, covered, chosen = cKDTree(xy), np.zeros(len(xy), bool), []
+    for k in np.argsort(-priority, kind="stable").tolist():
+        if not covered[k]:
+            chosen.append(k)
+            covered[tree.query_ball_point(xy[k], spacing * (1 - 1e-9))] = True
+    return np.array(chosen, np.int64)

@@ -1,5 +1,9 @@
 """Template matching at one pose, by the formulas: readable, slow, the reference for the kernels.
 
+The seven models that the paper compares take the levels of a template T and of the part M of the
+map that it lies on, arrays of any one shape. Of SSD, SAD and NSSD the least value is the best
+match, of the others the greatest. Where a model divides by zero it is undefined: NaN.
+
 Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
 (2023), doi 10.1186/s40648-023-00256-w.
 """
@@ -7,106 +11,178 @@ Source: "Localizability estimation using correlation on occupancy grid maps", RO
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from locplan.grid import FREE, UNKNOWN
+from locplan.config import FieldConfig
+from locplan.errors import ConfigError, MapError, PoseError
+from locplan.grid import FREE, OccupancyGrid
 from locplan.search_window import SearchWindow
-
-BEHIND = 2
-"""Cells behind the one that a ray hits which still belong to a visible template."""
+from locplan.template import disc, local_map, rotated_template, visible_part
 
 
-def disc(radius: int) -> NDArray[np.bool_]:
-    """The template's shape: cells at most `radius` cells from the centre, (2r + 1, 2r + 1).
+def ssd(template: NDArray, levels: NDArray) -> float:
+    """Sum of squared differences (Eq. 1)."""
+    return float(((template - levels) ** 2).sum())
+
+
+def sad(template: NDArray, levels: NDArray) -> float:
+    """Sum of absolute differences (Eq. 2)."""
+    return float(np.abs(template - levels).sum())
+
+
+def nssd(template: NDArray, levels: NDArray) -> float:
+    """Normalised sum of squared differences (Eq. 3)."""
+    return _ratio(ssd(template, levels), _norms(template, levels))
+
+
+def ncc(template: NDArray, levels: NDArray) -> float:
+    """Normalised cross-correlation (Eq. 4)."""
+    return _ratio(cc(template, levels), _norms(template, levels))
+
+
+def zncc(template: NDArray, levels: NDArray) -> float:
+    """Zero-mean normalised cross-correlation (Eq. 5)."""
+    return ncc(template - template.mean(), levels - levels.mean())
+
+
+def zcc(template: NDArray, levels: NDArray) -> float:
+    """Zero-mean cross-correlation (Eq. 6)."""
+    return cc(template - template.mean(), levels - levels.mean())
+
+
+def cc(template: NDArray, levels: NDArray) -> float:
+    """Cross-correlation (Eq. 7)."""
+    return float((template * levels).sum())
+
+
+MODELS: dict[str, Callable[[NDArray, NDArray], float]] = {
+    "SSD": ssd,
+    "SAD": sad,
+    "NSSD": nssd,
+    "NCC": ncc,
+    "ZNCC": zncc,
+    "ZCC": zcc,
+    "CC": cc,
+}
+"""In the order of Eq. 1-7."""
+DIFFERENCES = ("SSD", "SAD", "NSSD")
+"""The models whose least value is the best match."""
+
+
+def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
+    """All seven models at one pose.
+
+    Parameters
+    ----------
+    template, levels : array
+        Levels of the template and of the map under it, of one shape.
+
+    Raises
+    ------
+    MapError
+        If the shapes differ, or there is no cell.
 
     Examples
     --------
-    >>> disc(1).astype(int)
-    array([[0, 1, 0],
-           [1, 1, 1],
-           [0, 1, 0]])
+    >>> found = similarities([0, 254], [127, 254])
+    >>> found["SAD"], found["SSD"], round(found["NCC"], 2)
+    (127.0, 16129.0, 0.89)
     """
-    offset = np.arange(-radius, radius + 1)
-    return offset[:, None] ** 2 + offset[None, :] ** 2 <= radius**2
+    t, m = np.asarray(template, float), np.asarray(levels, float)
+    if t.shape != m.shape or t.size == 0:
+        raise MapError(f"template {t.shape} and map {m.shape} must be of one shape, with cells")
+    return {name: model(t, m) for name, model in MODELS.items()}
 
 
-def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDArray[np.uint8]:
-    """The square of the map around a cell, (2r + 1, 2r + 1); outside the map is unknown."""
-    return cells_at(
-        cells,
-        np.arange(row - radius, row + radius + 1)[:, None],
-        np.arange(col - radius, col + radius + 1)[None, :],
+def slid_along_x(
+    template: NDArray[np.uint8], cells: NDArray[np.uint8]
+) -> dict[str, NDArray[np.float64]]:
+    """The seven models for a template slid along a strip of map of its height.
+
+    Parameters
+    ----------
+    template : (h, w) array
+    cells : (h, W) array
+        Levels, W >= w.
+
+    Returns
+    -------
+    dict of str to (W - w + 1,) array of float64
+        Of the template's left edge at each column.
+
+    Raises
+    ------
+    MapError
+        If the heights differ or the template is wider than the map.
+    """
+    (height, width), (map_height, map_width) = template.shape, cells.shape
+    if height != map_height or width > map_width:
+        raise MapError(f"a template {template.shape} cannot slide along a map {cells.shape}")
+    return _curves((template, cells[:, k : k + width]) for k in range(map_width - width + 1))
+
+
+def along_axis(
+    grid: OccupancyGrid, x: float, y: float, axis: str, config: FieldConfig
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """The seven models for the disc around a position, moved along one axis of the map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    x, y : float
+        The position [m].
+    axis : str
+        "x", "y" or "theta".
+    config : FieldConfig
+        How far: to the ends of its search window, cell by cell, or degree by degree.
+
+    Returns
+    -------
+    offsets : (n,) array
+        [m], or counter-clockwise [rad].
+    curves : dict of str to (n,) array
+
+    Raises
+    ------
+    LocplanError
+        If the position is not on the map, or the axis is none of the window's.
+    """
+    row, col, radius = _disc_at(grid, x, y, config)
+    window = SearchWindow.from_config(config, grid.resolution)
+    if axis not in ("x", "y", "theta")[: window.dimension]:
+        raise ConfigError(f"axis must be x, y, or theta if the window has headings, not {axis!r}")
+    mask = disc(radius)
+    unmoved = local_map(grid.cells, row, col, radius)[mask]
+    if axis == "theta":
+        turns = round(config.rotation_window_deg)
+        angles = np.radians(np.arange(-turns, turns + 1, dtype=np.float64))
+        return angles, _curves(
+            (rotated_template(grid.cells, row, col, radius, angle)[mask], unmoved)
+            for angle in angles
+        )
+    reach = window.half_steps * window.step_cells
+    cells = np.arange(-reach, reach + 1, dtype=np.float64)
+    aside = (0, 1) if axis == "x" else (1, 0)
+    return cells * grid.resolution, _curves(
+        (unmoved, local_map(grid.cells, row + k * aside[0], col + k * aside[1], radius)[mask])
+        for k in range(-reach, reach + 1)
     )
 
 
-def rotated_template(
-    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
-) -> NDArray[np.uint8]:
-    """The square around a cell on the map turned counter-clockwise by `theta` [rad].
-
-    The whole map turns about its centre, sampled at the nearest cell, and is cropped around the
-    cell's turned and rounded position, (2r + 1, 2r + 1). Turned maps share the map's lattice.
-    """
-    centre_row, centre_col = map_centre(cells.shape)
-    cos, sin = math.cos(theta), math.sin(theta)
-    dy, dx = row - centre_row, col - centre_col
-    turned_row = math.floor(sin * dx + cos * dy + centre_row + 0.5)
-    turned_col = math.floor(cos * dx - sin * dy + centre_col + 0.5)
-    v = np.arange(turned_row - radius, turned_row + radius + 1)[:, None] - centre_row
-    u = np.arange(turned_col - radius, turned_col + radius + 1)[None, :] - centre_col
-    source_row = np.floor(cos * v - sin * u + centre_row + 0.5).astype(np.int64)
-    source_col = np.floor(sin * v + cos * u + centre_col + 0.5).astype(np.int64)
-    return cells_at(cells, source_row, source_col)
+def _curves(pairs: Iterable[tuple[NDArray, NDArray]]) -> dict[str, NDArray[np.float64]]:
+    rows = [similarities(template, levels) for template, levels in pairs]
+    return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
 
-def visible_part(
-    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
-) -> NDArray[np.bool_]:
-    """What of the disc around a cell is seen from it, turned by `theta` [rad], (2r + 1, 2r + 1).
-
-    A ray sees what it passes over up to the first cell that is not free and `BEHIND` cells more,
-    so that the wall that it hits is part of the template.
-    """
-    beams = beam_count(radius)
-    steps = np.arange(1, 2 * radius + 1) / 2
-    angles = 2 * np.pi * np.arange(beams) / beams
-    rows = row + np.floor(np.sin(angles)[:, None] * steps + 0.5).astype(np.int64)
-    cols = col + np.floor(np.cos(angles)[:, None] * steps + 0.5).astype(np.int64)
-    stops = (cells_at(cells, rows, cols) != FREE) & ((rows != row) | (cols != col))
-    first = np.where(stops.any(axis=1), stops.argmax(axis=1) + 1, 2 * radius)
-    reach = (first + 1 + 2 * BEHIND)[beam_of_cell(radius, theta)]  # [half cells]
-    offset = 2 * np.arange(-radius, radius + 1)
-    return disc(radius) & (offset[:, None] ** 2 + offset[None, :] ** 2 <= reach**2)
+def _norms(template: NDArray, levels: NDArray) -> float:
+    return math.sqrt((template**2).sum() * (levels**2).sum())
 
 
-def beam_count(radius: int) -> int:
-    """Rays cast so that one passes every cell of the disc's edge."""
-    return max(360, math.ceil(2 * math.pi * radius))
-
-
-def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
-    """The number of the ray towards each cell of the square, turned by `theta` [rad]."""
-    beams = beam_count(radius)
-    offset = np.arange(-radius, radius + 1)
-    direction = np.arctan2(offset[:, None], offset[None, :]) - theta
-    return np.floor(direction * (beams / (2 * np.pi)) + 0.5).astype(np.int64) % beams
-
-
-def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
-    """(row, col) about which a map of this shape is turned."""
-    return (shape[0] - 1) / 2, (shape[1] - 1) / 2
-
-
-def cells_at(
-    cells: NDArray[np.uint8], rows: NDArray[np.int64], cols: NDArray[np.int64]
-) -> NDArray[np.uint8]:
-    """Levels at (row, col) of any shape that broadcasts; outside the map is unknown."""
-    height, width = cells.shape
-    inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-    levels = cells[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
-    return np.where(inside, levels, np.uint8(UNKNOWN))
+def _ratio(numerator: float, denominator: float) -> float:
+    return numerator / denominator if denominator > 0 else math.nan
 
 
 def sad_distribution(
@@ -170,3 +246,40 @@ def sad_distribution(
                 shifted = around[dy : dy + size, dx : dx + size]
                 mismatch[i, j, k] = cv2.norm(template, shifted, cv2.NORM_L1, mask)
     return mismatch
+
+
+def mismatch(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> NDArray[np.float64]:
+    """Mismatch area of a position at every offset of the search window.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    x, y : float
+        The position [m].
+    config : FieldConfig
+        Template and search window.
+
+    Returns
+    -------
+    (dx, dy, theta) array of float64
+        `sad_distribution` in m^2: 1 m^2 of free cells on occupied ones is 1.
+
+    Raises
+    ------
+    PoseError
+        If the position is not on the map.
+    """
+    row, col, radius = _disc_at(grid, x, y, config)
+    window = SearchWindow.from_config(config, grid.resolution)
+    sums = sad_distribution(
+        grid.cells, row, col, radius, window, visible=config.template == "visible"
+    )
+    return sums * np.float64(grid.resolution**2 / FREE)
+
+
+def _disc_at(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> tuple[int, int, int]:
+    """The cell at a position, and the template's radius there [cells]."""
+    row, col = grid.world_to_cell(x, y)
+    if not grid.contains(row, col):
+        raise PoseError(f"{x:g},{y:g} is not on the map")
+    return row, col, max(1, math.floor(config.sensor_range / grid.resolution + 1e-9))

@@ -15,6 +15,36 @@ def level_at(cells, row, col):
     return 127
 
 
+def similarities(template, levels):
+    """Eq. 1-7, cell by cell."""
+    pairs = [(int(t), int(m)) for t, m in zip(template.flat, levels.flat, strict=True)]
+    mean_t = sum(t for t, _ in pairs) / len(pairs)
+    mean_m = sum(m for _, m in pairs) / len(pairs)
+    ssd = sad = cc = zcc = tt = mm = zt = zm = 0.0
+    for t, m in pairs:
+        ssd += (t - m) ** 2
+        sad += abs(t - m)
+        cc += t * m
+        tt += t * t
+        mm += m * m
+        zcc += (t - mean_t) * (m - mean_m)
+        zt += (t - mean_t) ** 2
+        zm += (m - mean_m) ** 2
+
+    def ratio(value, square):
+        return value / math.sqrt(square) if square > 0 else math.nan
+
+    return {
+        "SSD": ssd,
+        "SAD": sad,
+        "NSSD": ratio(ssd, tt * mm),
+        "NCC": ratio(cc, tt * mm),
+        "ZNCC": ratio(zcc, zt * zm),
+        "ZCC": zcc,
+        "CC": cc,
+    }
+
+
 def mismatch_counts(cells, row, col, radius, step, half_steps, angles):
     """S / 127 for every offset, (dx, theta, dy)."""
     centre_row, centre_col = (cells.shape[0] - 1) / 2, (cells.shape[1] - 1) / 2

@@ -420,3 +420,39 @@ def test_a_saturated_field_names_the_estimator_that_tells_more(run, room):
 )
 def test_impossible_sensors_are_refused(run, room, options, message):
     assert message in refused(run("field", room, *options))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--figure", "e", "--ranges", "1,2"),
+        ("--figure", "e", "--limits", "0,0.1"),
+        ("--figure", "ellipses", "--ranges", "1,2", "--spacing", "0.5", "--magnify", "2"),
+        ("--figure", "distribution", "--at", "2,2"),
+        ("--figure", "models", "--at", "2,2", "--axis", "theta"),
+    ],
+)
+def test_plot_draws_the_papers_figures(run, room, tmp_path, arguments):
+    code, _, err = run("plot", room, "-o", tmp_path / "p.png", "--range", "2", *arguments)
+    assert code == 0, err
+    assert (tmp_path / "p.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--figure", "nothing"), "--figure must be one of field"),
+        (("--figure", "models"), "needs --at"),
+        (("--figure", "models", "--at", "2,2", "--axis", "z"), "axis must be"),
+        (("--figure", "distribution", "--at", "99,2"), "not on the map"),
+        (("--figure", "distribution", "--at", "2,2", "--estimator", "scan"), "of --estimator sad"),
+        (("--figure", "e", "--limits", "1"), "--limits must be 2 numbers"),
+        (("--figure", "e", "--limits", "2,1"), "--limits"),
+        (("--figure", "e", "--ranges", "6,x"), "--ranges must be numbers"),
+        (("--ranges", "6,8"), "--ranges is for"),
+        (("--figure", "e", "--ranges", "6,-8"), "sensor_range"),
+    ],
+)
+def test_plot_refuses_what_it_cannot_draw(run, room, tmp_path, arguments, message):
+    assert message in refused(run("plot", room, "-o", tmp_path / "p.png", *arguments))
+    assert not (tmp_path / "p.png").exists()

@@ -328,3 +328,17 @@ def test_what_befalls_an_executor_is_told_in_one_line(rooms):
 
     with Broken(1) as executor, pytest.raises(FieldError, match="ZeroDivisionError"):
         covariance_field(rooms, QUICK, executor=executor)
+
+
+def test_sampled_positions_are_spread_out_and_leave_no_gap():
+    grid = OccupancyGrid(random_rooms((90, 130), seed=4), 0.1, (3.0, -2.0, 0.4))
+    field = covariance_field(grid, FieldConfig(sensor_range=1.0))
+    xy, covariance = field.sampled(1.5)
+    i, j = np.nonzero(field.evaluated)
+    points = np.stack(grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5), axis=1)
+    distance = np.hypot(*(points[:, None] - xy[None]).transpose(2, 0, 1))
+    assert distance.min(axis=1).max() < 1.5
+    apart = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
+    assert apart[~np.eye(len(xy), dtype=bool)].min() >= 1.5 - 1e-9
+    nearest = distance.argmin(axis=0)
+    np.testing.assert_array_equal(covariance, field.covariance[i[nearest], j[nearest]])

@@ -14,7 +14,7 @@ FLOORS = (
     {"_kernels.posterior"},
     {"estimators", "sensor"},
     {"_kernels.sad", "files", "progress", "covariance", "grid", "path", "config"},
-    {"search_window", "lattice", "map_files", "drawing", "surfaces", "tables"},
+    {"search_window", "lattice", "map_files", "drawing", "surfaces", "tables", "template"},
     {"template_matching", "environments"},
     {"estimators.scene"},
     {"estimators.sad", "estimators.fisher", "estimators.scan"},
@@ -39,23 +39,25 @@ FLOORS = (
     {"planners.sampling.solver"},
     {"planners.sampling"},
     {"planners"},
-    {"captions"},
+    {"captions", "paper"},
+    {"plotting.maps"},
+    {"plotting.fields", "plotting.plans", "plotting.matching"},
     {"plotting"},
     {"reporting"},
     {"batch"},
     {"cli.options"},
-    {"cli.fields", "cli.plans"},
+    {"cli.fields", "cli.figures", "cli.plans"},
     {"cli"},
 )
 FLOOR_OF = {name: number for number, floor in enumerate(FLOORS) for name in floor}
 ONLY_IN = {
-    "matplotlib": {"plotting"},
+    "matplotlib": {f"plotting.{name}" for name in ("fields", "maps", "matching", "plans")},
     "ompl": {
         f"planners.sampling.{name}"
         for name in ("leading", "logs", "roadmap", "settings", "setup", "solver")
     },
     "yaml": {"map_files"},
-    "typer": {"cli", "cli.options", "cli.fields", "cli.plans"},
+    "typer": {"cli", "cli.options", "cli.fields", "cli.figures", "cli.plans"},
     "zarr": {"field_files"},
     "filelock": {"cache", "store"},
     "distributed": {"cluster"},

@@ -5,14 +5,16 @@ import pytest
 from conftest import drawn, random_rooms
 from PIL import Image
 
-from locplan import plotting
+from locplan import paper, plotting
 from locplan.config import FieldConfig
 from locplan.costmap import Costmap
+from locplan.covariance import position_axes
 from locplan.errors import LocplanError
 from locplan.field import covariance_field
 from locplan.grid import FREE, OccupancyGrid
 from locplan.planners import Plan, plan
 from locplan.planners.pareto import pareto_front
+from locplan.search_window import SearchWindow
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +102,62 @@ def test_plan_figure_says_what_was_asked(field):
     cheap = plan(costs, xy, xy, budget=2.5)
     title = plotting.plan_figure(costs, field, {"cheap": cheap}).axes[0].get_title()
     assert "budget 2.5 m" in title
+
+
+def test_ellipses_have_the_size_and_direction_of_the_covariances(field):
+    figure = plotting.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)
+    assert [axes.get_title() for axes in figure.axes] == ["six", "again"]
+    xy, covariance = field.sampled(1.0)
+    assert len(xy) > 20
+    major, minor, direction = position_axes(covariance)
+    wedges, ellipses, lines = figure.axes[0].collections
+    np.testing.assert_allclose(ellipses.get_widths(), 6 * major)
+    np.testing.assert_allclose(ellipses.get_heights(), 6 * minor)
+    np.testing.assert_allclose(ellipses.get_angles() % 180, np.degrees(direction) % 180)
+    np.testing.assert_allclose(ellipses.get_offsets(), xy)
+    ends = np.array(lines.get_segments())
+    np.testing.assert_allclose(ends.mean(axis=1), xy)
+    np.testing.assert_allclose(np.hypot(*(ends[:, 1] - ends[:, 0]).T), 6 * major)
+    assert len(wedges.get_paths()) == len(xy)
+    assert "3 times" in figure.legends[0].get_texts()[0].get_text()
+
+
+def test_the_map_of_e_is_zero_outside_free_space(field):
+    figure = plotting.e_figure({"one": field})
+    image = figure.axes[0].images[1]
+    values = np.asarray(image.get_array())
+    assert (values[~field.grid.free] == 0).all()
+    np.testing.assert_allclose(values[field.grid.free], field.e_map()[field.grid.free])
+    assert image.norm.vmin == 0
+    assert np.mean(values[field.grid.free] <= image.norm.vmax) == pytest.approx(0.98, abs=0.01)
+    assert plotting.e_figure({"one": field}, (0.1, 0.2)).axes[0].images[1].norm.vmax == 0.2
+
+
+def test_slides_are_drawn_with_their_templates():
+    figure = plotting.slides_figure(paper.one_dimensional(resolution=0.5))
+    assert len(figure.axes) == 6
+    lower = figure.axes[3:]
+    assert [axes.get_xlabel() for axes in lower] == ["shift of the template [m]"] * 3
+    assert [line.get_label() for line in lower[0].lines[:7]] == [
+        *("SSD", "SAD", "NSSD", "NCC", "ZNCC", "ZCC", "CC")
+    ]
+    assert lower[0].texts[0].get_text() == "0 / 0: NSSD in parts, NCC in parts, ZNCC"
+    assert not lower[2].texts
+
+
+@pytest.mark.parametrize("rotation", [60, 0])
+def test_distributions_show_every_plane_of_the_window(rotation):
+    config = FieldConfig(rotation_window_deg=rotation)
+    window = SearchWindow.from_config(config, 0.1)
+    shape = 21, 21, len(window.angles)
+    mismatch = np.arange(np.prod(shape), dtype=float).reshape(shape)
+    figure = plotting.distribution_figure({"here": mismatch}, window)
+    flat = [axes for axes in figure.axes if axes.name == "rectilinear" and axes.collections]
+    planes = {(a.get_xlabel(), a.get_ylabel()): a.collections[0] for a in flat if a.get_xlabel()}
+    xy = planes["shift x [m]", "shift y [m]"].get_array()
+    middle = len(window.angles) // 2
+    np.testing.assert_array_equal(xy, mismatch[:, :, middle].T)
+    if rotation:
+        turned = planes["shift y [m]", "turn θ [°]"].get_array()
+        np.testing.assert_array_equal(turned, mismatch[10].T)
+    assert len(planes) == (3 if rotation else 1)

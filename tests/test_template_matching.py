@@ -1,19 +1,28 @@
+import cv2
 import naive
 import numpy as np
 import pytest
 from conftest import random_rooms
 
 from locplan.config import FieldConfig
-from locplan.grid import FREE, OCCUPIED, UNKNOWN
+from locplan.errors import LocplanError
+from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.search_window import SearchWindow
-from locplan.template_matching import (
+from locplan.template import (
     BEHIND,
     beam_count,
     disc,
     local_map,
     rotated_template,
-    sad_distribution,
     visible_part,
+)
+from locplan.template_matching import (
+    MODELS,
+    along_axis,
+    mismatch,
+    sad_distribution,
+    similarities,
+    slid_along_x,
 )
 
 
@@ -82,3 +91,85 @@ def test_the_visible_part_equals_the_plain_loops():
     for row, col, theta in ((25, 30, 0.0), (0, 0, 0.5), (40, 10, -1.0)):
         expected = naive.visible_part(cells, row, col, 18, theta, beam_count(18), BEHIND)
         np.testing.assert_array_equal(visible_part(cells, row, col, 18, theta), expected)
+
+
+OPENCV = {
+    "SSD": cv2.TM_SQDIFF,
+    "NSSD": cv2.TM_SQDIFF_NORMED,
+    "NCC": cv2.TM_CCORR_NORMED,
+    "ZNCC": cv2.TM_CCOEFF_NORMED,
+    "ZCC": cv2.TM_CCOEFF,
+    "CC": cv2.TM_CCORR,
+}
+
+
+@pytest.mark.parametrize("model", OPENCV)
+def test_models_equal_opencvs(model):
+    cells = random_rooms((24, 60), seed=5, blocks=40)
+    template = cells[:, 21:39]
+    expected = cv2.matchTemplate(cells, template, OPENCV[model])
+    found = slid_along_x(template, cells)[model]
+    scale = abs(expected).max()
+    np.testing.assert_allclose(found, expected[0], rtol=1e-5, atol=1e-5 * scale)
+
+
+def test_models_equal_the_plain_loops():
+    rng = np.random.default_rng(4)
+    for size in (1, 2, 9, 30):
+        template, levels = rng.choice([OCCUPIED, UNKNOWN, FREE], (2, size, size))
+        found, expected = similarities(template, levels), naive.similarities(template, levels)
+        assert list(found) == list(MODELS) == list(expected)
+        for name in MODELS:
+            assert found[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-6, nan_ok=True)
+
+
+def test_templates_that_do_not_fit_are_refused():
+    with pytest.raises(LocplanError, match="one shape"):
+        similarities(np.zeros((2, 3)), np.zeros((3, 2)))
+    with pytest.raises(LocplanError, match="one shape"):
+        similarities(np.zeros((0, 3)), np.zeros((0, 3)))
+    with pytest.raises(LocplanError, match="cannot slide"):
+        slid_along_x(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
+
+
+def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other():
+    cells = random_rooms((81, 81), seed=8)
+    config = FieldConfig(sensor_range=1.5, window=0.5)
+    grid, turned = OccupancyGrid(cells, 0.1), OccupancyGrid(np.rot90(cells, -1), 0.1)
+    x, y = 3.05, 5.05
+    offsets, curves = along_axis(grid, x, y, "x", config)
+    # Row 0 is at the lowest y: rot90 by -1 turns the world counter-clockwise.
+    turned_offsets, turned_curves = along_axis(turned, 8.1 - y, x, "y", config)
+    np.testing.assert_array_equal(offsets, turned_offsets)
+    assert offsets[[0, -1]].tolist() == pytest.approx([-0.4, 0.4])
+    for name in MODELS:
+        np.testing.assert_allclose(curves[name], turned_curves[name], rtol=1e-12, err_msg=name)
+
+
+def test_along_theta_the_best_match_is_no_turn():
+    grid = OccupancyGrid(random_rooms((81, 81), seed=8), 0.1)
+    angles, curves = along_axis(grid, 4.0, 4.0, "theta", FieldConfig(sensor_range=2.0))
+    np.testing.assert_allclose(np.degrees(angles), np.arange(-60, 61))
+    assert curves["SAD"][60] == 0
+    assert (np.delete(curves["SAD"], [59, 60, 61]) > 0).all()  # a degree may move no cell
+    assert curves["ZNCC"][60] == pytest.approx(1)
+
+
+def test_along_an_axis_sad_is_the_distributions():
+    grid = OccupancyGrid(random_rooms((81, 81), seed=9), 0.1)
+    config = FieldConfig(sensor_range=1.5)
+    area = mismatch(grid, 4.0, 4.0, config)
+    assert area.shape == (21, 21, 13)
+    offsets, curves = along_axis(grid, 4.0, 4.0, "y", config)
+    np.testing.assert_allclose(offsets[::2], np.arange(-10, 11) * 0.2)
+    np.testing.assert_allclose(curves["SAD"][::2] * (0.01 / 254), area[10, :, 6])
+
+
+def test_places_and_axes_that_are_none_are_refused():
+    grid = OccupancyGrid(random_rooms((30, 30), seed=9), 0.1)
+    with pytest.raises(LocplanError, match="not on the map"):
+        mismatch(grid, 9.0, 1.0, FieldConfig())
+    with pytest.raises(LocplanError, match="axis must be"):
+        along_axis(grid, 1.0, 1.0, "z", FieldConfig())
+    with pytest.raises(LocplanError, match="axis must be"):
+        along_axis(grid, 1.0, 1.0, "theta", FieldConfig(rotation_window_deg=0))

@@ -12,12 +12,13 @@ from typing import Annotated, Any
 import typer
 
 from locplan import __version__
-from locplan.cli import fields, plans
+from locplan.cli import fields, figures, plans
 from locplan.cli.options import STYLE
 from locplan.errors import LocplanError
 
 app = typer.Typer(**STYLE)
 app.add_typer(fields.app)
+app.add_typer(figures.app)
 app.add_typer(plans.app)
 
 INTERRUPTED = 130

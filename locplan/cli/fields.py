@@ -14,7 +14,6 @@ from locplan.cli.options import (
     Estimator,
     FieldOfView,
     Headings,
-    MapFile,
     Preset,
     Range,
     Scheduler,
@@ -24,11 +23,9 @@ from locplan.cli.options import (
     Threads,
     computing,
     config_of,
-    load,
     say_written,
     to_json,
 )
-from locplan.errors import ConfigError
 
 app = typer.Typer(**STYLE)
 cache = typer.Typer(help="The fields that were computed before.", **STYLE)
@@ -84,48 +81,6 @@ def field(
         say_written(output, picture)
     if errors:
         raise typer.Exit(2)
-
-
-@app.command()
-def plot(
-    map_file: MapFile,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The picture (.png, .pdf, .svg).")],
-    scalar: Annotated[
-        str,
-        typer.Option(
-            help="e | position_std | position_rms | heading_std; of scan: ambiguity | entropy."
-        ),
-    ] = "e",
-    preset: Preset = "default",
-    sensor_range: Range = None,
-    estimator: Estimator = "sad",
-    sensor: SensorName = None,
-    field_of_view: FieldOfView = None,
-    headings: Headings = 0,
-    template: Template = "disc",
-    stride: Stride = 0.2,
-    threads: Threads = None,
-    scheduler: Scheduler = None,
-    cache_dir: CacheDir = None,
-) -> None:
-    """Draw the map with its field as a heat map."""
-    from locplan import plotting
-    from locplan.covariance import SCALARS
-    from locplan.estimators import LAYERS
-    from locplan.files import PICTURES, check_target
-
-    known = (*SCALARS, *LAYERS[estimator]) if estimator in LAYERS else SCALARS
-    if scalar not in known:
-        raise ConfigError(f"--scalar must be one of {', '.join(known)}, not {scalar!r}")
-    check_target(output, *PICTURES)
-    grid = load(map_file)
-    config = config_of(
-        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
-    )
-    with computing(config, threads, scheduler, cache_dir) as compute:
-        computed = compute(grid)
-    plotting.save_figure(plotting.field_figure(computed, scalar), output)
-    say_written(output)
 
 
 @app.command()

@@ -148,6 +148,18 @@ def position(name: str, text: str) -> tuple[float, ...]:
     return (x, y, math.radians(degrees)) if heading else (x, y)
 
 
+def numbers(name: str, text: str, count: int | None = None) -> list[float]:
+    """Numbers with commas between them, of an option."""
+    try:
+        values = [float(v) for v in text.split(",")]
+    except ValueError:
+        values = []
+    if not values or not all(map(math.isfinite, values)) or len(values) != (count or len(values)):
+        wanted = f"{count} numbers" if count else "numbers"
+        raise LocplanError(f"--{name} must be {wanted} with commas between, not {text!r}")
+    return values
+
+
 def settings_of(texts: Sequence[str]) -> dict[str, Any]:
     """OMPL's settings, such as range=2.0 or k_nearest=false."""
     settings = {}

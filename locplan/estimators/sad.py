@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from locplan.config import FieldConfig
 from locplan.grid import FREE, OCCUPIED
 from locplan.search_window import SearchWindow
-from locplan.template_matching import BEHIND, beam_count, beam_of_cell, disc, map_centre
+from locplan.template import BEHIND, beam_count, beam_of_cell, disc, map_centre
 
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from locplan.template_matching import disc, local_map, rotated_template, sad_distribution
+from locplan.template import disc, local_map, rotated_template
+from locplan.template_matching import sad_distribution
 
 
 def masked_norm(cells, row, col, radius, window):
