@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from locplan import environments, paper, plotting, template_matching
+    from locplan import environments, export, paper, plotting, template_matching
     from locplan.config import FieldConfig
     from locplan.costmap import Costmap
     from locplan.errors import LocplanError
@@ -57,7 +57,7 @@ _HOME = {
     "SearchWindow": "search_window",
     "Sensor": "sensor",
 }
-_SUBMODULES = ("environments", "paper", "plotting", "template_matching")
+_SUBMODULES = ("environments", "export", "paper", "plotting", "template_matching")
 
 __all__ = [
     "CostToGo",
@@ -75,6 +75,7 @@ __all__ = [
     "Sensor",
     "covariance_field",
     "environments",
+    "export",
     "load_map",
     "load_or_compute",
     "paper",

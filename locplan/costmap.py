@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
@@ -44,6 +44,8 @@ class Costmap:
     """For n headings of the robot, evenly spaced from 0 on, where it matters: (n, H, W)."""
     e_of_heading: NDArray[np.float32] | None = None
     """The same [m^2 rad]."""
+    made_of: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """The settings of u: of `from_fields`, and the fields' configs; fit for JSON."""
 
     @classmethod
     def from_field(
@@ -152,6 +154,13 @@ class Costmap:
             e=e,
             u_of_heading=own[0][0].astype(np.float32) if own else None,
             e_of_heading=own[0][1].astype(np.float32) if own else None,
+            made_of={
+                "law": law,
+                "criterion": criterion,
+                "fuse": fuse,
+                "headings": headings,
+                "configs": [dataclasses.asdict(field.config) for field in fields],
+            },
         )
 
     @classmethod

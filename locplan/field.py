@@ -19,7 +19,7 @@ from locplan.config import FieldConfig
 from locplan.covariance import log_euclidean_mean, mean_information, scalar
 from locplan.files import replacing_folder
 from locplan.grid import OccupancyGrid
-from locplan.lattice import neighbours, spread, spread_out, stride_cells
+from locplan.lattice import neighbours, spread, stride_cells
 from locplan.progress import ProgressCallback
 from locplan.search_window import SearchWindow
 
@@ -116,11 +116,21 @@ class CovarianceField:
             return values
         covariance = self.quantised_covariance if with_q else self.covariance
         if several and headings == "mean":
-            merged = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
-            merged[self.evaluated] = mean_information(covariance[self.evaluated])
-            return scalar(merged, name)
+            return scalar(self._merged(covariance), name)
         values = scalar(covariance, name)
         return values.max(axis=2) if several and headings == "worst" else values
+
+    @property
+    def mean_covariance(self) -> NDArray[np.float64]:
+        """One covariance a lattice point, (h, w, d, d): of the mean information over headings."""
+        return self._merged(self.covariance)
+
+    def _merged(self, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+        if covariance.ndim == 4:
+            return covariance
+        merged = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
+        merged[self.evaluated] = mean_information(covariance[self.evaluated])
+        return merged
 
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
@@ -220,24 +230,6 @@ class CovarianceField:
         low, share = math.floor(position), position % 1
         both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
         return log_euclidean_mean(both, np.array([1 - share, share]))
-
-    def sampled(self, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions at least `spacing` [m] apart, far from walls first, and the covariances there.
-
-        Returns
-        -------
-        xy : (n, 2) array
-            [m].
-        covariance : (n, d, d) array
-            Of several headings that of the mean information.
-        """
-        i, j = np.nonzero(self.evaluated)
-        clearance = self.grid.clearance[i * self.stride, j * self.stride]
-        xy = np.stack(self.grid.grid_to_world(i * self.stride + 0.5, j * self.stride + 0.5), axis=1)
-        chosen = spread_out(xy, clearance, spacing)
-        covariance = self.covariance[i[chosen], j[chosen]]
-        several = covariance.ndim == 4
-        return xy[chosen], mean_information(covariance) if several else covariance
 
     def update(
         self,

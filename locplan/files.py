@@ -47,7 +47,7 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def replacing_folder(
-    target: str | os.PathLike[str], suffix: str, ours: Callable[[Path], bool]
+    target: str | os.PathLike[str], suffix: str | None, ours: Callable[[Path], bool]
 ) -> Iterator[Path]:
     """A new folder beside `target` that takes its place when the block ends well.
 
@@ -62,10 +62,12 @@ def replacing_folder(
     check_folder_target(Path(target), suffix, ours)
     path = Path(os.path.realpath(target))
     try:
-        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-", suffix=suffix))
+        temporary = Path(
+            tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+        )
     except OSError as error:
         raise LocplanError(f"{path}: cannot be written ({error.strerror})") from None
-    aside = temporary.with_suffix(".old")
+    aside = temporary.with_name(temporary.name + ".old")
     try:
         temporary.chmod(0o777 & ~_umask())
         yield temporary
@@ -93,12 +95,12 @@ def check_target(path: Path, *suffixes: str) -> None:
     _check_parent(path)
 
 
-def check_folder_target(path: Path, suffix: str, ours: Callable[[Path], bool]) -> None:
-    """Raise a LocplanError unless a folder with this suffix can be written there.
+def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], bool]) -> None:
+    """Raise a LocplanError unless a folder, with this suffix if one is given, can be written there.
 
     What is there already may be replaced if `ours` says that we have written it.
     """
-    if path.suffix != suffix:
+    if suffix is not None and path.suffix != suffix:
         raise LocplanError(f"{path}: must end in {suffix}")
     if path.exists() and not ours(path):
         raise LocplanError(f"{path}: is there and nothing of locplan's; choose another name")

@@ -65,6 +65,19 @@ class Path:
         """Length of the whole path [m]."""
         return float(self.distance[-1])
 
+    @property
+    def facing(self) -> NDArray[np.float64]:
+        """`heading`, or else the direction in which each position is left, (n,) [rad]."""
+        if self.heading is not None:
+            return self.heading
+        steps = np.diff(self.xy, axis=0)
+        moving = np.flatnonzero(steps.any(axis=1))
+        if moving.size == 0:
+            return np.zeros(len(self.xy))
+        ahead = np.searchsorted(moving, np.arange(len(self.xy)))
+        x, y = steps[moving[np.minimum(ahead, len(moving) - 1)]].T
+        return np.arctan2(y, x)
+
     def resampled(self, spacing: float) -> Path:
         """The same line with positions at equal distances of at most `spacing` [m]."""
         if not spacing > 0:

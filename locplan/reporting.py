@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan import __version__
+from locplan.about import about_costs
 from locplan.cache import CacheEntry
 from locplan.config import FieldConfig
 from locplan.costmap import Costmap
@@ -224,11 +224,8 @@ def write_plans(
         else:
             (folder / f"{label}.csv").unlink(missing_ok=True)
     about = {
-        "locplan": __version__,
-        "map": {"name": costs.grid.name, "digest": costs.grid.digest},
+        **about_costs(costs),
         "config": dataclasses.asdict(field.config),
-        "weight": costs.weight,
-        "robot_radius": costs.robot_radius,
         "plans": plans_summary(plans),
     }
     with replacing(folder / "plan.json") as temporary:
@@ -238,6 +235,25 @@ def write_plans(
         plotting.save_figure(plotting.history_figure(plans), folder / "history.png")
     else:
         (folder / "history.png").unlink(missing_ok=True)
+
+
+def export_table(about: Mapping[str, Any]) -> str:
+    """What was exported and, of a mask, how exactly a planner will charge it."""
+    rows = [["map", str(about["map"])], ["format", str(about["to"])]]
+    if "planner" in about:
+        parameter = f", {about['parameter']}: {about['value']:.4g}" if about["parameter"] else ""
+        rows += [
+            ["planner", about["planner"] + parameter],
+            ["saturates at weight · u", f"{about['saturates_at_weight_u']:.3f}"],
+            ["cells above that", f"{about['saturated_share']:.1%}"],
+            ["rounding of weight · u", f"{about['mean_quantisation_error']:.4f} on average"],
+            ["", f"{about['largest_quantisation_error']:.4f} at most"],
+        ]
+    if "nodes" in about:
+        rows.append(["nodes, edges", f"{about['nodes']:,}, {about['edges']:,} each way"])
+    if "length_m" in about:
+        rows.append(["length", f"{about['length_m']:.2f} m"])
+    return table([], rows)
 
 
 def front_summary(front: ParetoFront) -> dict[str, Any]:
@@ -293,10 +309,8 @@ def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> Non
 
     make_folder(folder)
     about = front_summary(front) | {
-        "locplan": __version__,
-        "digest": front.costs.grid.digest,
+        **about_costs(front.costs),
         "config": dataclasses.asdict(field.config),
-        "robot_radius": front.costs.robot_radius,
     }
     with replacing(folder / "front.json") as temporary:
         temporary.write_text(json.dumps(about, indent=2) + "\n")

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from locplan.files import replacing
 
 
-def write_csv(target: Path, values: NDArray[np.float64], header: str) -> None:
+def write_csv(target: Path, values: NDArray[np.float64], header: str, number: str = "%.6f") -> None:
     """Columns of numbers with a header, whole or not at all."""
     with replacing(target) as temporary:
-        np.savetxt(temporary, values, "%.6f", delimiter=",", header=header, comments="")
+        np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
 
 
 def finite(values: dict[str, Any]) -> dict[str, Any]:

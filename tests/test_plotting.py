@@ -14,6 +14,7 @@ from locplan.field import covariance_field
 from locplan.grid import FREE, OccupancyGrid
 from locplan.planners import Plan, plan
 from locplan.planners.pareto import pareto_front
+from locplan.samples import sampled
 from locplan.search_window import SearchWindow
 
 
@@ -107,7 +108,7 @@ def test_plan_figure_says_what_was_asked(field):
 def test_ellipses_have_the_size_and_direction_of_the_covariances(field):
     figure = plotting.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)
     assert [axes.get_title() for axes in figure.axes] == ["six", "again"]
-    xy, covariance = field.sampled(1.0)
+    xy, covariance = sampled(field, 1.0)
     assert len(xy) > 20
     major, minor, direction = position_axes(covariance)
     wedges, ellipses, lines = figure.axes[0].collections

@@ -16,6 +16,7 @@ from locplan.captions import LABELS, how, unit_of
 from locplan.covariance import position_axes, scalar
 from locplan.field import CovarianceField
 from locplan.plotting.maps import draw_cells, draw_field, draw_map, map_size
+from locplan.samples import sampled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +115,7 @@ def draw_ellipses(
 ) -> None:
     """The map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
     draw_map(axes, field.grid)
-    xy, covariance = field.sampled(spacing)
+    xy, covariance = sampled(field, spacing)
     if not len(xy):
         return
     major, minor, direction = position_axes(covariance)

@@ -1,0 +1,188 @@
+"""Kernels of route graphs: nodes over the free space, lines between them, and where nodes move.
+
+Cells are flat indices into a grid with a blocked border of one cell; positions are in the world
+[m]. `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], and the world's
+x and y of its origin. `half` is half the density, see `locplan._kernels.search`. A graph's edges
+are in compressed rows (`indptr`, `indices`), both directions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.rays import segment_cost
+
+
+@njit(nogil=True, cache=True)
+def spread(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArray:
+    """The cells, in their order, that are not joined within `reach` to one taken before."""
+    covered = np.zeros(len(inside), np.bool_)
+    seen = np.full(len(inside), -1, np.int32)
+    queue = np.empty(len(cells), np.int64)
+    nodes: list[int] = []
+    for node in cells:
+        if covered[node]:
+            continue
+        queue[0], seen[node], head, tail = node, len(nodes), 0, 1
+        while head < tail:
+            cell = queue[head]
+            head += 1
+            covered[cell] = True
+            for other in (cell - columns, cell - 1, cell + 1, cell + columns):
+                if inside[other] and seen[other] != len(nodes):
+                    seen[other] = len(nodes)
+                    up = other // columns - node // columns
+                    across = other % columns - node % columns
+                    if up * up + across * across < reach * reach:
+                        queue[tail] = other
+                        tail += 1
+        nodes.append(node)
+    return np.array(nodes)
+
+
+@njit(nogil=True, cache=True)
+def owners(inside: NDArray, columns: int, nodes: NDArray) -> NDArray:
+    """The node next to each cell by steps of which every other may be diagonal; or -1."""
+    owner = np.full(len(inside), -1, np.int64)
+    queue = np.empty(len(inside), np.int64)
+    owner[nodes] = np.arange(len(nodes))
+    queue[: len(nodes)] = nodes
+    head, tail, diagonal = 0, len(nodes), False
+    while head < tail:
+        for cell in queue[head:tail].copy():
+            for up in (-columns, 0, columns):
+                for across in (-1, 0, 1):
+                    other = cell + up + across
+                    passes = diagonal and inside[cell + up] and inside[cell + across]
+                    if inside[other] and owner[other] < 0 and (passes or not (up and across)):
+                        owner[other] = owner[cell]
+                        queue[tail] = other
+                        tail += 1
+            head += 1
+        diagonal = not diagonal
+    return owner
+
+
+@njit(nogil=True, cache=True)
+def line_cost(half: NDArray, columns: int, frame: tuple, a: NDArray, b: NDArray) -> float:
+    """Integral along the line between two positions, the dearer way [density x cells].
+
+    Infinite where it is blocked either way, or the first position lies outside the grid.
+    """
+    along, across, x, y = frame
+    row0 = along * (a[1] - y) - across * (a[0] - x) + 1
+    row1 = along * (b[1] - y) - across * (b[0] - x) + 1
+    col0 = along * (a[0] - x) + across * (a[1] - y) + 1
+    col1 = along * (b[0] - x) + across * (b[1] - y) + 1
+    if not (0 <= row0 < len(half) // columns and 0 <= col0 < columns):
+        return np.inf
+    there = segment_cost(half, columns, row0, col0, row1, col1, False)
+    return max(there, segment_cost(half, columns, row1, col1, row0, col0, False))
+
+
+@njit(nogil=True, cache=True)
+def line_costs(half: NDArray, columns: int, frame: tuple, xy: NDArray, pairs: NDArray) -> NDArray:
+    """The same for pairs (m, 2) of positions (n, 2)."""
+    result = np.empty(len(pairs))
+    for n, (i, j) in enumerate(pairs):
+        result[n] = line_cost(half, columns, frame, xy[i], xy[j])
+    return result
+
+
+@njit(nogil=True, cache=True)
+def spanner(pairs: NDArray, cost: NDArray, count: int, detour: float) -> NDArray[np.bool_]:
+    """Which pairs, the cheapest first, no two kept before replace at `detour` times the cost."""
+    kept = np.zeros(len(pairs), np.bool_)
+    last = np.full(count, -1)  # each node's half-edges are a chain; 2 n and 2 n + 1 are pair n's
+    before = np.full(2 * len(pairs), -1)
+    through = np.full(count, np.inf)
+    for n, (i, j) in enumerate(pairs):
+        if cost[n] == np.inf:
+            break
+        one = last[i]
+        while one >= 0:
+            through[pairs[one // 2, 1 - one % 2]] = cost[one // 2]
+            one = before[one]
+        least, other = np.inf, last[j]
+        while other >= 0:
+            least = min(least, cost[other // 2] + through[pairs[other // 2, 1 - other % 2]])
+            other = before[other]
+        one = last[i]
+        while one >= 0:
+            through[pairs[one // 2, 1 - one % 2]] = np.inf
+            one = before[one]
+        if least > detour * cost[n]:
+            kept[n] = True
+            before[2 * n], before[2 * n + 1] = last[i], last[j]
+            last[i], last[j] = 2 * n, 2 * n + 1
+    return kept
+
+
+@njit(nogil=True, cache=True)
+def usage(order: NDArray, before: NDArray, indptr: NDArray, indices: NDArray) -> NDArray:
+    """How many routes that do not end at a node take each of its edges."""
+    use = np.zeros(len(indices))
+    for nodes, parents in zip(order, before):  # noqa: B905, which numba does not know
+        beyond = np.zeros(len(nodes))
+        for node in nodes[::-1]:
+            parent = parents[node]
+            if parent >= 0:
+                beyond[parent] += beyond[node] + 1
+                for n in range(indptr[parent], indptr[parent + 1]):
+                    use[n] += (beyond[node] + 1) * (indices[n] == node)
+                for n in range(indptr[node], indptr[node + 1]):
+                    use[n] += beyond[node] * (indices[n] == parent)
+    return use
+
+
+@njit(nogil=True, cache=True)
+def moved(
+    half: NDArray,
+    columns: int,
+    frame: tuple,
+    xy: NDArray,
+    indptr: NDArray,
+    indices: NDArray,
+    use: NDArray,
+    shift: float,
+    apart: float,
+) -> NDArray:
+    """Positions where the routes through each node cost less, one node after the other.
+
+    Each stays within `shift` of where it was, and goes no closer to a neighbour than `apart`, both
+    in cells. All edges stay free.
+    """
+    xy, cell = xy.copy(), 1 / np.hypot(frame[0], frame[1])
+    trial, best = np.empty(2), np.empty(2)
+    for node in range(len(xy)):
+        home, edges = xy[node].copy(), range(indptr[node], indptr[node + 1])
+        least = 0.0
+        for n in edges:
+            least += use[n] * line_cost(half, columns, frame, home, xy[indices[n]])
+        step = shift / 2
+        while step >= 0.5:
+            best[:] = xy[node]
+            for eighth in range(8):
+                angle = eighth * np.pi / 4
+                trial[0] = np.float32(xy[node, 0] + step * cell * np.cos(angle))
+                trial[1] = np.float32(xy[node, 1] + step * cell * np.sin(angle))
+                if np.hypot(trial[0] - home[0], trial[1] - home[1]) > shift * cell:
+                    continue
+                total = 0.0
+                for n in edges:
+                    end = xy[indices[n]]
+                    now = np.hypot(end[0] - trial[0], end[1] - trial[1])
+                    then = np.hypot(end[0] - xy[node, 0], end[1] - xy[node, 1])
+                    if now < min(apart * cell, then):
+                        total = np.inf
+                    if total < least:
+                        total += use[n] * line_cost(half, columns, frame, trial, end)
+                if total < least * (1 - 1e-6):
+                    least = total
+                    best[:] = trial
+            if best[0] == xy[node, 0] and best[1] == xy[node, 1]:
+                step /= 2
+            xy[node] = best
+    return xy

@@ -1,0 +1,58 @@
+"""The ROS 2 nodes that serve exported files: their parameters, and the launch file for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+LAUNCH = "localizability.launch.xml"
+SERVERS = "servers.yaml"
+LIFECYCLE = "lifecycle_manager_localizability"
+
+
+@dataclass(frozen=True)
+class Server:
+    """A lifecycle node of Nav2."""
+
+    package: str
+    executable: str
+    name: str
+    parameters: Mapping[str, Any]
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Parameters that name a file in the folder, wherever that is."""
+
+
+def write_servers(folder: Path, servers: Sequence[Server]) -> None:
+    """Write the nodes' parameters, and a launch file that starts and activates them."""
+    manager = Server(
+        "nav2_lifecycle_manager",
+        "lifecycle_manager",
+        LIFECYCLE,
+        {"autostart": True, "node_names": [server.name for server in servers]},
+    )
+    nodes = [*servers, manager]
+    write_yaml(
+        folder / SERVERS,
+        {node.name: {"ros__parameters": {**node.parameters, **node.files}} for node in nodes},
+    )
+    lines = ["<launch>"]
+    for node in nodes:
+        lines += [
+            f'  <node pkg="{node.package}" exec="{node.executable}" name="{node.name}">',
+            f'    <param from="$(dirname)/{SERVERS}"/>',
+            *(
+                f'    <param name="{key}" value="$(dirname)/{file}"/>'
+                for key, file in node.files.items()
+            ),
+            "  </node>",
+        ]
+    lines.append("</launch>")
+    (folder / LAUNCH).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
+    import yaml
+
+    path.write_text(yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True), "utf-8")

@@ -1,0 +1,32 @@
+"""A few positions that stand for a whole field."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.covariance import mean_information
+from locplan.field import CovarianceField
+from locplan.lattice import spread_out
+
+
+def sampled(
+    field: CovarianceField, spacing: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions at least `spacing` [m] apart, far from walls first, and the covariances there.
+
+    Returns
+    -------
+    xy : (n, 2) array
+        Of lattice points of the field [m].
+    covariance : (n, d, d) array
+        Of several headings that of the mean information.
+    """
+    i, j = np.nonzero(field.evaluated)
+    clearance = field.grid.clearance[i * field.stride, j * field.stride]
+    x, y = field.grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5)
+    xy = np.stack([x, y], axis=1)
+    chosen = spread_out(xy, clearance, spacing)
+    covariance = field.covariance[i[chosen], j[chosen]]
+    several = covariance.ndim == 4
+    return xy[chosen], mean_information(covariance) if several else covariance

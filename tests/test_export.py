@@ -1,0 +1,520 @@
+"""Exports, read as the stacks read them: their loaders, layers, filters and planners' costs."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import stacks
+import yaml
+from conftest import drawn, random_rooms
+from scipy.sparse.csgraph import dijkstra
+
+from locplan import environments, export, load_map
+from locplan.config import FieldConfig
+from locplan.costmap import Costmap
+from locplan.errors import LocplanError
+from locplan.export.travel_costs import PLANNERS, planner_named, values_for
+from locplan.export.value_maps import write_values
+from locplan.field import covariance_field
+from locplan.grid import FREE, OccupancyGrid
+from locplan.metrics import path_metrics
+from locplan.path import Path
+from locplan.planners import plan
+from locplan.store import load_or_compute
+
+STACKS = ("main", "humble", "ros1")
+
+
+@pytest.fixture(scope="module")
+def costs():
+    """Without symmetry, and with an origin."""
+    grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1, (2.0, -1.0, 0.0), name="rooms")
+    field = covariance_field(grid, FieldConfig(sensor_range=1.0))
+    return Costmap.from_field(grid, field, weight=4.0, robot_radius=0.15)
+
+
+def master_costs(costs):
+    """What a costmap holds before the mask: walls, unknown space, and the robot's radius."""
+    levels = np.select([costs.grid.free, costs.grid.cells == 0], [0, 100], -1).astype(np.int8)
+    master = stacks.static_layer(levels, "main", track_unknown_space=True)
+    near = costs.grid.free & (costs.grid.clearance < costs.robot_radius - 1e-9)
+    master[near] = stacks.INSCRIBED
+    return master
+
+
+def with_mask(folder, costs, stack="main"):
+    mask = stacks.load(folder / "mask.yaml", stack)
+    assert mask.origin[:2] == costs.grid.origin[:2]
+    x, y, _ = costs.grid.origin
+    return stacks.keepout(master_costs(costs), mask, mask.resolution, (x, y))
+
+
+@pytest.mark.parametrize(
+    ("mode", "stack"),
+    [
+        ("raw", "main"),
+        ("raw", "humble"),
+        ("raw", "ros1"),
+        ("scale", "main"),
+        ("scale", "humble"),
+        ("scale-ros1", "ros1"),
+    ],
+)
+def test_all_values_survive_under_the_loader_of_their_stack(tmp_path, mode, stack):
+    values = np.arange(-1, 101).astype(np.int8).reshape(6, 17)
+    grid = OccupancyGrid(np.full(values.shape, FREE), 0.05, (1.5, -2.5, 0.0))
+    write_values(tmp_path / "map", values, grid, mode)
+    read = stacks.load(tmp_path / "map.yaml", stack)
+    np.testing.assert_array_equal(read.data, values)
+    assert read.origin == (1.5, -2.5, 0.0)
+    assert read.resolution == float(np.float32(0.05))
+
+
+def test_ros_map_is_u_in_per_cent_for_every_stack(tmp_path, costs):
+    export.ros_map(tmp_path / "u", costs)
+    expected = np.where(np.isnan(costs.u), -1, np.floor(100 * np.nan_to_num(costs.u) + 0.5))
+    for stack, names in (
+        ("main", ("raw", "scale")),
+        ("humble", ("raw", "scale")),
+        ("ros1", ("raw", "scale_ros1")),
+    ):
+        for name in names:
+            read = stacks.load(tmp_path / "u" / f"{name}.yaml", stack)
+            np.testing.assert_array_equal(read.data, expected)
+
+
+@pytest.mark.parametrize("stack", STACKS)
+@pytest.mark.parametrize("name", PLANNERS)
+def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name, stack):
+    conversion = export.nav2_keepout(tmp_path / "mask", costs, planner=name)
+    master = with_mask(tmp_path / "mask", costs, stack)
+    passable = np.isfinite(costs.density)
+    assert (master[~passable] >= stacks.INSCRIBED).all()
+    assert (master[passable] <= 251).all()
+    parameters = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+    own = parameters["planner_server"]["ros__parameters"]["GridBased"]
+    charged = {
+        "smac2d": lambda: stacks.smac2d_multiplier(master, own["cost_travel_multiplier"]),
+        "smac-hybrid": lambda: (
+            stacks.smac_hybrid_multiplier(master, own["cost_penalty"])
+            / stacks.smac_hybrid_multiplier(np.zeros(1, np.uint8), 0.0)
+        ),
+        "navfn": lambda: stacks.navfn_costs(master).astype(float) / 50,
+        "thetastar": lambda: (
+            (own["w_euc_cost"] + stacks.theta_star_traversal(master, own["w_traversal_cost"]))
+            / (
+                own["w_euc_cost"]
+                + stacks.theta_star_traversal(np.zeros(1, np.uint8), own["w_traversal_cost"])
+            )
+        ),
+    }[name]()
+    inner = np.zeros_like(passable)
+    inner[1:-1, 1:-1] = passable[1:-1, 1:-1]  # NavFn blocks the outermost ring
+    error = np.abs(charged - costs.density)[inner]
+    assert conversion.saturated_share == 0
+    assert error.max() <= conversion.quantisation + 1e-5
+    assert conversion.quantisation < 0.05
+    assert error.mean() == pytest.approx(conversion.mean_quantisation, rel=0.1)
+
+
+def test_where_a_planner_saturates_is_said(tmp_path, costs):
+    blind = costs.with_weight(10.0)
+    excess = blind.density[np.isfinite(blind.density)] - 1
+    k = float(np.median(excess))
+    conversion = export.nav2_keepout(tmp_path / "mask", blind, planner="smac2d", param=k)
+    assert conversion.greatest == pytest.approx(k * 251 / 252)
+    above = excess > conversion.greatest
+    assert conversion.saturated_share == pytest.approx(above.mean())
+    assert 0 < conversion.saturated_share < 1
+    values = stacks.load(tmp_path / "mask" / "mask.yaml", "main").data
+    assert (values[np.nan_to_num(blind.density, posinf=0) - 1 > k] == 99).all()
+    about = json.loads((tmp_path / "mask" / "export.json").read_text())
+    assert about["conversion"]["saturates_at_weight_u"] == conversion.greatest
+    assert export.nav2_keepout(tmp_path / "n", blind, planner="navfn").greatest == 4.0
+
+
+def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
+    conversion = export.nav2_static(tmp_path / "layer", costs)
+    assert conversion.saturated_share == 0
+    read = stacks.load(tmp_path / "layer" / "mask.yaml", "main")
+    assert read.data.max() <= 98
+    parameters = yaml.safe_load((tmp_path / "layer" / "nav2.yaml").read_text())
+    layer = parameters["global_costmap"]["global_costmap"]["ros__parameters"]
+    k = parameters["planner_server"]["ros__parameters"]["GridBased"]["cost_travel_multiplier"]
+    assert layer["use_maximum"] is True
+    for stack in ("main", "humble"):
+        soft = stacks.static_layer(
+            read.data,
+            stack,
+            trinary_costmap=layer["trinary_costmap"],
+            lethal_cost_threshold=layer["lethal_cost_threshold"],
+            track_unknown_space=True,
+        )
+        passable = np.isfinite(costs.density)
+        assert (soft[passable] <= stacks.MAX_NON_OBSTACLE).all()
+        assert (soft[~passable] == stacks.NO_INFORMATION).all()  # the layer below counts there
+        error = np.abs(stacks.smac2d_multiplier(soft, k) - costs.density)[passable]
+        assert error.max() <= conversion.quantisation + 1e-5
+
+
+def test_a_speed_mask_slows_down_by_blindness_and_never_stops(tmp_path, costs):
+    export.nav2_speed(tmp_path / "speed", costs, slowest=0.25)
+    read = stacks.load(tmp_path / "speed" / "mask.yaml", "main")
+    servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
+    info = servers["localizability_filter_info_server"]["ros__parameters"]
+    assert info["type"] == 1
+    limit = stacks.speed_limit(read.data, info["type"], info["base"], info["multiplier"])
+    known = ~np.isnan(costs.u)
+    percent = np.where(limit == 0, 100, limit)[known]  # 0 is no limit
+    np.testing.assert_allclose(percent, 100 - 75 * costs.u[known], atol=0.5 + 1e-9)
+    assert np.isnan(limit[~known]).all()
+    export.nav2_speed(tmp_path / "slow", costs, slowest=0.01)
+    slow = stacks.load(tmp_path / "slow" / "mask.yaml", "main").data
+    assert slow.max() <= 99
+
+
+def planned_by_smac(folder, costs, start, goal):
+    """SmacPlanner2D's path on the costmap with the mask, in the world."""
+    parameters = yaml.safe_load((folder / "nav2.yaml").read_text())
+    own = parameters["planner_server"]["ros__parameters"]["GridBased"]
+    master = with_mask(folder, costs)
+    cells, _ = stacks.grid_path(
+        stacks.smac2d_multiplier(master, own["cost_travel_multiplier"]),
+        stacks.smac_blocked(master, own["allow_unknown"]),
+        costs.cell_of(start),
+        costs.cell_of(goal),
+    )
+    return Path(np.array([costs.grid.cell_to_world(*cell) for cell in cells]))
+
+
+def compare_with_smac(folder, costs, start, goal, **settings):
+    """J of Smac2D's path on the mask, and of the grid planner's, by the same measure."""
+    conversion = export.nav2_keepout(folder, costs, **settings)
+    centres = [costs.grid.cell_to_world(*costs.cell_of(xy)) for xy in (start, goal)]
+    own = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
+    path = planned_by_smac(folder, costs, start, goal)
+    return path_metrics(costs, path), own.metrics, conversion
+
+
+def far_apart(costs, seed):
+    """Two positions that are joined, at least half of the map apart."""
+    rng = np.random.default_rng(seed)
+    free = np.argwhere(np.isfinite(costs.density))
+    for _ in range(200):
+        a, b = free[rng.integers(len(free), size=2)]
+        if math.dist(a, b) > 0.5 * max(costs.grid.shape):
+            ends = [costs.grid.cell_to_world(*map(int, cell)) for cell in (a, b)]
+            if plan(costs, *ends, planner="grid").status == "solved":
+                return ends
+    raise AssertionError("no pair found")
+
+
+@pytest.mark.parametrize("name", ["two_corridors", "office"])
+@pytest.mark.parametrize("weight", [1.0, 4.0, 12.0])
+def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
+    grid = environments.make(name, resolution=0.1)
+    field = load_or_compute(grid, FieldConfig())
+    costs = Costmap.from_field(grid, field, weight=weight, robot_radius=0.25)
+    at = environments.landmarks(name)
+    theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    assert ours.cost <= theirs.cost * (1 + 1e-9)
+    assert theirs.cost <= 1.01 * ours.cost
+
+
+@pytest.mark.parametrize("name", ["aws_small_house", "willow_full_stage", "tuw_warehouse032"])
+def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
+    (file,) = (real_maps / name).glob("*.yaml")
+    grid = load_map(file)
+    field = load_or_compute(grid, FieldConfig(stride=0.4))
+    costs = Costmap.from_field(grid, field, weight=4.0, robot_radius=0.2)
+    theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, *far_apart(costs, seed=3))
+    assert ours.cost <= theirs.cost * (1 + 1e-9)
+    assert theirs.cost <= 1.01 * ours.cost
+
+
+def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
+    grid = environments.make("two_corridors", resolution=0.1)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot_radius=0.25)
+    at = environments.landmarks("two_corridors")
+    export.nav2_keepout(tmp_path / "mask", costs)
+    with_ours = planned_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    export.nav2_keepout(tmp_path / "mask", costs.with_weight(0.0))
+    without = planned_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    assert without.xy[:, 1].max() < 6
+    assert with_ours.xy[:, 1].max() > 9
+    assert with_ours.length > without.length + 5
+
+
+def test_a_density_of_ones_own_can_be_exported(tmp_path, costs):
+    density = np.where(np.isfinite(costs.density), 1 + 2 * np.nan_to_num(costs.u), np.inf)
+    own = Costmap.from_density(costs.grid, density)
+    conversion = export.nav2_keepout(tmp_path / "mask", own)
+    assert conversion.saturated_share == 0
+    with pytest.raises(LocplanError, match="needs a costmap made of a field"):
+        export.nav2_speed(tmp_path / "speed", own)
+    with pytest.raises(LocplanError, match="needs a costmap made of a field"):
+        export.ros_map(tmp_path / "u", own)
+
+
+def test_values_are_the_nearest_of_all(costs):
+    planner = planner_named("thetastar")
+    density = 1 + np.linspace(0, 5, 400)[None]
+    values, conversion = values_for(density, planner, 4.0)
+    charged = planner.excess(np.floor(np.arange(100) * 2.54 + 0.5), conversion.param)
+    nearest = np.abs(charged[None] - (density[0] - 1)[:, None]).argmin(axis=1)
+    np.testing.assert_array_equal(charged[values[0]], charged[nearest])
+    assert conversion.saturated_share == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"planner": "teb"}, "must be one of smac2d"),
+        ({"planner": "navfn", "param": 2.0}, "no parameter"),
+        ({"param": 0.0}, "must be positive"),
+        ({"param": math.nan}, "must be positive"),
+        ({"distro": "foxy"}, "distro must be one of"),
+    ],
+)
+def test_wrong_settings_leave_nothing_behind(tmp_path, costs, settings, message):
+    with pytest.raises(LocplanError, match=message):
+        export.nav2_keepout(tmp_path / "mask", costs, **settings)
+    assert not list(tmp_path.iterdir())
+
+
+def test_thetastar_cannot_charge_any_factor(tmp_path, costs):
+    with pytest.raises(LocplanError, match="94 times at most"):
+        export.nav2_keepout(tmp_path / "mask", costs.with_weight(100.0), planner="thetastar")
+
+
+def folder_of(path):
+    return {file.name: file.read_bytes() for file in path.iterdir()}
+
+
+def test_a_folder_is_written_whole_or_not_at_all(tmp_path, costs, monkeypatch):
+    export.nav2_keepout(tmp_path / "mask", costs)
+    before = folder_of(tmp_path / "mask")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("locplan.export.nav2.write_servers", fail)
+    with pytest.raises(LocplanError, match="No space left"):
+        export.nav2_keepout(tmp_path / "mask", costs.with_weight(1.0))
+    assert folder_of(tmp_path / "mask") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["mask"]
+
+
+def test_only_an_export_of_ours_is_replaced(tmp_path, costs):
+    (tmp_path / "empty").mkdir()
+    export.ros_map(tmp_path / "empty", costs)
+    export.nav2_speed(tmp_path / "empty", costs)
+    assert "nav2.yaml" in folder_of(tmp_path / "empty")
+    assert "raw.yaml" not in folder_of(tmp_path / "empty")
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "thesis.tex").write_text("years of work")
+    with pytest.raises(LocplanError, match="nothing of locplan's"):
+        export.ros_map(tmp_path / "theirs", costs)
+    assert (tmp_path / "theirs" / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize(
+    "write", [export.nav2_keepout, export.nav2_static, export.nav2_speed, export.ros_map]
+)
+def test_a_folder_says_what_it_holds_in_five_lines(tmp_path, costs, write):
+    write(tmp_path / "out", costs)
+    files = folder_of(tmp_path / "out")
+    lines = [line for line in files["README.md"].decode().splitlines() if line]
+    assert len(lines) == 5
+    for name in set(files) - {"README.md"}:
+        assert name in "".join(lines) or name.endswith(".png"), name
+    about = json.loads(files["export.json"])
+    assert about["map"]["digest"] == costs.grid.digest
+    assert about["configs"][0]["sensor_range"] == 1.0
+    assert (about["weight"], about["criterion"]) == (4.0, "e")
+
+
+def test_the_launch_file_starts_the_nodes_that_have_parameters(tmp_path, costs):
+    from xml.etree import ElementTree
+
+    export.nav2_keepout(tmp_path / "out", costs)
+    nodes = ElementTree.parse(tmp_path / "out" / "localizability.launch.xml").findall("node")
+    servers = yaml.safe_load((tmp_path / "out" / "servers.yaml").read_text())
+    assert [node.get("name") for node in nodes] == list(servers)
+    manager = servers["lifecycle_manager_localizability"]["ros__parameters"]
+    assert manager["node_names"] == list(servers)[:-1]
+    mask, info = (servers[name]["ros__parameters"] for name in manager["node_names"])
+    assert mask["topic_name"] == info["mask_topic"]
+    nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
+    costmap = nav2["global_costmap"]["global_costmap"]["ros__parameters"]
+    (name,) = costmap["filters"]
+    assert costmap[name]["filter_info_topic"] == info["filter_info_topic"]
+    assert (info["type"], info["base"], info["multiplier"]) == (0, 0.0, 1.0)
+    assert all(type(info[key]) is float for key in ("base", "multiplier"))
+
+
+PARAMS = """
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      robot_radius: 0.22
+      plugins: ["static_layer", "obstacle_layer", "inflation_layer"]
+      filters: ["keepout_filter"]
+      keepout_filter: {plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true}
+planner_server:
+  ros__parameters:
+    planner_plugins: ["Fast", "Good"]
+    Fast: {plugin: "nav2_navfn_planner/NavfnPlanner", tolerance: 0.5}
+    Good: {plugin: "nav2_smac_planner::SmacPlanner2D", tolerance: 0.25, allow_unknown: true}
+"""
+
+
+def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(PARAMS)
+    export.nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
+    merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+    costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
+    assert costmap["filters"] == ["keepout_filter", "localizability_filter"]
+    assert costmap["robot_radius"] == 0.22
+    server = merged["planner_server"]["ros__parameters"]
+    assert server["planner_plugins"] == ["Fast", "Good"]
+    assert server["Good"]["tolerance"] == 0.25
+    assert server["Good"]["allow_unknown"] is False
+    assert server["Good"]["cost_travel_multiplier"] == pytest.approx(4 * 252 / 251, abs=1e-3)
+    assert "cost_travel_multiplier" not in server["Fast"]
+    export.nav2_static(tmp_path / "layer", costs, params=tmp_path / "own.yaml")
+    merged = yaml.safe_load((tmp_path / "layer" / "nav2.yaml").read_text())
+    costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
+    assert costmap["plugins"] == [
+        *("static_layer", "localizability_layer", "obstacle_layer", "inflation_layer")
+    ]
+    again = tmp_path / "layer" / "nav2.yaml"
+    export.nav2_static(tmp_path / "again", costs, params=again)
+    assert yaml.safe_load((tmp_path / "again" / "nav2.yaml").read_text()) == merged
+
+
+@pytest.mark.parametrize("text", ["", "a: 1", "- 1", "{", "planner_server: 3", "\x00"])
+def test_parameters_that_are_none_are_refused(tmp_path, costs, text):
+    (tmp_path / "own.yaml").write_text(text)
+    with pytest.raises(LocplanError, match=r"own\.yaml") as fault:
+        export.nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
+    assert "\n" not in str(fault.value)
+    assert not (tmp_path / "mask").exists()
+
+
+def test_humble_has_other_names_for_planners(tmp_path, costs):
+    export.nav2_keepout(tmp_path / "mask", costs, distro="humble")
+    nav2 = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    assert own["plugin"] == "nav2_smac_planner/SmacPlanner2D"
+
+
+def test_route_graph_is_served_with_the_scorers_that_add_up_to_j(tmp_path, costs):
+    graph = export.route_graph(tmp_path / "graph", costs, spacing=1.0)
+    servers = yaml.safe_load((tmp_path / "graph" / "servers.yaml").read_text())
+    own = servers["route_server"]["ros__parameters"]
+    features = json.loads((tmp_path / "graph" / own["graph_filepath"]).read_text())["features"]
+    nodes = {
+        f["properties"]["id"]: np.array(f["geometry"]["coordinates"])
+        for f in features
+        if f["geometry"]["type"] == "Point"
+    }
+    penalty = own["PenaltyScorer"]
+    total = 0.0
+    for feature in features[len(nodes) :]:
+        about = feature["properties"]
+        length = math.dist(nodes[about["startid"]], nodes[about["endid"]])
+        total += length + penalty["weight"] * about["metadata"][penalty["penalty_tag"]]
+    assert total == pytest.approx(2 * graph.cost.sum())
+    assert set(own["edge_cost_functions"]) <= set(own)
+    ways = dijkstra(graph.matrix, indices=0)
+    assert np.isfinite(ways).sum() > 1
+    lines = [line for line in (tmp_path / "graph" / "README.md").read_text().splitlines() if line]
+    assert len(lines) == 5
+
+
+ROUTE = Path(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]]))
+
+
+def test_paths_are_read_back(tmp_path):
+    export.path(tmp_path / "p.csv", ROUTE)
+    again = export.read_path(tmp_path / "p.csv")
+    np.testing.assert_allclose(again.xy, ROUTE.xy)
+    np.testing.assert_allclose(again.heading, ROUTE.facing, atol=1e-6)
+    assert ROUTE.facing.tolist() == pytest.approx([math.atan2(4, 3), math.pi / 2, math.pi / 2])
+    export.path(tmp_path / "p.json", ROUTE, frame="odom")
+    about = json.loads((tmp_path / "p.json").read_text())
+    assert (about["frame"], about["length"]) == ("odom", 6.0)
+    assert about["poses"][1]["distance"] == 5.0
+
+
+def test_a_path_is_a_message_that_ros_takes(tmp_path):
+    from rosbags.typesys import Stores, get_typestore
+
+    export.path(tmp_path / "p.yaml", ROUTE)
+    message = yaml.safe_load((tmp_path / "p.yaml").read_text())
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    fields = {name for name, _ in types.fielddefs["nav_msgs/msg/Path"][1]}
+    assert set(message) == fields
+    poses = [pose["pose"] for pose in message["poses"]]
+    assert [(p["position"]["x"], p["position"]["y"]) for p in poses] == [
+        tuple(xy) for xy in ROUTE.xy
+    ]
+    turn = poses[0]["orientation"]
+    assert 2 * math.atan2(turn["z"], turn["w"]) == pytest.approx(math.atan2(4, 3))
+    assert {pose["header"]["frame_id"] for pose in message["poses"]} == {"map"}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "x,y\n1,2", "x_m,y_m", "x_m,y_m\n1", "x_m,y_m\n1,nan", "x_m,y_m\na,b", "\x00"]
+)
+def test_files_that_hold_no_path_are_refused(tmp_path, text):
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(LocplanError):
+        export.read_path(tmp_path / "p.csv")
+    with pytest.raises(LocplanError, match="cannot be read"):
+        export.read_path(tmp_path / "none.csv")
+    with pytest.raises(LocplanError, match=r"\.csv, \.json, \.yaml"):
+        export.path(tmp_path / "p.txt", ROUTE)
+
+
+@pytest.mark.parametrize("rotation", [60, 0])
+def test_a_field_as_a_table_has_each_point_where_it_lies(tmp_path, rotation):
+    grid = drawn("######", "#....#", "#.##.#", "######", resolution=0.5, origin=(1.0, 2.0, 0.5))
+    config = FieldConfig(sensor_range=1.0, rotation_window_deg=rotation)
+    field = covariance_field(grid, config)
+    export.field(tmp_path / "f.csv", field)
+    lines = (tmp_path / "f.csv").read_text().splitlines()
+    columns, rows = lines[0].split(","), np.loadtxt(lines[1:], delimiter=",")
+    assert len(rows) == field.evaluated.sum()
+    for row in rows:
+        about = dict(zip(columns, row, strict=True))
+        expected = field.at(about["x_m"], about["y_m"])
+        names = ("x", "y", "heading")[: len(expected)]
+        for i, one in enumerate(names):
+            for j, other in enumerate(names[i:], start=i):
+                assert about[f"cov_{one}_{other}"] == pytest.approx(
+                    expected[i, j], rel=1e-6, abs=1e-9
+                )
+        assert about["e"] == pytest.approx(math.sqrt(np.linalg.det(expected)), rel=1e-6)
+        assert about["major_std_m"] >= about["minor_std_m"]
+
+
+def test_a_field_as_arrays_is_all_there(tmp_path, costs):
+    field = covariance_field(costs.grid, FieldConfig(sensor_range=1.0))
+    export.field(tmp_path / "f.npz", field)
+    with np.load(tmp_path / "f.npz") as arrays:
+        np.testing.assert_array_equal(arrays["covariance"], field.covariance)
+        np.testing.assert_array_equal(arrays["e_map"], field.e_map())
+        np.testing.assert_array_equal(arrays["cells"], costs.grid.cells)
+        assert json.loads(str(arrays["config"]))["sensor_range"] == 1.0
+        i, j = np.argwhere(field.evaluated)[17]
+        np.testing.assert_array_equal(
+            field.at(arrays["x"][i, j], arrays["y"][i, j]).round(9),
+            arrays["covariance"][i, j].round(9),
+        )
+    export.field(tmp_path / "f.png", field)
+    assert (tmp_path / "f.png").stat().st_size > 1000
+    with pytest.raises(LocplanError, match=r"\.csv, \.npz, \.png"):
+        export.field(tmp_path / "f.txt", field)

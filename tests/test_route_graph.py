@@ -1,0 +1,185 @@
+"""Route graphs: free, connected, cheap, and as Nav2 reads them."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError
+from locplan.export.geojson import GREATEST_ID, to_geojson
+from locplan.export.roadmap import RouteGraph, roadmap
+from locplan.grid import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners.cost_to_go import plan_field
+
+
+def rooms(
+    size: int = 160, origin: tuple[float, float, float] = (-3.0, 7.0, 0.0), seed: int = 1
+) -> Costmap:
+    """Four rooms with doors and furniture, and blindness in the middle of each; no outer wall."""
+    rng = np.random.default_rng(seed)
+    cells = np.full((size, size), FREE, np.uint8)
+    half, door = size // 2, size // 4
+    cells[half - 1 : half + 1] = cells[:, half - 1 : half + 1] = OCCUPIED
+    for at in (door, size - door):
+        cells[half - 1 : half + 1, at - 4 : at + 4] = FREE
+        cells[at - 4 : at + 4, half - 1 : half + 1] = FREE
+    for row, col, height, width in rng.integers(4, size - 12, (size // 8, 4)):
+        cells[row : row + 2 + height % 8, col : col + 2 + width % 8] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1, origin)
+    wave = np.sin(np.arange(size) / half * math.pi) ** 2
+    u = np.outer(wave, wave)
+    u[~grid.free] = np.nan
+    return Costmap(grid, np.where(np.isnan(u), np.inf, 1.0), 0.0, 0.0, u, u / 10).with_robot_radius(
+        0.2
+    )
+
+
+def pieces(costs: Costmap) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    free = np.isfinite(costs.density).astype(np.uint8)
+    _, piece, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
+    return piece, stats[:, cv2.CC_STAT_AREA]
+
+
+def cells_of(costs: Costmap, xy: NDArray[np.float64]) -> tuple[NDArray[np.int64], ...]:
+    return tuple(np.floor(v).astype(np.int64) for v in costs.grid.world_to_grid(*xy.T))
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("origin", [(-3.0, 7.0, 0.0), (5.0, -2.0, 0.7)])
+def test_edges_are_free_and_join_what_is_connected(seed: int, origin: tuple) -> None:
+    costs = rooms(origin=origin, seed=seed).with_weight(4.0)
+    graph = roadmap(costs)
+    # Independent of the exact integral: positions every twentieth of a cell.
+    share = np.linspace(0, 1, 1 + math.ceil(graph.length.max() / 0.005))[:, None, None]
+    first, second = graph.nodes[graph.edges.T]
+    along = (first + share * (second - first)).reshape(-1, 2)
+    density = costs.density[cells_of(costs, along)].reshape(len(share), -1)
+    assert np.isfinite(density).all()
+    assert np.allclose(density.mean(axis=0) * graph.length, graph.cost, rtol=0.02)
+    assert graph.length.min() > 0
+    assert (graph.nodes == graph.nodes.astype(np.float32)).all()
+    # The graph's components are the pieces of free space.
+    piece, area = pieces(costs)
+    of_node = piece[cells_of(costs, graph.nodes)]
+    large = np.flatnonzero((area * 0.01 >= 1.0) & (np.arange(len(area)) > 0))
+    assert set(of_node) == set(large)
+    _, component = connected_components(graph.matrix, directed=False)
+    assert len(set(zip(of_node, component, strict=True))) == len(large) == component.max() + 1
+
+
+@pytest.mark.parametrize("weight", [0.0, 4.0])
+def test_routes_cost_little_more_than_the_grid_planners(weight: float) -> None:
+    costs = rooms().with_weight(weight)
+    graph = roadmap(costs)
+    ratios = []
+    for goal in range(0, len(graph.nodes), max(1, len(graph.nodes) // 12)):
+        exact = plan_field(costs, graph.nodes[goal]).cost[cells_of(costs, graph.nodes)]
+        far = exact > 2.0
+        ratios.append(dijkstra(graph.matrix, indices=goal)[far] / exact[far])
+    ratio = np.concatenate(ratios)
+    assert np.median(ratio) < 1.05
+    assert np.quantile(ratio, 0.95) < 1.15
+    assert len(graph.edges) < 3.2 * len(graph.nodes)
+
+
+def test_free_cells_see_a_node() -> None:
+    costs = rooms().with_weight(4.0)
+    graph = roadmap(costs)
+    piece, area = pieces(costs)
+    cells = np.argwhere((piece > 0) & (area[piece] * 0.01 >= 1.0))[::17]
+    xy = np.column_stack(costs.grid.grid_to_world(*(cells + 0.5).T))
+    seen = []
+    for position in xy:
+        near = graph.nodes[np.hypot(*(graph.nodes - position).T) < 5.0]
+        lines = position + np.linspace(0, 1, 500)[:, None, None] * (near - position)
+        density = costs.density[cells_of(costs, lines.reshape(-1, 2))].reshape(500, -1)
+        seen.append(np.isfinite(density).all(axis=0).any())
+    assert np.mean(seen) > 0.98
+
+
+def test_integrals_and_determinism() -> None:
+    costs = rooms().with_weight(4.0)
+    one, two = roadmap(costs), roadmap(costs)
+    for name in ("nodes", "edges", "length", "cost", "integrated_e", "integrated_u"):
+        assert np.array_equal(getattr(one, name), getattr(two, name))
+    assert np.allclose(one.penalty, 4.0 * one.integrated_u, atol=1e-9)
+    assert np.allclose(one.integrated_e, one.integrated_u / 10)
+    assert (one.penalty >= 0).all()
+
+
+def loaded(text: str) -> tuple[dict[int, NDArray], list[dict]]:
+    """As GeoJsonGraphFileLoader: what is written with a point or an exponent is a float."""
+    features = json.loads(text)["features"]
+    points = [f for f in features if f["geometry"]["type"] == "Point"]
+    lines = [f["properties"] for f in features if f["geometry"]["type"] == "LineString"]
+    nodes = {
+        p["properties"]["id"]: np.array(p["geometry"]["coordinates"], np.float32) for p in points
+    }
+    assert len(nodes) == len(points)
+    assert all(line["startid"] in nodes and line["endid"] in nodes for line in lines)
+    return nodes, lines
+
+
+def test_geojson_makes_nav2s_scorers_add_up_to_j() -> None:
+    costs = rooms().with_weight(4.0)
+    graph = roadmap(costs)
+    nodes, lines = loaded(json.dumps(to_geojson(graph), allow_nan=False))
+    ids = [*nodes, *(line["id"] for line in lines)]
+    assert len(set(ids)) == len(ids) == len(graph.nodes) + 2 * len(graph.edges)
+    assert all(type(n) is int and 1 <= n <= GREATEST_ID for n in ids)
+    ways = {(line["startid"], line["endid"]): line for line in lines}
+    assert len(ways) == len(lines)
+    for (start, end), line in ways.items():
+        metadata, distance = line["metadata"], float(np.hypot(*(nodes[end] - nodes[start])))
+        assert all(type(v) is float and v >= 0 for v in (*metadata.values(), line["cost"]))
+        assert line["cost"] > 0
+        assert line["overridable"] is True
+        assert distance + metadata["penalty"] == pytest.approx(line["cost"], rel=1e-5)
+        assert distance + 4.0 * metadata["integrated_u"] == pytest.approx(line["cost"], rel=1e-5)
+        assert ways[end, start]["metadata"] == metadata
+
+
+def test_whole_numbers_are_written_as_floats() -> None:
+    one = np.ones(1)
+    graph = RouteGraph(
+        np.array([[0.0, 0.0], [3.0, 0.0]]), np.array([[0, 1]]), 3 * one, 3 * one, one, 0 * one
+    )
+    _, lines = loaded(json.dumps(to_geojson(graph)))
+    assert '"length": 3.0' in json.dumps(lines[0])
+    assert '"penalty": 0.0' in json.dumps(lines[0])
+
+
+def test_without_a_field_there_is_no_e_and_no_u() -> None:
+    costs = Costmap.blank(OccupancyGrid(np.full((60, 80), FREE), 0.1))
+    _, lines = loaded(json.dumps(to_geojson(roadmap(costs)), allow_nan=False))
+    assert lines[0]["metadata"].keys() == {"length", "penalty"}
+
+
+@pytest.mark.parametrize("shape", [(1, 60), (2, 2), (60, 1)])
+def test_the_least_spaces(shape: tuple[int, int]) -> None:
+    graph = roadmap(Costmap.blank(OccupancyGrid(np.full(shape, FREE), 0.1)), min_area=0.0)
+    assert len(graph.nodes) >= 1
+    assert connected_components(graph.matrix)[0] == 1
+
+
+def test_what_cannot_be() -> None:
+    costs = rooms(80)
+    for wrong in ({"spacing": 0.1}, {"spacing": math.nan}, {"detour": 0.9}, {"min_area": 1e6}):
+        with pytest.raises(ConfigError):
+            roadmap(costs, **wrong)
+    with pytest.raises(ConfigError, match="too coarse"):
+        roadmap(rooms(80, origin=(4e5, 5e6, 0.0)))
+    alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1))
+    with pytest.raises(ConfigError, match="without edges"):
+        to_geojson(roadmap(alone, min_area=0.0))
+    count = GREATEST_ID
+    many = RouteGraph(*(np.zeros((count, 2)),), np.zeros((9, 2), int), *(np.zeros(9),) * 4)
+    with pytest.raises(ConfigError, match="times as large"):
+        to_geojson(many)
