@@ -1,0 +1,85 @@
+"""How long exports of a 2000 x 2000 map take from a cached field, beside reading that alone.
+
+Run: pytest tests/benchmarks/bench_export.py --benchmark-only -s
+"""
+
+import numpy as np
+import pytest
+
+from locplan import export
+from locplan.config import FieldConfig
+from locplan.costmap import Costmap
+from locplan.field import CovarianceField
+from locplan.grid import OccupancyGrid
+from locplan.path import Path
+from locplan.store import load_or_compute
+
+SIZE = 2000
+RESOLUTION = 0.05
+
+
+def rooms() -> np.ndarray:
+    """Rooms of 8 m with doors and a box each."""
+    cells = np.full((SIZE, SIZE), 254, np.uint8)
+    rng = np.random.default_rng(1)
+    for at in range(0, SIZE, 160):
+        cells[at : at + 3] = cells[:, at : at + 3] = 0
+    for row in range(0, SIZE, 160):
+        for col in range(0, SIZE, 160):
+            door = 20 + int(rng.integers(100))
+            cells[row : row + 3, col + door : col + door + 30] = 254
+            cells[row + door : row + door + 30, col : col + 3] = 254
+            top, left = rng.integers(20, 120, 2)
+            cells[row + top : row + top + 24, col + left : col + left + 16] = 0
+    return cells
+
+
+@pytest.fixture(scope="module")
+def made():
+    grid = OccupancyGrid(rooms(), RESOLUTION, name="rooms")
+    return grid, load_or_compute(grid, FieldConfig())
+
+
+def everything(grid: OccupancyGrid) -> tuple[CovarianceField, Costmap]:
+    """What every command does first: the field from the cache, and the costmap."""
+    field = load_or_compute(grid, FieldConfig())
+    return field, Costmap.from_field(grid, field, robot_radius=0.25)
+
+
+def fresh(made) -> OccupancyGrid:
+    """The same map without anything remembered of it."""
+    return OccupancyGrid(made[0].cells, RESOLUTION, name="rooms")
+
+
+WRITERS = {
+    "nav2-keepout": lambda folder, _, costs: export.nav2_keepout(folder, costs),
+    "nav2-static": lambda folder, _, costs: export.nav2_static(folder, costs),
+    "nav2-speed": lambda folder, _, costs: export.nav2_speed(folder, costs),
+    "ros-map": lambda folder, _, costs: export.ros_map(folder, costs),
+    "route-graph": lambda folder, _, costs: export.route_graph(folder, costs),
+    "bag": lambda folder, field, costs: export.bag(
+        folder.with_suffix(".mcap"),
+        costs.grid,
+        mask=export.percent(costs),
+        field=field,
+        paths={"a": Path(np.random.default_rng(0).uniform(0, 100, (3000, 2)))},
+    ),
+    "csv": lambda folder, field, _: export.field(folder.with_suffix(".csv"), field),
+    "npz": lambda folder, field, _: export.field(folder.with_suffix(".npz"), field),
+    "png": lambda folder, field, _: export.field(folder.with_suffix(".png"), field),
+}
+
+
+def test_reading_alone(benchmark, made):
+    benchmark.pedantic(lambda: everything(fresh(made)), rounds=3, warmup_rounds=1)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_export(benchmark, made, tmp_path, name):
+    def run():
+        field, costs = everything(fresh(made))
+        WRITERS[name](tmp_path / "out", field, costs)
+
+    benchmark.pedantic(run, rounds=3, warmup_rounds=1)
+    size = sum(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file())
+    print(f"\n{name}: {benchmark.stats['median']:.2f} s, {size / 1e6:.1f} MB")
