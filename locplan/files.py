@@ -103,7 +103,7 @@ def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], b
     if suffix is not None and path.suffix != suffix:
         raise LocplanError(f"{path}: must end in {suffix}")
     if path.exists() and not ours(path):
-        raise LocplanError(f"{path}: is there and nothing of locplan's; choose another name")
+        raise LocplanError(f"{path}: is there and not as locplan wrote it; choose another name")
     _check_parent(path)
 
 
@@ -124,6 +124,8 @@ def make_folder(folder: Path) -> None:
 
 
 def _check_parent(path: Path) -> None:
+    if not path.parent.exists():
+        raise LocplanError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise LocplanError(f"{path}: {path.parent} is no folder that can be written")
 

@@ -225,7 +225,6 @@ def write_plans(
             (folder / f"{label}.csv").unlink(missing_ok=True)
     about = {
         **about_costs(costs),
-        "config": dataclasses.asdict(field.config),
         "plans": plans_summary(plans),
     }
     with replacing(folder / "plan.json") as temporary:
@@ -251,6 +250,7 @@ def export_table(about: Mapping[str, Any]) -> str:
         ]
     if "nodes" in about:
         rows.append(["nodes, edges", f"{about['nodes']:,}, {about['edges']:,} each way"])
+        rows.append(["parts not joined", f"{about['components']:,}"])
     if "length_m" in about:
         rows.append(["length", f"{about['length_m']:.2f} m"])
     return table([], rows)
@@ -309,8 +309,7 @@ def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> Non
 
     make_folder(folder)
     about = front_summary(front) | {
-        **about_costs(front.costs),
-        "config": dataclasses.asdict(field.config),
+        **about_costs(front.costs.with_weight(0.0)),
     }
     with replacing(folder / "front.json") as temporary:
         temporary.write_text(json.dumps(about, indent=2) + "\n")

@@ -9,6 +9,9 @@ from locplan.covariance import mean_information
 from locplan.field import CovarianceField
 from locplan.lattice import spread_out
 
+LEAST_CLEARANCE = 0.15
+"""From walls to where a robot may be [m]; closer samples would be in slits and stray cells."""
+
 
 def sampled(
     field: CovarianceField, spacing: float
@@ -22,9 +25,11 @@ def sampled(
     covariance : (n, d, d) array
         Of several headings that of the mean information.
     """
-    i, j = np.nonzero(field.evaluated)
-    clearance = field.grid.clearance[i * field.stride, j * field.stride]
-    x, y = field.grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5)
+    stride = field.stride
+    clearance = field.grid.clearance[::stride, ::stride]
+    i, j = np.nonzero(field.evaluated & (clearance >= LEAST_CLEARANCE))
+    clearance = clearance[i, j]
+    x, y = field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5)
     xy = np.stack([x, y], axis=1)
     chosen = spread_out(xy, clearance, spacing)
     covariance = field.covariance[i[chosen], j[chosen]]

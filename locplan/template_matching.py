@@ -148,7 +148,7 @@ def along_axis(
     Raises
     ------
     LocplanError
-        If the position is not on the map, or the axis is none of the window's.
+        If the position is not in free space, or the axis is none of the window's.
     """
     row, col, radius = _disc_at(grid, x, y, config)
     window = SearchWindow.from_config(config, grid.resolution)
@@ -267,7 +267,7 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> ND
     Raises
     ------
     PoseError
-        If the position is not on the map.
+        If the position is not in free space.
     """
     row, col, radius = _disc_at(grid, x, y, config)
     window = SearchWindow.from_config(config, grid.resolution)
@@ -280,6 +280,6 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> ND
 def _disc_at(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> tuple[int, int, int]:
     """The cell at a position, and the template's radius there [cells]."""
     row, col = grid.world_to_cell(x, y)
-    if not grid.contains(row, col):
-        raise PoseError(f"{x:g},{y:g} is not on the map")
+    if not (grid.contains(row, col) and grid.free[row, col]):
+        raise PoseError(f"{x:g},{y:g} is not in the map's free space; name a place that is")
     return row, col, max(1, math.floor(config.sensor_range / grid.resolution + 1e-9))

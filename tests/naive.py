@@ -520,3 +520,150 @@ def central_mode(losses, excess):
                 inside[there] = True
                 queue.append(there)
     return inside
+
+
+def joined_within(inside, start, reach):
+    """Cells to which steps over sides lead from a cell, all of them nearer to it than `reach`."""
+    near = {cell for cell in np.ndindex(inside.shape) if math.dist(cell, start) < reach}
+    near = {cell for cell in near if inside[cell]}
+    joined = {start}
+    while True:
+        more = {a for a in near - joined for b in joined if math.dist(a, b) == 1}
+        if not more:
+            return joined
+        joined |= more
+
+
+def spread(inside, cells, reach):
+    """The (row, col), in their order, that are not joined within `reach` to one taken before."""
+    taken = []
+    for cell in cells:
+        if not any(cell in joined_within(inside, node, reach) for node in taken):
+            taken.append(cell)
+    return taken
+
+
+def owners(inside, nodes):
+    """Which nodes come to each cell in the fewest steps, if every second one may be diagonal.
+
+    A set for each (row, col): each node's cells grow in turns over sides, and over corners as well
+    where both cells beside the corner are inside.
+    """
+    first = dict.fromkeys(np.ndindex(inside.shape), math.inf)
+    result = {cell: set() for cell in first}
+    for number, node in enumerate(nodes):
+        reached = {node: 0}
+        for step in range(1, 2 * inside.size):
+            for row, col in list(reached):
+                for up, across in itertools.product((-1, 0, 1), repeat=2):
+                    there = row + up, col + across
+                    if there in reached or there not in first or not inside[there]:
+                        continue
+                    beside = inside[row + up, col] and inside[row, col + across]
+                    if not (up and across) or (step % 2 == 0 and beside):
+                        reached[there] = step
+        for cell, step in reached.items():
+            if step < first[cell]:
+                first[cell], result[cell] = step, set()
+            if step == first[cell]:
+                result[cell].add(number)
+    return result
+
+
+def line_cost(density, resolution, origin, a, b):
+    """Integral along a line between world positions [density x cells].
+
+    Infinite where the line so much as touches a blocked cell, or one beyond the grid.
+    """
+    x, y, yaw = origin
+    turn = complex(math.cos(yaw), -math.sin(yaw)) / resolution
+    a, b = (turn * complex(at[0] - x, at[1] - y) for at in (a, b))
+    line = a.imag, a.real, b.imag, b.real
+    if not (0 <= a.imag < density.shape[0] and 0 <= a.real < density.shape[1]):
+        return math.inf
+    bordered = np.pad(density, 1, constant_values=math.inf)
+    for row, col in np.argwhere(bordered == math.inf) - 1:
+        if touches(*line, row, col, margin=-1e-9):
+            return math.inf
+    return line_integral(density, *line)
+
+
+def line_costs(density, resolution, origin, xy, pairs):
+    """The same for pairs of positions."""
+    return [line_cost(density, resolution, origin, xy[i], xy[j]) for i, j in pairs]
+
+
+def spanner(pairs, cost, detour):
+    """Which pairs no two kept before replace; they come with their costs, the cheapest first."""
+    kept = []
+    for n, ends in enumerate(pairs):
+        replaced = math.isinf(cost[n])
+        for one, other in itertools.permutations(kept, 2):
+            for (a, k), (m, b) in itertools.product(
+                itertools.permutations(pairs[one]), itertools.permutations(pairs[other])
+            ):
+                if k == m and (a, b) == tuple(ends) and cost[one] + cost[other] <= detour * cost[n]:
+                    replaced = True
+        if not replaced:
+            kept.append(n)
+    return [n in kept for n in range(len(pairs))]
+
+
+def usage(starts, before, indptr, indices):
+    """Routes from the starts to all nodes, counted at each node's edges unless they end there."""
+    use = np.zeros(len(indices))
+    for start, parents in zip(starts, before, strict=True):
+        for goal in range(len(parents)):
+            route = [goal]
+            while parents[route[-1]] >= 0:
+                route.append(parents[route[-1]])
+            if route[-1] != start:
+                continue
+            for pair in itertools.pairwise(route):
+                for node, other in itertools.permutations(pair):
+                    for n in range(indptr[node], indptr[node + 1]):
+                        if indices[n] == other and node != goal:
+                            use[n] += 1
+    return use
+
+
+def moved(density, resolution, origin, xy, indptr, indices, use, shift, apart):
+    """Nodes moved, in turn, by steps in eight directions while the routes through them cost less.
+
+    Steps are as long as half the shift at first [cells], and half as long once none is worth it,
+    down to half a cell.
+    """
+    now = [tuple(position) for position in xy]
+    for node in range(len(now)):
+        edges = range(indptr[node], indptr[node + 1])
+
+        def total(at, edges=edges):
+            costs = [line_cost(density, resolution, origin, at, now[indices[n]]) for n in edges]
+            if math.inf in costs:
+                return math.inf
+            return sum(use[n] * cost for n, cost in zip(edges, costs, strict=True))
+
+        def crowded(at, node=node, edges=edges):
+            ends = [now[indices[n]] for n in edges]
+            return any(
+                math.dist(at, end) < min(apart * resolution, math.dist(now[node], end))
+                for end in ends
+            )
+
+        step = shift / 2
+        while step >= 0.5:
+            best, least = now[node], total(now[node])
+            for eighth in range(8):
+                at = (
+                    np.float32(now[node][0] + step * resolution * math.cos(eighth * math.pi / 4)),
+                    np.float32(now[node][1] + step * resolution * math.sin(eighth * math.pi / 4)),
+                )
+                at = tuple(float(v) for v in at)
+                if math.dist(at, xy[node]) > shift * resolution or crowded(at):
+                    continue
+                if total(at) < least * (1 - 1e-6):
+                    best, least = at, total(at)
+            if best == now[node]:
+                step /= 2
+            now[node] = best
+    return np.array(now)

@@ -77,7 +77,7 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     np.testing.assert_allclose(xy[[0, -1]], [[1, 2], [4, 3.5]])
     about = json.loads((out_dir / "plan.json").read_text())
     assert about["plans"]["shortest"]["metrics"]["length"] > 3
-    assert about["config"]["sensor_range"] == 6.0
+    assert about["configs"][0]["sensor_range"] == 6.0
     assert about["map"]["digest"] == load_map(room).digest
 
 
@@ -444,7 +444,7 @@ def test_plot_draws_the_papers_figures(run, room, tmp_path, arguments):
         (("--figure", "nothing"), "--figure must be one of field"),
         (("--figure", "models"), "needs --at"),
         (("--figure", "models", "--at", "2,2", "--axis", "z"), "axis must be"),
-        (("--figure", "distribution", "--at", "99,2"), "not on the map"),
+        (("--figure", "distribution", "--at", "99,2"), "free space"),
         (("--figure", "distribution", "--at", "2,2", "--estimator", "scan"), "of --estimator sad"),
         (("--figure", "e", "--limits", "1"), "--limits must be 2 numbers"),
         (("--figure", "e", "--limits", "2,1"), "--limits"),
@@ -456,3 +456,60 @@ def test_plot_draws_the_papers_figures(run, room, tmp_path, arguments):
 def test_plot_refuses_what_it_cannot_draw(run, room, tmp_path, arguments, message):
     assert message in refused(run("plot", room, "-o", tmp_path / "p.png", *arguments))
     assert not (tmp_path / "p.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("to", "name"),
+    [
+        *((to, "out") for to in ("nav2-keepout", "nav2-static", "nav2-speed", "ros-map")),
+        ("route-graph", "out"),
+        ("bag", "out.mcap"),
+        ("path", "out.yaml"),
+        *((to, f"out.{to}") for to in ("csv", "npz", "png")),
+    ],
+)
+def test_export_writes_every_format(run, room, tmp_path, to, name):
+    ends = ("--start", "1,1", "--goal", "4,1") if to in ("path", "bag") else ()
+    code, out, err = run("export", room, "--to", to, "-o", tmp_path / name, "--range", 2, *ends)
+    assert code == 0, err
+    assert to in out
+    assert (tmp_path / name).exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        ["room.yaml", "room.pgm", name]
+    )
+    code, out, _ = run(
+        *("export", room, "--to", to, "-o", tmp_path / name, "--range", 2, "--json", *ends)
+    )
+    assert json.loads(out)["to"] == to
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--to", "nav2"), "--to must be one of nav2-keepout"),
+        (("--to", "ros-map", "--planner", "smac2d"), "--planner is for --to nav2-keepout"),
+        (("--to", "csv", "--slowest", "0.5"), "--slowest is for --to nav2-speed"),
+        (("--to", "nav2-speed", "--slowest", "5"), "slowest must be a share"),
+        (("--to", "nav2-keepout", "--planner", "teb"), "planner must be one of"),
+        (("--to", "nav2-keepout", "--planner-param", "inf"), "must be a positive number"),
+        (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
+        (("--to", "nav2-keepout", "--params", "none.yaml"), "none.yaml: cannot be read"),
+        (("--to", "path"), "needs one --path CSV, or"),
+        (("--to", "path", "--start", "1,1"), "belong together"),
+        (("--to", "path", "--start", "1,1,90", "--goal", "2,2"), "--start must be 2 numbers"),
+        (("--to", "path", "--path", "none.csv"), "none.csv: cannot be read"),
+        (("--to", "bag", "-o", "bag"), "must end in .mcap"),
+        (("--to", "csv", "-o", "no/such/x.csv"), "does not exist"),
+    ],
+)
+def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("locplan.store.load_or_compute", None)  # would end in a traceback
+    assert message in refused(run("export", room, *arguments))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["room.pgm", "room.yaml"]
+
+
+def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
+    assert run("plot", tmp_path, "-o", tmp_path / "p.png", "--range", "2")[0] == 0
+    save_map(load_map(room), tmp_path / "other.yaml")
+    assert "holds 2 maps; name one" in refused(run("plot", tmp_path, "-o", tmp_path / "p.png"))

@@ -1,5 +1,6 @@
 """Exports, read as the stacks read them: their loaders, layers, filters and planners' costs."""
 
+import dataclasses
 import json
 import math
 
@@ -15,7 +16,7 @@ from locplan.config import FieldConfig
 from locplan.costmap import Costmap
 from locplan.errors import LocplanError
 from locplan.export.travel_costs import PLANNERS, planner_named, values_for
-from locplan.export.value_maps import write_values
+from locplan.export.value_maps import YawWarning, write_values
 from locplan.field import covariance_field
 from locplan.grid import FREE, OccupancyGrid
 from locplan.metrics import path_metrics
@@ -162,7 +163,7 @@ def test_a_speed_mask_slows_down_by_blindness_and_never_stops(tmp_path, costs):
     export.nav2_speed(tmp_path / "speed", costs, slowest=0.25)
     read = stacks.load(tmp_path / "speed" / "mask.yaml", "main")
     servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
-    info = servers["localizability_filter_info_server"]["ros__parameters"]
+    info = servers["localizability_speed_info_server"]["ros__parameters"]
     assert info["type"] == 1
     limit = stacks.speed_limit(read.data, info["type"], info["base"], info["multiplier"])
     known = ~np.isnan(costs.u)
@@ -172,6 +173,55 @@ def test_a_speed_mask_slows_down_by_blindness_and_never_stops(tmp_path, costs):
     export.nav2_speed(tmp_path / "slow", costs, slowest=0.01)
     slow = stacks.load(tmp_path / "slow" / "mask.yaml", "main").data
     assert slow.max() <= 99
+
+
+YAW = 0.6
+
+
+def test_masks_and_routes_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs):
+    grid = OccupancyGrid(costs.grid.cells, 0.1, (2.0, -1.0, YAW), name="turned")
+    turned = dataclasses.replace(costs, grid=grid)
+    with pytest.warns(YawWarning, match=r"yaw of 0\.6 rad"):
+        export.nav2_keepout(tmp_path / "mask", turned)
+    with pytest.warns(YawWarning):
+        graph = export.route_graph(tmp_path / "routes", turned, spacing=1.0)
+    mask = stacks.load(tmp_path / "mask" / "mask.yaml", "main")
+    assert mask.origin == (2.0, -1.0, 0.0)
+    cols, rows = np.floor((graph.nodes - (2.0, -1.0)) / 0.1).astype(int).T
+    assert np.isfinite(costs.density[rows, cols]).all()
+    assert (mask.data[rows, cols] >= 0).all()
+
+
+@pytest.mark.parametrize("name", ["navfn", "thetastar"])
+@pytest.mark.parametrize("write", [export.nav2_keepout, export.nav2_static])
+def test_other_planners_realise_j_too(tmp_path, name, write):
+    grid = environments.make("two_corridors", resolution=0.1)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot_radius=0.25)
+    at = environments.landmarks("two_corridors")
+    write(tmp_path / "out", costs, planner=name)
+    if write is export.nav2_keepout:
+        master = with_mask(tmp_path / "out", costs)
+    else:
+        read = stacks.load(tmp_path / "out" / "mask.yaml", "main")
+        layer = stacks.static_layer(
+            read.data, "main", trinary_costmap=False, track_unknown_space=True
+        )
+        master = master_costs(costs)
+        raised = (layer != stacks.NO_INFORMATION) & (master != stacks.NO_INFORMATION)
+        master[raised] = np.maximum(master, layer)[raised]  # use_maximum
+    nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    if name == "navfn":
+        array = stacks.navfn_costs(master, own["allow_unknown"])
+        step, fixed, blocked = array / 50, 0.0, array >= 254
+    else:
+        fixed = stacks.theta_star_traversal(master, own["w_traversal_cost"])
+        step, blocked = own["w_euc_cost"], stacks.theta_star_blocked(master, own["allow_unknown"])
+    ends = [costs.cell_of(at[end]) for end in ("start", "goal")]
+    cells, _ = stacks.grid_path(step, blocked, *ends, fixed)
+    path = Path(np.array([grid.cell_to_world(*cell) for cell in cells]))
+    ours = plan(costs, *(grid.cell_to_world(*cell) for cell in ends), allow_corner_cutting=True)
+    assert path_metrics(costs, path).cost <= 1.01 * ours.metrics.cost
 
 
 def planned_by_smac(folder, costs, start, goal):
@@ -272,8 +322,9 @@ def test_values_are_the_nearest_of_all(costs):
     [
         ({"planner": "teb"}, "must be one of smac2d"),
         ({"planner": "navfn", "param": 2.0}, "no parameter"),
-        ({"param": 0.0}, "must be positive"),
-        ({"param": math.nan}, "must be positive"),
+        ({"param": 0.0}, "must be a positive number"),
+        ({"param": math.nan}, "must be a positive number"),
+        ({"param": math.inf}, "must be a positive number"),
         ({"distro": "foxy"}, "distro must be one of"),
     ],
 )
@@ -281,6 +332,11 @@ def test_wrong_settings_leave_nothing_behind(tmp_path, costs, settings, message)
     with pytest.raises(LocplanError, match=message):
         export.nav2_keepout(tmp_path / "mask", costs, **settings)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_radius_that_blocks_everything_is_told(tmp_path, costs):
+    with pytest.raises(LocplanError, match="no cell of the costmap is passable"):
+        export.nav2_keepout(tmp_path / "mask", costs.with_robot_radius(50.0))
 
 
 def test_thetastar_cannot_charge_any_factor(tmp_path, costs):
@@ -314,9 +370,25 @@ def test_only_an_export_of_ours_is_replaced(tmp_path, costs):
     assert "raw.yaml" not in folder_of(tmp_path / "empty")
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "thesis.tex").write_text("years of work")
-    with pytest.raises(LocplanError, match="nothing of locplan's"):
+    with pytest.raises(LocplanError, match="not as locplan wrote it"):
         export.ros_map(tmp_path / "theirs", costs)
     assert (tmp_path / "theirs" / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("change", ["added", "edited", "removed"])
+def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
+    folder = tmp_path / "mask"
+    export.nav2_keepout(folder, costs)
+    if change == "added":
+        (folder / "mine.yaml").write_text("a: 1")
+    elif change == "edited":
+        (folder / "nav2.yaml").write_text((folder / "nav2.yaml").read_text() + "# mine")
+    else:
+        (folder / "mask.pgm").unlink()
+    before = folder_of(folder)
+    with pytest.raises(LocplanError, match="not as locplan wrote it"):
+        export.nav2_keepout(folder, costs)
+    assert folder_of(folder) == before
 
 
 @pytest.mark.parametrize(
@@ -342,7 +414,7 @@ def test_the_launch_file_starts_the_nodes_that_have_parameters(tmp_path, costs):
     nodes = ElementTree.parse(tmp_path / "out" / "localizability.launch.xml").findall("node")
     servers = yaml.safe_load((tmp_path / "out" / "servers.yaml").read_text())
     assert [node.get("name") for node in nodes] == list(servers)
-    manager = servers["lifecycle_manager_localizability"]["ros__parameters"]
+    manager = servers["lifecycle_manager_localizability_keepout"]["ros__parameters"]
     assert manager["node_names"] == list(servers)[:-1]
     mask, info = (servers[name]["ros__parameters"] for name in manager["node_names"])
     assert mask["topic_name"] == info["mask_topic"]
@@ -375,7 +447,7 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     export.nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
     merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
     costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
-    assert costmap["filters"] == ["keepout_filter", "localizability_filter"]
+    assert costmap["filters"] == ["keepout_filter", "localizability_keepout_filter"]
     assert costmap["robot_radius"] == 0.22
     server = merged["planner_server"]["ros__parameters"]
     assert server["planner_plugins"] == ["Fast", "Good"]
@@ -387,14 +459,72 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     merged = yaml.safe_load((tmp_path / "layer" / "nav2.yaml").read_text())
     costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
     assert costmap["plugins"] == [
-        *("static_layer", "localizability_layer", "obstacle_layer", "inflation_layer")
+        *("static_layer", "localizability_static_layer", "obstacle_layer", "inflation_layer")
     ]
     again = tmp_path / "layer" / "nav2.yaml"
     export.nav2_static(tmp_path / "again", costs, params=again)
     assert yaml.safe_load((tmp_path / "again" / "nav2.yaml").read_text()) == merged
 
 
-@pytest.mark.parametrize("text", ["", "a: 1", "- 1", "{", "planner_server: 3", "\x00"])
+def test_masks_of_several_kinds_go_together(tmp_path, costs):
+    export.nav2_keepout(tmp_path / "one", costs)
+    export.nav2_speed(tmp_path / "two", costs, params=tmp_path / "one" / "nav2.yaml")
+    export.nav2_static(tmp_path / "three", costs, params=tmp_path / "two" / "nav2.yaml")
+    merged = yaml.safe_load((tmp_path / "three" / "nav2.yaml").read_text())
+    costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
+    assert costmap["filters"] == ["localizability_keepout_filter", "localizability_speed_filter"]
+    assert "localizability_static_layer" in costmap["plugins"]
+    assert all("plugin" in costmap[name] for name in costmap["plugins"] + costmap["filters"])
+    nodes = [
+        set(yaml.safe_load((tmp_path / name / "servers.yaml").read_text()))
+        for name in ("one", "two", "three")
+    ]
+    assert not (nodes[0] & nodes[1])
+    assert not (nodes[0] & nodes[2])
+    assert not (nodes[1] & nodes[2])
+
+
+def test_the_robots_other_planners_stay(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(PARAMS)
+    export.nav2_keepout(tmp_path / "m", costs, planner="thetastar", params=tmp_path / "own.yaml")
+    server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
+    own = server["ros__parameters"]
+    assert own["planner_plugins"] == ["Fast", "Good", "Localizability"]
+    assert own["Fast"] == {"plugin": "nav2_navfn_planner/NavfnPlanner", "tolerance": 0.5}
+    assert own["Localizability"]["plugin"] == "nav2_theta_star_planner::ThetaStarPlanner"
+    export.nav2_keepout(tmp_path / "n", costs, planner="navfn", params=tmp_path / "own.yaml")
+    server = yaml.safe_load((tmp_path / "n" / "nav2.yaml").read_text())["planner_server"]
+    fast = server["ros__parameters"]["Fast"]  # as the robot's distribution spells it
+    assert (fast["plugin"], fast["allow_unknown"]) == ("nav2_navfn_planner/NavfnPlanner", False)
+    assert json.loads((tmp_path / "n" / "export.json").read_text())["planner_id"] == "Fast"
+
+
+def test_what_a_conversion_assumes_is_set(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(
+        "planner_server: {ros__parameters: {planner_plugins: [A], A: {plugin: "
+        '"nav2_smac_planner/SmacPlannerHybrid", use_quadratic_cost_penalty: true, '
+        "retrospective_penalty: 0.1, angle_quantization_bins: 72}}}"
+    )
+    settings = {"planner": "smac-hybrid", "params": tmp_path / "own.yaml"}
+    export.nav2_keepout(tmp_path / "m", costs, **settings)
+    server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
+    own = server["ros__parameters"]["A"]
+    assert own["use_quadratic_cost_penalty"] is False
+    assert own["retrospective_penalty"] == 0.015
+    assert own["angle_quantization_bins"] == 72
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "a: 1", "- 1", "{", "planner_server: 3", "planner_server:", "\x00"),
+        "planner_server: {ros__parameters: 3}",
+        "planner_server: {ros__parameters: {planner_plugins: GridBased}}",
+        "global_costmap: {global_costmap: {ros__parameters: {filters: none}}}",
+        "global_costmap: {global_costmap: {ros__parameters: {plugins: [3]}}}",
+        "robot1: {planner_server: {ros__parameters: {a: 1}}}",
+    ],
+)
 def test_parameters_that_are_none_are_refused(tmp_path, costs, text):
     (tmp_path / "own.yaml").write_text(text)
     with pytest.raises(LocplanError, match=r"own\.yaml") as fault:
@@ -443,6 +573,12 @@ def test_paths_are_read_back(tmp_path):
     np.testing.assert_allclose(again.xy, ROUTE.xy)
     np.testing.assert_allclose(again.heading, ROUTE.facing, atol=1e-6)
     assert ROUTE.facing.tolist() == pytest.approx([math.atan2(4, 3), math.pi / 2, math.pi / 2])
+    (tmp_path / "excel.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "p.csv").read_bytes())
+    np.testing.assert_array_equal(export.read_path(tmp_path / "excel.csv").xy, again.xy)
+    export.path(tmp_path / "fine.CSV", ROUTE, step=0.5)
+    fine = export.read_path(tmp_path / "fine.CSV").xy
+    assert len(fine) == 13
+    assert np.hypot(*np.diff(fine, axis=0).T).max() <= 0.5 + 1e-6
     export.path(tmp_path / "p.json", ROUTE, frame="odom")
     about = json.loads((tmp_path / "p.json").read_text())
     assert (about["frame"], about["length"]) == ("odom", 6.0)
@@ -514,7 +650,7 @@ def test_a_field_as_arrays_is_all_there(tmp_path, costs):
             field.at(arrays["x"][i, j], arrays["y"][i, j]).round(9),
             arrays["covariance"][i, j].round(9),
         )
-    export.field(tmp_path / "f.png", field)
-    assert (tmp_path / "f.png").stat().st_size > 1000
+    export.field(tmp_path / "f.PNG", field)
+    assert (tmp_path / "f.PNG").stat().st_size > 1000
     with pytest.raises(LocplanError, match=r"\.csv, \.npz, \.png"):
         export.field(tmp_path / "f.txt", field)

@@ -41,10 +41,11 @@ FLOORS = (
     {"planners"},
     {"captions", "paper"},
     {"plotting.maps"},
-    {"plotting.fields", "plotting.plans", "plotting.matching"},
+    {"plotting.exports", "plotting.fields", "plotting.plans", "plotting.matching"},
     {"plotting"},
     {"export.cdr", "export.folders", "export.servers", "export.travel_costs", "export.value_maps"},
-    {"export.messages", "export.plain_files", "export.roadmap", "export.ros_maps"},
+    {"export.messages", "export.parameters", "export.plain_files", "export.roadmap"},
+    {"export.ros_maps"},
     {"export.bags", "export.geojson", "export.nav2"},
     {"export"},
     {"reporting"},
@@ -55,12 +56,14 @@ FLOORS = (
 )
 FLOOR_OF = {name: number for number, floor in enumerate(FLOORS) for name in floor}
 ONLY_IN = {
-    "matplotlib": {f"plotting.{name}" for name in ("fields", "maps", "matching", "plans")},
+    "matplotlib": {
+        f"plotting.{name}" for name in ("exports", "fields", "maps", "matching", "plans")
+    },
     "ompl": {
         f"planners.sampling.{name}"
         for name in ("leading", "logs", "roadmap", "settings", "setup", "solver")
     },
-    "yaml": {"map_files", "export.nav2", "export.servers", "export.value_maps"},
+    "yaml": {"map_files", "export.parameters", "export.servers", "export.value_maps"},
     "mcap": {"export.bags"},
     "typer": {f"cli.{name}" for name in ("exports", "fields", "figures", "options", "plans")}
     | {"cli"},

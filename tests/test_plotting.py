@@ -142,8 +142,8 @@ def test_slides_are_drawn_with_their_templates():
     assert [line.get_label() for line in lower[0].lines[:7]] == [
         *("SSD", "SAD", "NSSD", "NCC", "ZNCC", "ZCC", "CC")
     ]
-    assert lower[0].texts[0].get_text() == "0 / 0: NSSD in parts, NCC in parts, ZNCC"
-    assert not lower[2].texts
+    assert lower[0].get_title("right") == "undefined: NSSD in parts, NCC in parts, ZNCC"
+    assert lower[2].get_title("right") == ""
 
 
 @pytest.mark.parametrize("rotation", [60, 0])

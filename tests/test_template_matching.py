@@ -167,7 +167,7 @@ def test_along_an_axis_sad_is_the_distributions():
 
 def test_places_and_axes_that_are_none_are_refused():
     grid = OccupancyGrid(random_rooms((30, 30), seed=9), 0.1)
-    with pytest.raises(LocplanError, match="not on the map"):
+    with pytest.raises(LocplanError, match="free space"):
         mismatch(grid, 9.0, 1.0, FieldConfig())
     with pytest.raises(LocplanError, match="axis must be"):
         along_axis(grid, 1.0, 1.0, "z", FieldConfig())

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.rays import segment_cost
+from locplan._kernels.rays import TOUCH, segment_cost
 
 
 @njit(nogil=True, cache=True)
@@ -20,7 +20,7 @@ def spread(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArr
     """The cells, in their order, that are not joined within `reach` to one taken before."""
     covered = np.zeros(len(inside), np.bool_)
     seen = np.full(len(inside), -1, np.int32)
-    queue = np.empty(len(cells), np.int64)
+    queue = np.empty(len(inside), np.int64)
     nodes: list[int] = []
     for node in cells:
         if covered[node]:
@@ -69,15 +69,20 @@ def owners(inside: NDArray, columns: int, nodes: NDArray) -> NDArray:
 def line_cost(half: NDArray, columns: int, frame: tuple, a: NDArray, b: NDArray) -> float:
     """Integral along the line between two positions, the dearer way [density x cells].
 
-    Infinite where it is blocked either way, or the first position lies outside the grid.
+    Infinite where it is blocked either way, or an end lies outside the grid or at a blocked cell.
     """
     along, across, x, y = frame
     row0 = along * (a[1] - y) - across * (a[0] - x) + 1
     row1 = along * (b[1] - y) - across * (b[0] - x) + 1
     col0 = along * (a[0] - x) + across * (a[1] - y) + 1
     col1 = along * (b[0] - x) + across * (b[1] - y) + 1
-    if not (0 <= row0 < len(half) // columns and 0 <= col0 < columns):
-        return np.inf
+    for row, col in ((row0, col0), (row1, col1)):
+        if not (1 <= row < len(half) // columns - 1 and 1 <= col < columns - 1):
+            return np.inf
+        for up in (-TOUCH, TOUCH):
+            for right in (-TOUCH, TOUCH):
+                if half[int(row + up) * columns + int(col + right)] == np.inf:
+                    return np.inf
     there = segment_cost(half, columns, row0, col0, row1, col1, False)
     return max(there, segment_cost(half, columns, row1, col1, row0, col0, False))
 

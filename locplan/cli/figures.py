@@ -98,7 +98,8 @@ def plot(
     layers = LAYERS.get(estimator, ())
     if scalar not in (*SCALARS, *layers):
         known = ", ".join((*SCALARS, *layers))
-        raise ConfigError(f"--scalar must be one of {known}, not {scalar!r}")
+        more = "; ambiguity and entropy are of --estimator scan" if estimator != "scan" else ""
+        raise ConfigError(f"--scalar must be one of {known}, not {scalar!r}{more}")
     if figure in AT_A_PLACE and estimator != "sad":
         raise ConfigError(f"--figure {figure} is of --estimator sad")
     if ranges and figure not in ("e", "ellipses"):

@@ -70,9 +70,13 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a ta
 
 
 def load(map_file: Path) -> OccupancyGrid:
-    from locplan.map_files import load_map
+    """The map in a file, or the only one in a folder."""
+    from locplan.map_files import find_maps, load_map
 
-    return load_map(map_file)
+    found = find_maps(map_file)
+    if len(found) > 1:
+        raise LocplanError(f"{map_file}: holds {len(found)} maps; name one, such as {found[0]}")
+    return load_map(found[0])
 
 
 def config_of(

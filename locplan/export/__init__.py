@@ -5,12 +5,20 @@ launch it.
 """
 
 from locplan.export.bags import bag
+from locplan.export.folders import check_export_folder
 from locplan.export.geojson import route_graph, to_geojson
-from locplan.export.nav2 import nav2_keepout, nav2_speed, nav2_static
+from locplan.export.nav2 import (
+    check_slowest,
+    keepout_mask,
+    nav2_keepout,
+    nav2_speed,
+    nav2_static,
+)
+from locplan.export.parameters import check_distro, read_parameters
 from locplan.export.plain_files import FIELD_FILES, PATH_FILES, field, path, read_path
 from locplan.export.roadmap import RouteGraph, roadmap
 from locplan.export.ros_maps import percent, ros_map
-from locplan.export.travel_costs import Conversion
+from locplan.export.travel_costs import Conversion, check_planner
 
 FORMATS = (
     "nav2-keepout",
@@ -33,12 +41,18 @@ __all__ = [
     "Conversion",
     "RouteGraph",
     "bag",
+    "check_distro",
+    "check_export_folder",
+    "check_planner",
+    "check_slowest",
     "field",
+    "keepout_mask",
     "nav2_keepout",
     "nav2_speed",
     "nav2_static",
     "path",
     "percent",
+    "read_parameters",
     "read_path",
     "roadmap",
     "ros_map",

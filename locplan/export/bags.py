@@ -15,6 +15,7 @@ from locplan.export.messages import (
     foxglove_grid,
     grid_map,
     layers_of,
+    levels_of,
     occupancy_grid,
     path_message,
     topic_name,
@@ -55,7 +56,7 @@ def bag(
     target : path
         The file, named *.mcap.
     grid : OccupancyGrid
-        The map, which tells where the mask lies.
+        "/locplan/map", nav_msgs/OccupancyGrid: the map itself, which tells where the mask lies.
     mask : (H, W) array of integers, optional
         "/locplan/mask", nav_msgs/OccupancyGrid: 0..100, or -1 for unknown.
     field : CovarianceField, optional
@@ -90,7 +91,9 @@ def bag(
         raise LocplanError("the field belongs to another map; compute it for this one")
     time = {"sec": stamp // 10**9, "nanosec": stamp % 10**9}
     header = {"stamp": time, "frame_id": frame}
-    content: dict[str, tuple[str, dict[str, Any]]] = {}
+    content: dict[str, tuple[str, dict[str, Any]]] = {
+        "/locplan/map": ("nav_msgs/OccupancyGrid", occupancy_grid(grid, levels_of(grid)))
+    }
     if mask is not None:
         content["/locplan/mask"] = "nav_msgs/OccupancyGrid", occupancy_grid(grid, mask)
     if field is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -15,6 +16,7 @@ from locplan.errors import ConfigError
 from locplan.export.folders import export_folder
 from locplan.export.roadmap import RouteGraph, roadmap
 from locplan.export.servers import LAUNCH, SERVERS, Server, write_servers
+from locplan.export.value_maps import PREVIEW, without_yaw
 
 GRAPH = "graph.geojson"
 GREATEST_ID = 65535
@@ -73,8 +75,9 @@ def route_graph(
     folder : path
         Where to: made, or replaced if it is such an export already.
     costs : Costmap
-        What travel costs, and where the robot can be. Nodes lie as close to what is blocked as
-        pays: make it with a radius one or two cells above the robot's.
+        What travel costs, and where the robot can be; its yaw is left out, as Nav2 ignores it.
+        Nodes lie as close to what is blocked as pays: make it with a radius one or two cells above
+        the robot's.
     spacing : float
         Distance of neighbouring nodes in open space [m].
     frame : str
@@ -89,6 +92,9 @@ def route_graph(
     LocplanError
         If the folder cannot be written, or no graph can be made, see `roadmap` and `to_geojson`.
     """
+    from locplan import plotting
+
+    costs = dataclasses.replace(costs, grid=without_yaw(costs.grid))
     graph = roadmap(costs, spacing=spacing)
     text = json.dumps(to_geojson(graph, frame), allow_nan=False)
     parameters = _route_server(costs)
@@ -96,7 +102,8 @@ def route_graph(
     readme = [
         f"- {GRAPH}: {len(graph.nodes)} nodes, {len(graph.edges)} edges both ways with length,"
         " integrated_e, integrated_u and penalty [m]; export.json: what it was made of.",
-        f"- {SERVERS}: the route server with the scorers that add up to J; {LAUNCH} starts it.",
+        f"- {SERVERS}: the route server with the scorers that add up to J; {LAUNCH} starts it;"
+        f" {PREVIEW}.",
         f"- `ros2 launch ./{LAUNCH}` (in this folder), or add the parameters to your own and",
         "- `ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=PARAMS.yaml"
         f" graph:=$PWD/{GRAPH}`",
@@ -106,7 +113,10 @@ def route_graph(
         (temporary / GRAPH).write_text(text + "\n", encoding="utf-8")
         files = {"graph_filepath": GRAPH}
         server = Server("nav2_route", "route_server", "route_server", parameters, files)
-        write_servers(temporary, [server])
+        title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges"
+        figure = plotting.routes_figure(costs, graph.nodes, graph.edges, title)
+        plotting.save_figure(figure, temporary / PREVIEW, dpi=110)
+        write_servers(temporary, [server], "lifecycle_manager_localizability_routes")
     return graph
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from locplan.covariance import position_axes, scalar
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField
-from locplan.grid import OccupancyGrid
+from locplan.grid import OCCUPIED, OccupancyGrid
 from locplan.path import Path
 from locplan.samples import sampled
 
@@ -36,6 +36,11 @@ def occupancy_grid(grid: OccupancyGrid, mask: ArrayLike) -> dict[str, Any]:
     origin = _poses(np.array([[x, y]]), np.array([yaw]))[0]
     info = {"resolution": grid.resolution, "width": cols, "height": rows, "origin": origin}
     return {"info": info, "data": values.ravel()}
+
+
+def levels_of(grid: OccupancyGrid) -> NDArray[np.int8]:
+    """The map as ROS has it, (H, W): 0 free, 100 occupied, -1 unknown."""
+    return np.select([grid.free, grid.cells == OCCUPIED], [0, 100], -1).astype(np.int8)
 
 
 def layers_of(field: CovarianceField) -> dict[str, NDArray[np.float64]]:

@@ -24,7 +24,9 @@ PATH_FILES = (".csv", ".json", ".yaml")
 FIELD_FILES = (".csv", ".npz", ".png")
 
 
-def path(target: str | os.PathLike[str], route: Path, *, frame: str = "map") -> None:
+def path(
+    target: str | os.PathLike[str], route: Path, *, frame: str = "map", step: float | None = None
+) -> None:
     """Write a path; the suffix chooses the format.
 
     .csv: x, y, heading and distance travelled, a position a row. .json: the same by name. .yaml: a
@@ -38,6 +40,9 @@ def path(target: str | os.PathLike[str], route: Path, *, frame: str = "map") -> 
     route : Path
     frame : str
         Of the coordinates.
+    step : float, optional
+        Greatest distance of the positions written [m]; controllers want a few centimetres. By
+        default they are the path's own corners.
 
     Raises
     ------
@@ -46,11 +51,14 @@ def path(target: str | os.PathLike[str], route: Path, *, frame: str = "map") -> 
     """
     file = FilePath(target)
     check_target(file, *PATH_FILES)
+    if step is not None:
+        route = route.resampled(step)
     poses = np.column_stack([route.xy, route.facing, route.distance])
-    if file.suffix == ".csv":
+    suffix = file.suffix.lower()
+    if suffix == ".csv":
         write_csv(file, poses, "x_m,y_m,heading_rad,distance_m")
         return
-    if file.suffix == ".json":
+    if suffix == ".json":
         names = ("x", "y", "heading", "distance")
         rows = [dict(zip(names, pose, strict=True)) for pose in poses.tolist()]
         about = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
@@ -71,7 +79,7 @@ def read_path(source: str | os.PathLike[str]) -> Path:
     """
     file = FilePath(source)
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
         columns = [name.strip() for name in lines[0].split(",")]
         rows = np.array([[float(v) for v in line.split(",")] for line in lines[1:] if line.strip()])
         xy = rows[:, [columns.index("x_m"), columns.index("y_m")]]
@@ -123,7 +131,7 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
         ".npz": _field_npz,
         ".png": _field_png,
     }
-    writers[file.suffix](file, computed)
+    writers[file.suffix.lower()](file, computed)
 
 
 def _field_csv(file: FilePath, computed: CovarianceField) -> None:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from locplan._kernels.route import line_costs, moved, owners, spanner, spread, usage
 from locplan._kernels.search import bordered_half
@@ -54,6 +54,11 @@ class RouteGraph:
     def penalty(self) -> NDArray[np.float64]:
         """What J adds to the length (m,) [m]: weight * integrated_u."""
         return self.cost - self.length
+
+    @property
+    def components(self) -> int:
+        """Parts of the graph that no route joins."""
+        return int(connected_components(self.matrix, directed=False)[0])
 
     @property
     def matrix(self) -> csr_array:
@@ -121,7 +126,9 @@ def roadmap(
         for layer in (costs.e, costs.u)
     )
     cost, e, u = (total * grid.resolution for total in (cost, e, u))
-    return RouteGraph(xy, kept, length, np.maximum(cost, length), e, u)
+    joined = np.unique(kept)  # a node alone would be the nearest to goals that no route reaches
+    number = np.searchsorted(joined, kept)
+    return RouteGraph(xy[joined], number, length, np.maximum(cost, length), e, u)
 
 
 def _symmetric(pairs: NDArray, values: NDArray, count: int) -> csr_array:

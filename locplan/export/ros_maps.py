@@ -11,7 +11,7 @@ from locplan.about import about_costs
 from locplan.costmap import Costmap
 from locplan.errors import ConfigError
 from locplan.export.folders import export_folder
-from locplan.export.value_maps import MODES, write_values
+from locplan.export.value_maps import MODES, PREVIEW, without_yaw, write_preview, write_values
 
 
 def check_has_field(costs: Costmap) -> None:
@@ -53,12 +53,14 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     readme = [
         "- raw.yaml, raw.pgm: u in per cent, grey 0-100 as it is and 255 unknown, for every stack.",
         "- scale.yaml (Nav2), scale_ros1.yaml (ROS 1): the same in mode scale, with their PNGs;"
-        " export.json: what they were made of.",
+        f" {PREVIEW}; export.json: what they were made of.",
         "- `ros2 run nav2_map_server map_server --ros-args -p yaml_filename:=$PWD/raw.yaml`, then"
         " `ros2 run nav2_util lifecycle_bringup map_server`",
         "- ROS 1: `rosrun map_server map_server raw.yaml`",
     ]
     about = {"kind": "ros-map"} | about_costs(costs)
+    grid = without_yaw(costs.grid)
     with export_folder(Path(folder), f"Localizability of {name}", about, readme) as temporary:
         for mode in MODES:
-            write_values(temporary / mode.replace("-", "_"), values, costs.grid, mode)
+            write_values(temporary / mode.replace("-", "_"), values, grid, mode)
+        write_preview(temporary, costs.grid, values, "blindness u [%]", "as it is published")

@@ -9,7 +9,6 @@ from typing import Any
 
 LAUNCH = "localizability.launch.xml"
 SERVERS = "servers.yaml"
-LIFECYCLE = "lifecycle_manager_localizability"
 
 
 @dataclass(frozen=True)
@@ -24,12 +23,12 @@ class Server:
     """Parameters that name a file in the folder, wherever that is."""
 
 
-def write_servers(folder: Path, servers: Sequence[Server]) -> None:
+def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) -> None:
     """Write the nodes' parameters, and a launch file that starts and activates them."""
     manager = Server(
         "nav2_lifecycle_manager",
         "lifecycle_manager",
-        LIFECYCLE,
+        manager_name,
         {"autostart": True, "node_names": [server.name for server in servers]},
     )
     nodes = [*servers, manager]

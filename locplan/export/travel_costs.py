@@ -7,8 +7,9 @@ node_hybrid.cpp, navfn.cpp and theta_star.hpp.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ MASK_VALUES = np.arange(100)
 """Of a mask, 0..99; 100 would be lethal."""
 STATIC_VALUES = np.arange(99)
 """Of a static layer: newer versions take 99 for the inscribed radius."""
-UNKNOWN = -1
+NO_VALUE = -1
+"""Of a mask: leaves the cost as it is."""
 RETROSPECTIVE_PENALTY = 0.015
 """SmacPlannerHybrid's default, which multiplies every step by 1 minus it."""
 _DECIMALS = 3
@@ -49,7 +51,8 @@ class NavPlanner:
     """Of costmap values 0..252 and the parameter."""
     wanted: Callable[[float, float], float]
     """The parameter at which a costmap value means this excess."""
-    remark: str
+    assumed: Mapping[str, Any]
+    """Other parameters that must be as they are here."""
 
 
 def _theta_star_term(costs: NDArray[np.float64] | float) -> NDArray[np.float64]:
@@ -79,7 +82,7 @@ PLANNERS = {
             "cost_travel_multiplier",
             lambda costs, k: k * costs / 252,
             lambda cost, excess: excess * 252 / cost,
-            "eight neighbours, charged for the cell entered",
+            {},
         ),
         NavPlanner(
             "smac-hybrid",
@@ -87,7 +90,10 @@ PLANNERS = {
             "cost_penalty",
             lambda costs, k: k * costs / 252 / (1 - RETROSPECTIVE_PENALTY),
             lambda cost, excess: excess * (1 - RETROSPECTIVE_PENALTY) * 252 / cost,
-            "turns and reversing cost extra; the cost is read where a motion ends",
+            {
+                "retrospective_penalty": RETROSPECTIVE_PENALTY,
+                "use_quadratic_cost_penalty": False,
+            },
         ),
         NavPlanner(
             "navfn",
@@ -95,7 +101,7 @@ PLANNERS = {
             None,
             lambda costs, _: np.trunc(50 + 0.8 * costs) / 50 - 1,
             lambda cost, excess: np.nan,
-            "a wave of costs, then steepest descent; nothing to set",
+            {},
         ),
         NavPlanner(
             "thetastar",
@@ -103,7 +109,7 @@ PLANNERS = {
             "w_traversal_cost",
             _theta_star_excess,
             _theta_star_weight,
-            "charged for each cell entered, so that diagonals are up to 29 % cheaper",
+            {"w_euc_cost": 1.0},
         ),
     )
 }
@@ -151,6 +157,17 @@ def planner_named(name: str) -> NavPlanner:
     return PLANNERS[name]
 
 
+def check_planner(name: str, param: float | None) -> None:
+    """Raise a ConfigError unless the planner is known and can have the parameter."""
+    planner = planner_named(name)
+    if param is None:
+        return
+    if planner.parameter is None:
+        raise ConfigError(f"{name} has no parameter that scales costs")
+    if not 0 < param < math.inf:
+        raise ConfigError(f"{planner.parameter} must be a positive number, not {param:g}")
+
+
 def values_for(
     density: NDArray[np.float64],
     planner: NavPlanner,
@@ -182,21 +199,23 @@ def values_for(
     Raises
     ------
     ConfigError
-        If the parameter is not positive, or the planner has none.
+        If the parameter is not positive, the planner has none, or no cell is passable.
     """
-    if planner.parameter is None and param is not None:
-        raise ConfigError(f"{planner.name} has no parameter that scales costs")
+    check_planner(planner.name, param)
     excess = density[np.isfinite(density)] - 1
+    if not excess.size:
+        raise ConfigError(
+            "no cell of the costmap is passable, so a mask would be empty; check the"
+            " robot's radius [m]"
+        )
     choices = STATIC_VALUES if static else MASK_VALUES
     costs = (static_costs if static else mask_costs)(choices)
     if param is None:
         param = _param_for(planner, float(costs[-1]), greatest)
-    if not (param > 0 or planner.parameter is None):
-        raise ConfigError(f"{planner.parameter} must be positive, not {param:g}")
     charged = planner.excess(costs, param)
     borders = (charged[1:] + charged[:-1]) / 2
     nearest = np.searchsorted(borders, excess)
-    values = np.full(density.shape, UNKNOWN, np.int8)
+    values = np.full(density.shape, NO_VALUE, np.int8)
     values[np.isfinite(density)] = choices[nearest]
     above = excess > charged[-1] * (1 + 1e-9)
     error = np.abs(charged[nearest] - excess)[~above]
@@ -204,7 +223,7 @@ def values_for(
         planner=planner,
         param=param,
         greatest=float(charged[-1]),
-        saturated_share=float(above.mean()) if above.size else 0.0,
+        saturated_share=float(above.mean()),
         quantisation=float(error.max()) if error.size else 0.0,
         mean_quantisation=float(error.mean()) if error.size else 0.0,
     )

@@ -5,6 +5,8 @@ Formulas read from nav2_map_server's map_io.cpp (humble and main) and ROS 1's im
 
 from __future__ import annotations
 
+import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +14,28 @@ from numpy.typing import NDArray
 
 from locplan.grid import OccupancyGrid
 
+PREVIEW = "preview.png"
 MODES = ("raw", "scale", "scale-ros1")
 _LOW, _HIGH = 20, 216
 """Of "scale-ros1": the greys, counted from white, between which its 1..99 lie."""
+
+
+class YawWarning(UserWarning):
+    """A map's yaw was left out."""
+
+
+def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
+    """The map as Nav2's and ROS 1's planners have it, who ignore its yaw; warns if there is one."""
+    x, y, yaw = grid.origin
+    if yaw:
+        warnings.warn(
+            YawWarning(
+                f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
+                " written as they have it, unturned"
+            ),
+            stacklevel=2,
+        )
+    return dataclasses.replace(grid, origin=(x, y, 0.0))
 
 
 def write_values(
@@ -29,7 +50,7 @@ def write_values(
     values : (H, W) array of int8
         0..100, or -1 for unknown; row 0 at the lowest y.
     grid : OccupancyGrid
-        Where they lie: its resolution and origin. The yaw is left out, as the stacks ignore it.
+        Where they lie: its resolution and origin.
     mode : str
         "raw": grey n for n, 255 for unknown; read alike by Nav2 and ROS 1. "scale": greys for
         Nav2; "scale-ros1": for ROS 1, whose scale has other steps.
@@ -49,18 +70,27 @@ def write_values(
         picture = Image.fromarray(shown[::-1].astype(np.uint8))
         image = stem.with_suffix(".png")
     picture.save(image)
-    x, y, _ = grid.origin
     entries = {
         "image": image.name,
         "mode": mode.partition("-")[0],
         "resolution": grid.resolution,
-        "origin": [x, y, 0.0],
+        "origin": list(grid.origin),
         "negate": 0,
         "occupied_thresh": occupied,
         "free_thresh": free,
     }
     text = yaml.safe_dump(entries, default_flow_style=None, sort_keys=False, allow_unicode=True)
     stem.with_suffix(".yaml").write_text(text, encoding="utf-8")
+
+
+def write_preview(
+    folder: Path, grid: OccupancyGrid, values: NDArray[np.int8], label: str, title: str
+) -> None:
+    """Draw the values over their map."""
+    from locplan import plotting
+
+    figure = plotting.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}")
+    plotting.save_figure(figure, folder / PREVIEW, dpi=90)
 
 
 def _greys(mode: str) -> tuple[NDArray[np.int64], tuple[float, float]]:

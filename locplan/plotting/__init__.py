@@ -3,6 +3,7 @@
 The functions that begin with ``draw_`` draw on given Axes; the others make a whole figure.
 """
 
+from locplan.plotting.exports import routes_figure, values_figure
 from locplan.plotting.fields import (
     draw_ellipses,
     e_figure,
@@ -35,6 +36,8 @@ __all__ = [
     "history_figure",
     "models_figure",
     "plan_figure",
+    "routes_figure",
     "save_figure",
     "slides_figure",
+    "values_figure",
 ]

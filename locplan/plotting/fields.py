@@ -15,6 +15,7 @@ from matplotlib.patches import Wedge
 from locplan.captions import LABELS, how, unit_of
 from locplan.covariance import position_axes, scalar
 from locplan.field import CovarianceField
+from locplan.grid import OCCUPIED
 from locplan.plotting.maps import draw_cells, draw_field, draw_map, map_size
 from locplan.samples import sampled
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 E_COLOURS = "viridis"
+WALL_SHADE = 150
+"""How opaque the white is that shows walls over e = 0, of 255."""
 E_QUANTILE = 0.98
 """Of the free cells' e, where the linear colour scale of `e_figure` ends by default."""
 ELLIPSE, AXIS, TURN = "#0072b2", "black", "#d62728"
@@ -129,8 +132,8 @@ def draw_ellipses(
         offset_transform=axes.transData,
         facecolors="none",
         edgecolors=ELLIPSE,
-        linewidths=1.1,
-        zorder=3,
+        linewidths=1.4,
+        zorder=4,
     )
     if covariance.shape[-1] == 3:
         half = np.degrees(scalar(covariance, "heading_std"))
@@ -141,7 +144,7 @@ def draw_ellipses(
         axes.add_collection(PatchCollection(wedges, color=TURN, alpha=0.6, linewidth=0.8))
     axes.add_collection(ellipses)
     lines = np.stack([xy - along, xy + along], axis=1)
-    axes.add_collection(LineCollection(list(lines), colors=AXIS, linewidths=1.1, zorder=4))
+    axes.add_collection(LineCollection(list(lines), colors=AXIS, linewidths=0.8, zorder=3))
 
 
 def e_figure(
@@ -165,9 +168,12 @@ def e_figure(
     figure, grid_of_axes = _side_by_side(fields)
     image = None
     for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
-        draw_map(axes, field.grid)
+        draw_map(axes, field.grid)  # for its axes: the values cover all of it
         values = np.nan_to_num(maps[title], nan=0.0)
         image = draw_cells(axes, field.grid, values, cmap=E_COLOURS, norm=Normalize(*limits))
+        walls = np.where(field.grid.cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
+        white = np.full((*walls.shape, 3), 255, np.uint8)
+        draw_cells(axes, field.grid, np.dstack([white, walls]))
         axes.set_title(title, fontsize="medium")
     assert image is not None
     unit = next(iter(fields.values())).e_unit

@@ -95,8 +95,8 @@ def draw_models(
         if known.size < values.size:
             undefined.append(name if known.size == 0 else f"{name} in parts")
     if undefined:
-        text = f"0 / 0: {', '.join(undefined)}"
-        axes.text(0.98, 0.08, text, transform=axes.transAxes, ha="right", fontsize="small")
+        text = f"undefined: {', '.join(undefined)}"
+        axes.set_title(text, fontsize="small", loc="right", color="0.3")
     axes.axhline(0, color="0.8", linewidth=0.8, zorder=0)
     axes.margins(x=0.01)
 
@@ -118,7 +118,8 @@ def distribution_figure(
     figure = Figure(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
     parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
     for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
-        part.suptitle(label, fontsize="large")
+        nothing = "" if mismatch.any() else ": S = 0 everywhere"
+        part.suptitle(label + nothing, fontsize="large")
         norm = Normalize(0, max(mismatch.max(), LEAST_SCALE))
         for column, plane in enumerate(planes):
             offsets, values = _plane(mismatch, window, plane)

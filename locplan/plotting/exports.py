@@ -1,0 +1,75 @@
+"""Figures of what is exported: the values of a mask, and a route graph."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from locplan.costmap import Costmap
+from locplan.grid import OccupancyGrid
+from locplan.plotting.maps import FIELD_COLOURS, draw_cells, draw_map, map_size
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+
+EDGE = "#0072b2"
+
+
+def values_figure(grid: OccupancyGrid, values: NDArray, label: str, title: str) -> Figure:
+    """Values of a mask over its map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    values : (H, W) array of int
+        -1 where there is none.
+    label : str
+        Of the values, with their unit.
+    title : str
+    """
+    figure = Figure(figsize=map_size(grid), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, grid)
+    image = _draw_known(axes, grid, values, 100.0)
+    figure.colorbar(image, ax=axes, label=label, shrink=0.9)
+    axes.set_title(title, fontsize="medium")
+    return figure
+
+
+def routes_figure(
+    costs: Costmap, nodes: NDArray[np.float64], edges: NDArray[np.int64], title: str
+) -> Figure:
+    """A route graph over the map and its u.
+
+    Parameters
+    ----------
+    costs : Costmap
+    nodes : (n, 2) array
+        World positions [m].
+    edges : (m, 2) array of int
+        Pairs of nodes.
+    title : str
+    """
+    grid = costs.grid
+    figure = Figure(figsize=map_size(grid), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, grid)
+    if not np.isnan(costs.u).all():
+        percent = np.where(np.isnan(costs.u), -1, 100 * costs.u)
+        image = _draw_known(axes, grid, percent, 100.0)
+        figure.colorbar(image, ax=axes, label="blindness u [%]", shrink=0.9)
+    axes.add_collection(LineCollection(list(nodes[edges]), colors=EDGE, linewidths=0.7))
+    axes.plot(*nodes.T, ".", color="black", markersize=2.5)
+    axes.set_title(title, fontsize="medium")
+    return figure
+
+
+def _draw_known(axes: Axes, grid: OccupancyGrid, values: NDArray, greatest: float) -> AxesImage:
+    shown = np.ma.masked_less(values, 0)
+    return draw_cells(axes, grid, shown, cmap=FIELD_COLOURS, norm=Normalize(0.0, greatest))
