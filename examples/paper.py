@@ -14,11 +14,12 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import locplan
 from locplan import FieldConfig, paper, plotting
 
-PRESETS = {"default": FieldConfig, "paper": FieldConfig.paper}
+PRESETS = {"paper": FieldConfig.paper, "default": FieldConfig}
 RANGES = (6.0, 8.0)
 
 
@@ -30,7 +31,9 @@ def main(folder: str = "paper", resolution: float = 0.05) -> None:
     for name, caption, figure in figures(maps):
         plotting.save_figure(figure, target / name, dpi=100)
         print(f"wrote {target / name}")
-        sections.append(f'<figure><img src="{name}"><figcaption>{caption}</figcaption></figure>')
+        sections.append(
+            f'<figure><img src="{name}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+        )
     page = PAGE.format(
         figures="\n".join(sections),
         models=table(("model", *(slide.title for slide in paper.one_dimensional())), models()),
@@ -40,7 +43,7 @@ def main(folder: str = "paper", resolution: float = 0.05) -> None:
     print(f"wrote {target / 'index.html'}")
 
 
-def figures(maps: dict[str, locplan.OccupancyGrid]) -> Iterator[tuple[str, str, object]]:
+def figures(maps: dict[str, locplan.OccupancyGrid]) -> Iterator[tuple[str, str, Figure]]:
     """File name, caption and figure of each experiment."""
     yield (
         "figs_04-11_models.png",
@@ -53,7 +56,7 @@ def figures(maps: dict[str, locplan.OccupancyGrid]) -> Iterator[tuple[str, str, 
         yield (
             f"figs_18-28_{place}.png",
             f"Figs. 18-28: correlation at {place} over x-y, x-θ and y-θ; 0 is a perfect match.",
-            plotting.distribution_figure({f"place {place}": mismatch}, window),
+            plotting.distribution_figure({title_of(place): mismatch}, window),
         )
     for preset, config in PRESETS.items():
         for name, grid in maps.items():
@@ -66,13 +69,37 @@ def figures(maps: dict[str, locplan.OccupancyGrid]) -> Iterator[tuple[str, str, 
             yield (
                 f"figs_29_31_ellipses_{name}_{preset}.png",
                 f"Figs. 29 and 31: error ellipses in {name}, preset {preset}.",
-                plotting.ellipses_figure(fields),
+                labelled(plotting.ellipses_figure(fields), name),
             )
             yield (
                 f"figs_30_32_e_{name}_{preset}.png",
                 f"Figs. 30 and 32: e in {name}, preset {preset}; 0 in unknown and occupied cells.",
-                plotting.e_figure(fields),
+                labelled(plotting.e_figure(fields), name),
             )
+
+
+def title_of(place: str) -> str:
+    x, y = locplan.environments.landmarks(paper.PLACES[place])[place]
+    return f"{place}, at {x:g}, {y:g} m of {paper.PLACES[place]}, range 6 m"
+
+
+def labelled(figure: Figure, name: str) -> Figure:
+    """The letters of the paper's places on each map."""
+    for axes in figure.axes:
+        for place, where in paper.PLACES.items():
+            if where == name and axes.get_xlabel() == "x [m]":
+                axes.annotate(
+                    place,
+                    locplan.environments.landmarks(name)[place],
+                    (0, 9),
+                    textcoords="offset points",
+                    ha="center",
+                    weight="bold",
+                    size="large",
+                    bbox={"boxstyle": "circle,pad=0.2", "facecolor": "white", "alpha": 0.8},
+                    zorder=5,
+                )
+    return figure
 
 
 def models() -> Iterator[tuple[str, ...]]:

@@ -1,12 +1,13 @@
-"""How long exports of a 2000 x 2000 map take from a cached field, beside reading that alone.
+"""How long exports of a 2000 x 2000 map take from a cached field, and how exact masks are.
 
 Run: pytest tests/benchmarks/bench_export.py --benchmark-only -s
 """
 
 import numpy as np
 import pytest
+from test_export import compare_with_smac, far_apart
 
-from locplan import export
+from locplan import environments, export, load_map
 from locplan.config import FieldConfig
 from locplan.costmap import Costmap
 from locplan.field import CovarianceField
@@ -83,3 +84,27 @@ def test_export(benchmark, made, tmp_path, name):
     benchmark.pedantic(run, rounds=3, warmup_rounds=1)
     size = sum(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file())
     print(f"\n{name}: {benchmark.stats['median']:.2f} s, {size / 1e6:.1f} MB")
+
+
+MAPS = ("aws_small_house", "willow_full_stage", "tb4_warehouse", "mit_stata_basement_yaw")
+
+
+@pytest.mark.filterwarnings("ignore::locplan.export.value_maps.YawWarning")
+@pytest.mark.parametrize("weight", [1.0, 4.0, 12.0])
+@pytest.mark.parametrize("name", ["two_corridors", "office", *MAPS, "fetch_4_26_15"])
+def test_smac2d_on_our_mask(benchmark, real_maps, tmp_path, name, weight):
+    """J of SmacPlanner2D's formula on the mask beside the grid planner's, both cutting corners."""
+    own = name in environments.names()
+    grid = environments.make(name) if own else load_map(*(real_maps / name).glob("*.yaml"))
+    field = load_or_compute(grid, FieldConfig())
+    costs = Costmap.from_field(grid, field, weight=weight, robot_radius=0.2)
+    ratios = []
+
+    def run():
+        for seed in range(4):
+            ends = far_apart(costs, seed)
+            theirs, ours, _ = compare_with_smac(tmp_path / f"{seed}", costs, *ends)
+            ratios.append(theirs.cost / ours.cost - 1)
+
+    benchmark.pedantic(run, rounds=1)
+    print(f"\n{name}, weight {weight:g}: J larger by {', '.join(f'{r:.3%}' for r in ratios)}")
