@@ -45,8 +45,8 @@ def spread(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArr
 @njit(nogil=True, cache=True)
 def owners(inside: NDArray, columns: int, nodes: NDArray) -> NDArray:
     """The node next to each cell by steps of which every other may be diagonal; or -1."""
-    owner = np.full(len(inside), -1, np.int64)
-    queue = np.empty(len(inside), np.int64)
+    owner = np.full(len(inside), -1, np.int32)
+    queue = np.empty(len(inside), np.int32)
     owner[nodes] = np.arange(len(nodes))
     queue[: len(nodes)] = nodes
     head, tail, diagonal = 0, len(nodes), False

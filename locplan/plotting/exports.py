@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from locplan.costmap import Costmap
-from locplan.grid import OccupancyGrid
+from locplan.grid import UNKNOWN, OccupancyGrid
 from locplan.plotting.maps import FIELD_COLOURS, draw_cells, draw_map, map_size
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 EDGE = "#0072b2"
+LONGEST = 1000
+"""Of a picture's sides [cells]: finer maps are merged, walls and the greatest values first."""
 
 
 def values_figure(grid: OccupancyGrid, values: NDArray, label: str, title: str) -> Figure:
@@ -33,10 +36,11 @@ def values_figure(grid: OccupancyGrid, values: NDArray, label: str, title: str) 
         Of the values, with their unit.
     title : str
     """
+    grid, shown = _shrunk(grid, values)
     figure = Figure(figsize=map_size(grid), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)
-    image = _draw_known(axes, grid, values, 100.0)
+    image = _draw_known(axes, grid, shown)
     figure.colorbar(image, ax=axes, label=label, shrink=0.9)
     axes.set_title(title, fontsize="medium")
     return figure
@@ -56,13 +60,13 @@ def routes_figure(
         Pairs of nodes.
     title : str
     """
-    grid = costs.grid
+    percent = np.where(np.isnan(costs.u), -1, 100 * costs.u)
+    grid, shown = _shrunk(costs.grid, percent)
     figure = Figure(figsize=map_size(grid), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)
-    if not np.isnan(costs.u).all():
-        percent = np.where(np.isnan(costs.u), -1, 100 * costs.u)
-        image = _draw_known(axes, grid, percent, 100.0)
+    if (shown >= 0).any():
+        image = _draw_known(axes, grid, shown)
         figure.colorbar(image, ax=axes, label="blindness u [%]", shrink=0.9)
     axes.add_collection(LineCollection(list(nodes[edges]), colors=EDGE, linewidths=0.7))
     axes.plot(*nodes.T, ".", color="black", markersize=2.5)
@@ -70,6 +74,25 @@ def routes_figure(
     return figure
 
 
-def _draw_known(axes: Axes, grid: OccupancyGrid, values: NDArray, greatest: float) -> AxesImage:
+def _shrunk(grid: OccupancyGrid, values: NDArray) -> tuple[OccupancyGrid, NDArray]:
+    """A map that is no finer than a picture shows, with its values."""
+    step = -(-max(grid.shape) // LONGEST)
+    if step == 1:
+        return grid, values
+    edge = [(0, -size % step) for size in grid.shape]
+    blocks = [
+        np.pad(array, edge, constant_values=outside).reshape(
+            (grid.shape[0] + edge[0][1]) // step, step, -1, step
+        )
+        for array, outside in ((grid.cells, UNKNOWN), (values, -1))
+    ]
+    cells = blocks[0].min(axis=(1, 3))
+    return (
+        dataclasses.replace(grid, cells=cells, resolution=grid.resolution * step),
+        blocks[1].max(axis=(1, 3)),
+    )
+
+
+def _draw_known(axes: Axes, grid: OccupancyGrid, values: NDArray) -> AxesImage:
     shown = np.ma.masked_less(values, 0)
-    return draw_cells(axes, grid, shown, cmap=FIELD_COLOURS, norm=Normalize(0.0, greatest))
+    return draw_cells(axes, grid, shown, cmap=FIELD_COLOURS, norm=Normalize(0.0, 100.0))
