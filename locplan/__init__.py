@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from locplan import environments, export, paper, plotting, template_matching
+    from locplan.comparison import Comparison, PlannerSpec, Query, compare
     from locplan.config import FieldConfig
     from locplan.costmap import Costmap
     from locplan.errors import LocplanError
@@ -54,12 +55,17 @@ _HOME = {
     "ParetoFront": "planners.pareto",
     "pareto_front": "planners.pareto",
     "load_or_compute": "store",
+    "Comparison": "comparison",
+    "PlannerSpec": "comparison",
+    "Query": "comparison",
+    "compare": "comparison",
     "SearchWindow": "search_window",
     "Sensor": "sensor",
 }
 _SUBMODULES = ("environments", "export", "paper", "plotting", "template_matching")
 
 __all__ = [
+    "Comparison",
     "CostToGo",
     "Costmap",
     "CovarianceField",
@@ -71,8 +77,11 @@ __all__ = [
     "Path",
     "PathMetrics",
     "Plan",
+    "PlannerSpec",
+    "Query",
     "SearchWindow",
     "Sensor",
+    "compare",
     "covariance_field",
     "environments",
     "export",

@@ -39,10 +39,22 @@ FLOORS = (
     {"planners.sampling.solver"},
     {"planners.sampling"},
     {"planners"},
-    {"captions", "paper"},
+    {"captions", "paper", "comparison.runs", "comparison.queries", "comparison.specs"},
+    {"comparison.movingai", "comparison.journal", "comparison.shelf", "comparison.frames"},
+    {"comparison.statistics", "comparison.worker"},
+    {"comparison.pairs", "comparison.convergence", "comparison.workers", "comparison.report.data"},
+    {"comparison.engine", "comparison.ompl_log", "comparison.cases", "comparison.verdicts"},
     {"plotting.maps"},
     {"plotting.exports", "plotting.fields", "plotting.plans", "plotting.matching"},
     {"plotting"},
+    {"plotting.comparisons"},
+    {"comparison.report.html"},
+    {"comparison.report.marks"},
+    {"comparison.report.pictures", "comparison.report.tables"},
+    {"comparison.report"},
+    {"comparison.result"},
+    {"comparison.comparing"},
+    {"comparison"},
     {"export.cdr", "export.folders", "export.servers", "export.travel_costs", "export.value_maps"},
     {"export.messages", "export.parameters", "export.plain_files", "export.roadmap"},
     {"export.ros_maps"},
@@ -51,13 +63,14 @@ FLOORS = (
     {"reporting"},
     {"batch"},
     {"cli.options"},
-    {"cli.exports", "cli.fields", "cli.figures", "cli.plans"},
+    {"cli.compare", "cli.exports", "cli.fields", "cli.figures", "cli.plans"},
     {"cli"},
 )
 FLOOR_OF = {name: number for number, floor in enumerate(FLOORS) for name in floor}
 ONLY_IN = {
     "matplotlib": {
-        f"plotting.{name}" for name in ("exports", "fields", "maps", "matching", "plans")
+        f"plotting.{name}"
+        for name in ("comparisons", "exports", "fields", "maps", "matching", "plans")
     },
     "ompl": {
         f"planners.sampling.{name}"
@@ -65,7 +78,11 @@ ONLY_IN = {
     },
     "yaml": {"map_files", "export.parameters", "export.servers", "export.value_maps"},
     "mcap": {"export.bags"},
-    "typer": {f"cli.{name}" for name in ("exports", "fields", "figures", "options", "plans")}
+    "cloudpickle": {"comparison.worker", "comparison.workers"},
+    "pandas": {"comparison.frames"},
+    "typer": {
+        f"cli.{name}" for name in ("compare", "exports", "fields", "figures", "options", "plans")
+    }
     | {"cli"},
     "zarr": {"field_files"},
     "filelock": {"cache", "store"},

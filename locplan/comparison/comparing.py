@@ -1,0 +1,181 @@
+"""Comparing planners, in one call."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+from locplan import __version__
+from locplan.comparison.cases import Source, named_configs, named_maps
+from locplan.comparison.engine import Job, run_all
+from locplan.comparison.queries import Query
+from locplan.comparison.report.data import Case
+from locplan.comparison.result import Comparison
+from locplan.comparison.specs import PlannerSpec, specs_of
+from locplan.comparison.workers import PATIENCE, usable_cores
+from locplan.config import FieldConfig
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError
+from locplan.field import CovarianceField
+from locplan.grid import OccupancyGrid
+from locplan.planners.result import Plan
+from locplan.progress import ProgressCallback
+from locplan.store import load_or_compute
+
+BASELINE = "any-angle"
+"""To compare with, unless told otherwise and if it is there."""
+PACKAGES = ("numpy", "numba", "scipy", "ompl")
+
+
+def compare(
+    maps: Any,
+    planners: Sequence[str | Callable[..., Plan] | PlannerSpec] = ("grid", "any-angle"),
+    queries: Any = 10,
+    *,
+    weights: Sequence[float] = (4.0,),
+    seeds: Sequence[int] = (1,),
+    configs: FieldConfig | Mapping[str, FieldConfig] | None = None,
+    robot_radius: float = 0.25,
+    criterion: str = "e",
+    time_limit: float | None = None,
+    least_distance: float = 5.0,
+    query_seed: int = 1,
+    baseline: str | None = None,
+    workers: int | None = None,
+    memory: float | None = None,
+    patience: float = PATIENCE,
+    journal: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute,
+    progress: ProgressCallback | None = None,
+) -> Comparison:
+    """Run every planner on every query of every map, each run in a process of its own kind.
+
+    A run that crashes, hangs or takes too much memory is a failure that is counted; the others go
+    on.
+
+    Parameters
+    ----------
+    maps : map, or sequence or mapping of them
+        Each a map_server YAML, an OccupancyGrid, or a Costmap of one's own; a mapping names them.
+    planners : sequence
+        Names with options, such as "BITstar:time_limit=2"; functions ``f(costs, start, goal,
+        **options)`` that return a `Plan`; or `PlannerSpec`.
+    queries : int, path, sequence, or mapping of them by map
+        How many to draw at random; a CSV of name, start_x, start_y, goal_x, goal_y [m], or a
+        MovingAI .scen file; or `Query` objects, or (start, goal) pairs.
+    weights : sequence of float
+        Metres of detour accepted per metre of blind travel.
+    seeds : sequence of int
+        Of planners with random numbers; the others run once.
+    configs : FieldConfig, or mapping of them by label
+        What a robot may see: the same comparison is made for each.
+    robot_radius : float
+        [m]
+    criterion : str
+        What u is made of, see `Costmap.from_field`.
+    time_limit : float, optional
+        Of OMPL's planners that have none of their own [s].
+    least_distance : float
+        Between start and goal of random queries, in a straight line [m].
+    query_seed : int
+        Of random queries.
+    baseline : str, optional
+        The label of the planner to compare with: any-angle if it is there, else the first.
+    workers, memory, patience, journal, resume, progress
+        See `locplan.comparison.engine.run_all`.
+    field_of : callable
+        Makes or reads the field of a map.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    LocplanError
+        If anything is wrong with the input, before the first run.
+    """
+    specs = [spec.with_time_limit(time_limit) for spec in specs_of(planners)]
+    labels = [spec.label for spec in specs]
+    if baseline is None:
+        baseline = BASELINE if BASELINE in labels else labels[0]
+    if baseline not in labels:
+        raise ConfigError(f"baseline {baseline!r} is none of the planners {', '.join(labels)}")
+    sources: dict[Case, Source] = {}
+    began = datetime.now(UTC).astimezone()
+
+    def jobs() -> Iterator[Job]:
+        for source in _sources(
+            maps, queries, configs, robot_radius, criterion, least_distance, query_seed, field_of
+        ):
+            sources[source.case] = source
+            yield Job(*source.case, source.costmap(), source.queries)
+
+    runs = run_all(
+        jobs(),
+        specs,
+        weights=weights,
+        seeds=seeds,
+        workers=workers,
+        memory=memory,
+        patience=patience,
+        journal=journal,
+        resume=resume,
+        progress=progress,
+    )
+    return Comparison(
+        tuple(runs),
+        baseline,
+        sources,
+        {
+            "locplan": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in PACKAGES},
+            "machine": f"{platform.machine()}, {usable_cores()} cores",
+            "workers": workers or usable_cores(),
+            "began": began.isoformat(timespec="seconds"),
+            "planners": [[spec.label, *map(str, spec.identity())] for spec in specs],
+            "weights": list(weights),
+            "seeds": list(seeds),
+            "robot_radius": robot_radius,
+            "criterion": criterion,
+            "fields": {
+                label: json.dumps(dataclasses.asdict(config))
+                for label, config in named_configs(configs).items()
+            },
+        },
+    )
+
+
+def _sources(
+    maps: Any,
+    queries: Any,
+    configs: Any,
+    robot_radius: float,
+    criterion: str,
+    least_distance: float,
+    query_seed: int,
+    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField],
+) -> Iterator[Source]:
+    """One of each map and settings; the queries of a map are the same in all settings."""
+    for name, given in named_maps(maps).items():
+        own = given if isinstance(given, Costmap) else None
+        grid = given.grid if isinstance(given, Costmap) else given
+        wanted = queries[name] if isinstance(queries, Mapping) else queries
+        asked: tuple[Query, ...] = ()
+        labels = {"own cost": None} if own else named_configs(configs)
+        for label, config in labels.items():
+            source = Source(
+                (name, label), grid, config, own, robot_radius, criterion, asked, field_of
+            )
+            if not asked:
+                asked = source.find_queries(wanted, least_distance, query_seed)
+                source = dataclasses.replace(source, queries=asked)
+            yield source

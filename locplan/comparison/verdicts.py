@@ -1,0 +1,108 @@
+"""What a comparison says: in rows for tables, in sentences, and fit for JSON."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from locplan.comparison.pairs import Contrast, contrasts
+from locplan.comparison.report.data import Case, Row
+from locplan.comparison.runs import Run
+from locplan.comparison.statistics import Setting, Summary, summaries
+from locplan.tables import finite, table
+
+
+def rows_of(runs: Sequence[Run], baseline: str, cases: Iterable[Case]) -> list[Row]:
+    """Each planner's statistics with its J beside the baseline's, in the order of the cases."""
+    costs = {(c.setting, c.planner): c for c in contrasts(runs, baseline) if c.measure == "cost"}
+    order = {case: n for n, case in enumerate(cases)}
+    rows = [
+        _row(summary, costs.get((summary.setting, summary.planner))) for summary in summaries(runs)
+    ]
+    return sorted(rows, key=lambda row: (order[row["map"], row["config"]], row["weight"]))
+
+
+def answers(rows: Sequence[Row], baseline: str) -> dict[str, str]:
+    """For each map a sentence: each planner's J beside the baseline's, at the last weight."""
+    names = dict.fromkeys(row["map"] for row in rows)
+    told = {name: "; ".join(_answers(rows, name, baseline)) for name in names}
+    return {name: text or f"every query is solved by {baseline}" for name, text in told.items()}
+
+
+def comparison_table(rows: Sequence[Row], baseline: str) -> str:
+    """Each planner's success, J, blindness and time, a table for each map, field and weight."""
+    parts = []
+    groups = itertools.groupby(rows, lambda row: (row["map"], row["config"], row["weight"]))
+    for (name, config, weight), group in groups:
+        parts.append(f"{name}, {config}, weight {weight:g}")
+        columns = ["planner", "solved", "J [m]", "blind [m]", "time [s]", "J beside the baseline's"]
+        parts.append(table(columns, [_told(row, baseline) for row in group]))
+    return "\n".join(parts)
+
+
+def _told(row: Mapping[str, Any], baseline: str) -> list[str]:
+    medians = [row["measures"][name][0] for name in ("cost", "integrated_u", "seconds")]
+    numbers = ["–" if math.isnan(value) else f"{value:.4g}" for value in medians]
+    verdict = "the baseline" if row["planner"] == baseline else row["sentence"]
+    return [row["planner"], f"{row['solved_share']:.0%}", *numbers, verdict]
+
+
+def _row(summary: Summary, contrast: Contrast | None) -> Row:
+    ratio = contrast.estimate if contrast else (float("nan"),) * 3
+    map_name = summary.setting.map or "all maps"
+    return Row(
+        map=map_name,
+        config=summary.setting.config,
+        weight=summary.setting.weight,
+        planner=summary.planner,
+        solved_share=summary.success.value,
+        measures={name: spread[:3] for name, spread in summary.measures.items()},
+        ratio=ratio[0],
+        ratio_low=ratio[1],
+        ratio_high=ratio[2],
+        sentence=contrast.sentence if contrast else "",
+    )
+
+
+def _answers(rows: Iterable[Row], name: str, baseline: str) -> Iterator[str]:
+    """What is to be said of each planner on a map, at the first settings and the last weight."""
+    own = [row for row in rows if row["map"] == name]
+    own = [row for row in own if row["config"] == own[0]["config"]]
+    last = max(row["weight"] for row in own)
+    for row in own:
+        if row["weight"] == last:
+            told = [row["sentence"]] if row["planner"] != baseline and row["sentence"] else []
+            if row["solved_share"] < 1:
+                told.append(f"solves {row['solved_share']:.0%}")
+            if told:
+                yield f"{row['planner']}: {', '.join(told)}"
+
+
+def summary_json(summary: Summary) -> dict[str, Any]:
+    measures = {name: finite(spread._asdict()) for name, spread in summary.measures.items()}
+    return {
+        **_setting_json(summary.setting),
+        "planner": summary.planner,
+        "runs": summary.runs,
+        "solved": summary.solved,
+        "success": finite(summary.success._asdict()),
+        "measures": measures,
+    }
+
+
+def contrast_json(contrast: Contrast) -> dict[str, Any]:
+    return {
+        **_setting_json(contrast.setting),
+        "planner": contrast.planner,
+        "measure": contrast.measure,
+        "kind": contrast.kind,
+        "pairs": contrast.pairs,
+        "sentence": contrast.sentence,
+        **finite(contrast.estimate._asdict()),
+    }
+
+
+def _setting_json(setting: Setting) -> dict[str, Any]:
+    return dict(setting._asdict())

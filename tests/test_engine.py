@@ -1,0 +1,507 @@
+"""The engine of comparisons: no planner can stop it, and no run is made twice."""
+
+import dataclasses
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from locplan.comparison.engine import Job, run_all
+from locplan.comparison.queries import Query
+from locplan.comparison.specs import PlannerSpec
+from locplan.comparison.workers import Workers
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, LocplanError
+from locplan.grid import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners import plan
+
+HERE = Path(__file__).parent
+ERRORS = ("fail", "refuse", "depart", "boast", "trespass", "stray", "print_something")
+QUERIES = [Query("there", (1.5, 1.5), (14.5, 10.5)), Query("back", (14.5, 10.5), (1.5, 1.5))]
+
+
+def crash(costs, start, goal):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def leave(costs, start, goal):
+    os._exit(3)
+
+
+def spin(costs, start, goal):
+    while True:
+        pass
+
+
+def sleep(costs, start, goal):
+    time.sleep(1000)
+
+
+def hog(costs, start, goal):
+    kept = []
+    while True:
+        kept.append(np.ones(4_000_000))
+
+
+def fail(costs, start, goal):
+    raise ValueError("no idea\nat all")
+
+
+def refuse(costs, start, goal):
+    raise LocplanError("not on this map")
+
+
+def depart(costs, start, goal):
+    sys.exit("bye")
+
+
+def boast(costs, start, goal):
+    return dataclasses.replace(plan(costs, start, goal), path=None, metrics=None)
+
+
+def trespass(costs, start, goal):
+    found = plan(costs, start, goal)
+    straight = dataclasses.replace(found.path, xy=np.array([start, goal]))
+    return dataclasses.replace(found, path=straight)
+
+
+def stray(costs, start, goal):
+    return plan(costs, start, (3.5, 3.5))
+
+
+def print_something(costs, start, goal):
+    print("planning ...")
+    return "a path"
+
+
+def counting(costs, start, goal, folder, seed=0):
+    """Leaves a file for every call."""
+    Path(folder, f"{time.monotonic_ns()}").touch()
+    return plan(costs, start, goal)
+
+
+def slow(costs, start, goal, folder, nap=1.0):
+    Path(folder, f"{os.getpid()}").touch()
+    time.sleep(nap)
+    return plan(costs, start, goal)
+
+
+def spawning(costs, start, goal, folder):
+    child = subprocess.Popen(["sleep", "1000"])
+    Path(folder, f"{child.pid}").touch()
+    time.sleep(1000)
+
+
+def room(*, door: bool = True) -> Costmap:
+    cells = np.full((12, 16), FREE, np.uint8)
+    cells[: 8 if door else 12, 8] = OCCUPIED
+    u = np.linspace(0.0, 0.9, cells.size).reshape(cells.shape)
+    costs = Costmap.from_density(OccupancyGrid(cells, 1.0, name="room"), 1.0 + u)
+    return dataclasses.replace(costs, u=u, e=u / 10, weight=1.0)
+
+
+def job(**changes) -> Job:
+    return dataclasses.replace(Job("room", "made up", room(), QUERIES), **changes)
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def within(seconds: float, condition) -> bool:
+    ends = time.monotonic() + seconds
+    while time.monotonic() < ends:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return bool(condition())
+
+
+def by_planner(runs):
+    return {
+        label: [run for run in runs if run.task.planner == label]
+        for label in {run.task.planner for run in runs}
+    }
+
+
+def told(run):
+    """What does not depend on the clock."""
+    return run.task, run.status, run.xy, dict(run.measures)
+
+
+def test_every_failure_costs_one_run(capfd):
+    bad = [
+        crash,
+        leave,
+        spin,
+        sleep,
+        hog,
+        fail,
+        refuse,
+        depart,
+        boast,
+        trespass,
+        stray,
+        print_something,
+    ]
+    ticks = []
+    runs = run_all(
+        [job()],
+        ["grid", *bad],
+        workers=2,
+        memory=2e8,
+        patience=2.0,
+        progress=lambda *tick: ticks.append(tick),
+    )
+    found = by_planner(runs)
+    statuses = {label: {run.status for run in some} for label, some in found.items()}
+    assert statuses == {
+        "grid": {"solved"},
+        "crash": {"crashed"},
+        "leave": {"crashed"},
+        "spin": {"hung"},
+        "sleep": {"hung"},
+        "hog": {"out of memory"},
+        **{label: {"error"} for label in ERRORS},
+    }
+    notes = {label: some[0].note for label, some in found.items()}
+    assert notes["crash"] == "its process was ended by SIGSEGV"
+    assert notes["leave"] == "its process ended with exit code 3"
+    assert notes["spin"] == "gave no answer within 2 s and was ended"
+    assert notes["fail"] == "ValueError: no idea"
+    assert notes["refuse"] == "not on this map"
+    assert "says it has solved" in notes["boast"]
+    assert "cannot be" in notes["trespass"]
+    assert "does not lead" in notes["stray"]
+    assert "must return a locplan.Plan" in notes["print_something"]
+    assert 2.0 < found["spin"][0].wall_seconds < 4.0
+    assert [done for done, _ in ticks] == list(range(len(runs) + 1))
+    assert all(run.xy == () and run.measures == {} for run in runs if run.status != "solved")
+    assert capfd.readouterr().out == ""
+
+
+def test_runs_are_measured_on_the_costmap_of_their_weight():
+    runs = run_all([job()], ["grid", "any-angle"], weights=[0, 5], workers=2)
+    order = [(run.task.weight, run.task.query, run.task.planner) for run in runs]
+    assert order == [
+        (weight, query.name, planner)
+        for weight in (0.0, 5.0)
+        for query in QUERIES
+        for planner in ("grid", "any-angle")
+    ]
+    for run in runs:
+        query = next(query for query in QUERIES if query.name == run.task.query)
+        costs = room().with_weight(run.task.weight)
+        here = plan(costs, query.start, query.goal, planner=run.task.planner)
+        assert run.measures["cost"] == here.metrics.cost
+        assert run.measures["integrated_e"] == here.metrics.integrated_e
+        assert run.xy == tuple(map(tuple, here.path.xy.tolist()))
+        assert run.measures["turning"] > 0
+        assert 0 < run.seconds <= run.wall_seconds
+        assert run.task.seed == 0
+
+
+def test_without_a_way_there_is_a_result():
+    runs = run_all([job(costs=room(door=False))], ["grid", "RRTstar:iterations=100"], workers=1)
+    assert {run.status for run in runs} == {"unreachable"}
+    assert all("no path joins" in run.note for run in runs)
+
+
+def test_seeds_are_for_those_who_take_them(tmp_path):
+    planners = [
+        "grid",
+        "RRTstar:iterations=200",
+        "RRTstar:iterations=200,seed=9",
+        PlannerSpec("mine", function=counting, options={"folder": str(tmp_path)}),
+    ]
+    found = by_planner(run_all([job()], planners, seeds=[3, 4], workers=2))
+    seeds = {label: sorted({run.task.seed for run in some}) for label, some in found.items()}
+    assert list(seeds.values()).count([3, 4]) == 2
+    assert seeds["grid"] == [0]
+    assert seeds["RRTstar:iterations=200,seed=9"] == [9]
+
+
+def test_seeded_runs_are_the_same_wherever_they_are_made():
+    planners = ["RRTstar:iterations=800", "BITstar:iterations=3000", "PRMstar:iterations=200"]
+    one, two, other = (
+        [told(run) for run in run_all([job()], planners, seeds=[seed, 7], workers=workers)]
+        for workers, seed in ((1, 5), (2, 5), (2, 6))
+    )
+    assert one == two
+    assert one != other
+
+
+def test_functions_that_cannot_be_imported_are_sent():
+    def local(costs, start, goal, *, bend=bool):
+        return plan(costs, start, goal)
+
+    assert {run.status for run in run_all([job()], [local], workers=1)} == {"solved"}
+
+
+def test_prepare_is_called_before_anything_is_timed(tmp_path):
+    def learner(costs, start, goal):
+        assert learner.ready
+        return plan(costs, start, goal)
+
+    def prepare():
+        learner.ready = True
+
+    learner.prepare = prepare
+    assert {run.status for run in run_all([job()], [learner], workers=1)} == {"solved"}
+
+
+def test_a_planner_that_cannot_be_sent_is_an_error():
+    import threading
+
+    lock = threading.Lock()
+
+    def locked(costs, start, goal):
+        with lock:
+            return plan(costs, start, goal)
+
+    with pytest.raises(LocplanError, match="cannot be sent to a worker process"):
+        run_all([job()], [locked], workers=1)
+
+
+def test_a_planner_whose_preparation_fails_is_an_error():
+    def broken(costs, start, goal):
+        return plan(costs, start, goal)
+
+    broken.prepare = lambda: 1 / 0
+    with pytest.raises(LocplanError, match="ZeroDivisionError"):
+        run_all([job()], [broken], workers=1)
+
+
+def test_preparation_that_crashes_ends_the_comparison():
+    def broken(costs, start, goal):
+        return plan(costs, start, goal)
+
+    broken.prepare = lambda: os._exit(1)
+    with pytest.raises(LocplanError, match="before they are ready"):
+        run_all([job()], [broken], workers=1)
+
+
+def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
+    killed = []
+
+    def kill(done, total):
+        for file in tmp_path.iterdir():
+            if not killed:
+                killed.append(int(file.name))
+                os.kill(killed[0], signal.SIGKILL)
+
+    queries = [dataclasses.replace(QUERIES[0], name=str(n)) for n in range(6)]
+    lazy = PlannerSpec("lazy", function=slow, options={"folder": str(tmp_path), "nap": 0.4})
+    runs = run_all([job(queries=queries)], [lazy], workers=2, progress=kill)
+    statuses = [run.status for run in runs]
+    assert statuses.count("crashed") == len(killed) == 1
+    assert statuses.count("solved") == 5
+    assert "SIGKILL" in next(run.note for run in runs if run.status == "crashed")
+
+
+def test_what_is_done_is_not_done_again(tmp_path):
+    calls, file = tmp_path / "calls", tmp_path / "runs.jsonl"
+    calls.mkdir()
+    mine = PlannerSpec("mine", function=counting, options={"folder": str(calls)})
+
+    def made(resume=True, **changes):
+        before = len(list(calls.iterdir()))
+        arguments = {"weights": [1.0], "seeds": [1, 2]} | changes
+        runs = run_all([job()], [mine, crash], journal=file, resume=resume, workers=2, **arguments)
+        return runs, len(list(calls.iterdir())) - before
+
+    first, count = made(resume=False)
+    assert count == 4
+    again, count = made()
+    assert count == 0
+    assert again == first
+    more, count = made(seeds=[1, 2, 3])
+    assert count == 2
+    assert [run for run in more if run.task.seed < 3] == first
+    assert made(weights=[2.0])[1] == 4
+    with pytest.raises(LocplanError, match="holds 14 runs; resume it"):
+        made(resume=False)
+    # Another map or query of the same name is no other's result.
+    other = dataclasses.replace(room(), u=room().u / 2)
+    run_all([job(costs=other)], [mine], journal=file, resume=True, weights=[1.0], workers=1)
+    assert len(list(calls.iterdir())) == 4 + 2 + 4 + 2
+
+
+def test_a_torn_journal_loses_its_last_line(tmp_path):
+    file = tmp_path / "runs.jsonl"
+    first = run_all([job()], ["grid", "any-angle"], journal=file, workers=1)
+    whole = file.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    for kept in (len(whole) - 1, len(whole) - 40, len(lines[0]) + 1, len(lines[0]), 9, 0):
+        file.write_bytes(whole[:kept])
+        again = run_all([job()], ["grid", "any-angle"], journal=file, resume=True, workers=1)
+        assert [told(run) for run in again] == [told(run) for run in first]
+        assert len(file.read_bytes().splitlines()) == len(lines)
+        assert all(json.loads(line) for line in file.read_text().splitlines())
+
+
+def test_other_files_are_no_journals(tmp_path):
+    file = tmp_path / "notes.txt"
+    file.write_text("dear diary\n")
+    with pytest.raises(LocplanError, match="is no journal"):
+        run_all([job()], ["grid"], journal=file, resume=True)
+    assert file.read_text() == "dear diary\n"
+    with pytest.raises(LocplanError, match="cannot be written"):
+        run_all([job()], ["grid"], journal=tmp_path / "no" / "such.jsonl")
+    run_all([job()], ["grid"], journal=tmp_path / "runs.jsonl", workers=1)
+    with (tmp_path / "runs.jsonl").open("a") as journal:
+        journal.write("{}\n")
+    with pytest.raises(LocplanError, match="line 4 is damaged"):
+        run_all([job()], ["grid"], journal=tmp_path / "runs.jsonl", resume=True)
+
+
+def test_a_journal_has_one_writer(tmp_path):
+    from locplan.comparison.journal import Journal
+
+    with (
+        Journal(tmp_path / "runs.jsonl"),
+        pytest.raises(LocplanError, match="another comparison writes"),
+    ):
+        Journal(tmp_path / "runs.jsonl", resume=True)
+
+
+SCRIPT = """
+import sys
+sys.path[:0] = {path!r}
+from test_engine import *
+naps = PlannerSpec("nap", function={planner}, options={{"folder": {folder!r}}})
+run_all([job()], [naps, spin], workers=2, journal={folder!r} + ".jsonl")
+"""
+
+
+def started(folder: Path, planner: str) -> subprocess.Popen:
+    """A comparison in its own process and terminal session, once a planner is at work."""
+    folder.mkdir()
+    path = [entry for entry in sys.path if entry]
+    script = SCRIPT.format(path=[str(HERE), *path], folder=str(folder), planner=planner)
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(folder.parent)},  # what a killed process leaves
+    )
+    assert within(20, lambda: list(folder.iterdir()))
+    return process
+
+
+def descendants(pid: int) -> list[int]:
+    listed = subprocess.run(["ps", "-eo", "pid,ppid"], capture_output=True, text=True, check=True)
+    pairs = [tuple(map(int, line.split())) for line in listed.stdout.splitlines()[1:]]
+    children = [child for child, parent in pairs if parent == pid]
+    return [*children, *(one for child in children for one in descendants(child))]
+
+
+@pytest.mark.parametrize(
+    ("ending", "planner"),
+    [
+        (signal.SIGINT, "slow"),
+        (signal.SIGINT, "spawning"),
+        (signal.SIGTERM, "slow"),
+        (signal.SIGKILL, "slow"),
+    ],
+)
+def test_an_end_leaves_no_processes(tmp_path, ending, planner):
+    process = started(tmp_path / "naps", planner)
+    workers = descendants(process.pid)
+    assert len(workers) >= 2
+    began = time.monotonic()
+    os.killpg(process.pid, ending)  # as a terminal does
+    _, complaints = process.communicate(timeout=10)
+    assert time.monotonic() - began < 1.0
+    if ending == signal.SIGINT:
+        assert complaints.count("Traceback") == 1
+        assert complaints.rstrip().endswith("KeyboardInterrupt")
+    assert within(1.0, lambda: not any(map(alive, workers)))
+
+
+def test_wrong_input_is_told_before_any_run(tmp_path):
+    def refused(**changes):
+        arguments = {"jobs": [job()], "planners": ["grid"], "workers": 1} | changes
+        with pytest.raises(LocplanError) as caught:
+            run_all(**arguments)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    in_wall = Query("wall", (8.5, 1.5), (1.5, 1.5))
+    assert refused(jobs=[job(queries=[in_wall])]).startswith(
+        "map 'room', query 'wall': start 8.5,1.5 lies in a wall"
+    )
+    assert "heading" in refused(planners=["RRTstar:space=SE2"])
+    assert "there twice" in refused(planners=["grid", "grid"])
+    assert "there twice" in refused(jobs=[job(), job()])
+    assert "one seed" in refused(seeds=[])
+    assert "one weight" in refused(weights=[1, 1.0])
+    assert "workers" in refused(workers=0)
+    assert "name of its own" in refused(jobs=[job(queries=QUERIES + QUERIES)])
+    assert "weight" in refused(weights=[-1.0])
+    assert "no field" in refused(jobs=[job(costs=Costmap.blank(room().grid))])
+    assert "at least one planner" in refused(planners=[])
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("gird", "planner must be one of"),
+        ("grid:time_limit=2", "has no option 'time_limit'"),
+        ("BITstar:time_limit", "must be NAME=VALUE"),
+        ("BITstar:time_limit=soon", "must be positive, seconds"),
+        ("BITstar:seed=0", "seed must be a whole number"),
+        ("BITstar:progress=yes", "is no option here"),
+        ("BITstar:planner=grid", "is no option here"),
+        ("RRTstar:settings.rage=2", "has no setting 'rage'"),
+    ],
+)
+def test_planners_are_checked(text, complaint):
+    with pytest.raises(ConfigError, match=complaint) as caught:
+        PlannerSpec.of(text)
+    assert text in str(caught.value)
+
+
+def test_time_limits_and_spaces_are_known():
+    def limit(text):
+        return PlannerSpec.of(text).time_limit
+
+    assert limit("BITstar:time_limit=2") == 2
+    assert limit("BITstar") == 5
+    assert limit("BITstar:iterations=10") is None
+    assert limit("grid") is None
+    assert PlannerSpec.of("PRM:space=SE2").space == "SE2"
+    assert PlannerSpec.of("grid:allow_corner_cutting=true").options == {
+        "allow_corner_cutting": True
+    }
+
+
+def test_headings_are_for_planners_that_have_them():
+    posed = [Query("posed", (1.5, 1.5, 0.0), (14.5, 10.5, math.pi / 2))]
+    runs = run_all(
+        [job(queries=posed)], ["grid", "RRTConnect:space=SE2,iterations=20000"], workers=1
+    )
+    assert {run.status for run in runs} == {"solved"}
+
+
+def test_a_costmap_without_a_field_has_the_weight_zero():
+    blank = Costmap.blank(room().grid)
+    (run,) = run_all([job(costs=blank, queries=QUERIES[:1])], ["grid"], weights=[0], workers=1)
+    assert run.measures["cost"] == pytest.approx(run.measures["length"])
+    assert math.isnan(run.measures["integrated_u"])
+
+
+def test_nothing_to_do_is_done_at_once():
+    with Workers([PlannerSpec.of("grid")], 1) as workers:
+        assert list(workers.run([])) == []

@@ -1,0 +1,136 @@
+"""Queries from files, at random, and of benchmarks."""
+
+import math
+
+import numpy as np
+import pytest
+from conftest import SHARED_DATA
+
+from locplan.comparison.movingai import read_movingai_map, read_scenarios
+from locplan.comparison.queries import Query, random_queries, read_queries
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, LocplanError
+from locplan.grid import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners import plan
+
+BENCHMARKS = SHARED_DATA / "movingai"
+
+
+def written(folder, text, name="queries.csv"):
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
+def test_queries_are_read(tmp_path):
+    header = "\ufeffname,start_x,start_y,goal_x,goal_y\n"
+    file = written(tmp_path, header + "a,1,2,3,4\n\n b ,1.5,0,0,-1\n")
+    assert read_queries(file) == [
+        Query("a", (1.0, 2.0), (3.0, 4.0)),
+        Query("b", (1.5, 0.0), (0.0, -1.0)),
+    ]
+    header = "name,start_x,start_y,goal_x,goal_y,start_heading_deg,goal_heading_deg\n"
+    (query, bare) = read_queries(written(tmp_path, header + "a,1,2,3,4,90,-180\nb,1,2,3,4,,\n"))
+    assert query.start == (1.0, 2.0, math.pi / 2)
+    assert query.goal == (3.0, 4.0, -math.pi)
+    assert bare.start == (1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "its header must be name,start_x"),
+        ("name,x,y\n", "its header must be"),
+        ("name,start_x,start_y,goal_x,goal_y\n", "has no queries"),
+        ("name,start_x,start_y,goal_x,goal_y\na,1,2,3\n", "row 2: has 4 values"),
+        ("name,start_x,start_y,goal_x,goal_y\n\na,1,2,x,4\n", "row 3: goal_x must be a finite"),
+        ("name,start_x,start_y,goal_x,goal_y\na,1,2,nan,4\n", "row 2: goal_x must be a finite"),
+        ("name,start_x,start_y,goal_x,goal_y\n,1,2,3,4\n", "row 2: name is empty"),
+        ("name,start_x,start_y,goal_x,goal_y\na,1,2,3,4\na,1,2,3,4\n", "row 3: there is another"),
+        ('name,start_x,start_y,goal_x,goal_y\n"a,1,2,3,4\n', "row 2: has 1 values"),
+    ],
+)
+def test_wrong_rows_are_named(tmp_path, text, complaint):
+    file = written(tmp_path, text)
+    with pytest.raises(LocplanError, match=complaint) as caught:
+        read_queries(file)
+    assert str(file) in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(LocplanError, match="cannot be read"):
+        read_queries(tmp_path / "none.csv")
+    (tmp_path / "picture.csv").write_bytes(bytes(range(128, 256)))
+    with pytest.raises(LocplanError, match="is no text"):
+        read_queries(tmp_path / "picture.csv")
+
+
+def two_rooms(size=60) -> Costmap:
+    """Joined at a corner only: no way between them, and a wall's corner cell."""
+    cells = np.full((size, size), FREE, np.uint8)
+    cells[: size // 2, size // 2 :] = OCCUPIED
+    cells[size // 2 :, : size // 2] = OCCUPIED
+    return Costmap.blank(OccupancyGrid(cells, 0.5, (-3.0, 2.0, 0.3)))
+
+
+def test_random_queries_can_be_solved_and_are_spread():
+    costs = two_rooms()
+    queries = random_queries(costs, 12, 4, least_distance=8.0)
+    assert len({query.name for query in queries}) == 12
+    assert queries == random_queries(costs, 12, 4, least_distance=8.0)
+    assert queries != random_queries(costs, 12, 5, least_distance=8.0)
+    for query in queries:
+        assert math.dist(query.start, query.goal) >= 8.0 - 1e-6
+        assert plan(costs, query.start, query.goal).status == "solved"
+    rows = [costs.grid.world_to_cell(*query.start)[0] for query in queries]
+    assert 3 <= sum(row < 30 for row in rows) <= 9
+    ends = np.array([query.start + query.goal for query in queries])
+    apart = np.linalg.norm(ends[:, None] - ends[None], axis=2) + 1e9 * np.eye(12)
+    assert apart.min() > 4.0
+
+
+def test_distances_that_hardly_any_pair_has():
+    costs = two_rooms()
+    longest = math.hypot(29, 29) * 0.5
+    queries = random_queries(costs, 3, 1, least_distance=longest)
+    assert all(math.dist(q.start, q.goal) == pytest.approx(longest) for q in queries)
+    with pytest.raises(ConfigError, match=r"lie 21 m apart; the farthest are 20\.51 m"):
+        random_queries(costs, 3, 1, least_distance=21.0)
+
+
+def test_random_queries_that_cannot_be():
+    full = Costmap.blank(OccupancyGrid(np.zeros((5, 5), np.uint8), 1.0))
+    with pytest.raises(ConfigError, match="no cell where the robot fits"):
+        random_queries(full, 1, 1, least_distance=1.0)
+    with pytest.raises(ConfigError, match="count of at least 1"):
+        random_queries(two_rooms(), 0, 1, least_distance=1.0)
+
+
+def test_scenarios_have_their_optimal_length():
+    if not BENCHMARKS.is_dir():
+        pytest.skip("the MovingAI grids are not here")
+    for name in ("8room_000", "Berlin_0_256", "random512-40-3"):
+        grid = read_movingai_map(BENCHMARKS / f"{name}.map", 0.5)
+        costs, file = Costmap.blank(grid), BENCHMARKS / f"{name}.map.scen"
+        lines = file.read_text().splitlines()
+        queries = read_scenarios(file, grid, count=6)
+        assert len(queries) == 6
+        for query in queries:
+            optimal = float(lines[int(query.name.split()[1])].split()[-1])
+            assert plan(costs, query.start, query.goal).metrics.length == pytest.approx(
+                optimal * 0.5, abs=0.005
+            )
+    with pytest.raises(LocplanError, match="is for a map of 512 x 512 cells"):
+        read_scenarios(file, two_rooms().grid)
+    with pytest.raises(LocplanError, match="is no MovingAI map"):
+        read_movingai_map(file)
+    with pytest.raises(LocplanError, match="is no MovingAI scenario"):
+        read_scenarios(BENCHMARKS / "8room_000.map", grid)
+
+
+def test_the_first_line_of_a_benchmark_is_its_top(tmp_path):
+    file = written(tmp_path, "type octile\nheight 2\nwidth 3\nmap\n...\n@@.\n", "m.map")
+    grid = read_movingai_map(file)
+    assert (grid.cells == [[OCCUPIED, OCCUPIED, FREE], [FREE, FREE, FREE]]).all()
+    scen = written(tmp_path, "version 1\n0\tm.map\t3\t2\t0\t0\t2\t1\t3\n", "m.scen")
+    assert read_scenarios(scen, grid) == [Query("scenario 1", (0.5, 1.5), (2.5, 0.5))]

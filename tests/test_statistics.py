@@ -1,0 +1,272 @@
+"""Summaries, paired comparisons, convergence, and tables of runs."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up import failed, made_up, solved
+from scipy import stats
+
+from locplan.comparison.convergence import convergence
+from locplan.comparison.frames import to_frame, write_table
+from locplan.comparison.pairs import KINDS, contrasts
+from locplan.comparison.runs import MEASURES, Task
+from locplan.comparison.statistics import summaries, wilson
+from locplan.errors import LocplanError
+
+
+def pair(ours, theirs, measure="cost"):
+    """The comparison of planners whose measure has these values on successive queries."""
+    runs = []
+    for planner, values in (("mine", ours), ("base", theirs)):
+        for query, value in enumerate(values):
+            task = Task("rooms", "6 m", f"q{query}", 4.0, planner, 0)
+            runs.append(solved(task, **{"cost": 10.0, measure: value}))
+    return the(contrasts(runs, "base"), planner="mine", measure=measure)
+
+
+def the(found, **wanted):
+    (one,) = [each for each in found if all(getattr(each, k) == v for k, v in wanted.items())]
+    return one
+
+
+def test_a_known_ratio_is_found_and_said():
+    runs = made_up({"base": 1.0, "anytime": 0.9, "dear": 3.0, "same": 1.0})
+    of_cost = [each for each in contrasts(runs, "base", pooled=True) if each.measure == "cost"]
+    cheap = the(of_cost, planner="anytime")
+    assert cheap.pairs == 24
+    assert cheap.estimate.value == pytest.approx(0.9, abs=0.02)
+    assert cheap.sentence.split(" [")[0].endswith("% cheaper than base")
+    assert the(of_cost, planner="dear").sentence.startswith("cost J 2.99 times base's [")
+    assert the(of_cost, planner="same").sentence.startswith("no significant difference from base")
+
+
+def test_the_interval_is_students_of_the_logarithms():
+    rng = np.random.default_rng(3)
+    theirs = rng.uniform(5, 50, 9)
+    ours = theirs * np.exp(rng.normal(-0.1, 0.05, 9))
+    logs = np.log(ours / theirs)
+    low, high = stats.t.interval(0.95, 8, logs.mean(), stats.sem(logs))
+    found = pair(ours, theirs).estimate
+    assert found == pytest.approx((np.exp(logs.mean()), np.exp(low), np.exp(high)))
+
+
+def test_seeds_are_one_query_by_their_median():
+    runs = [
+        solved(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), cost)
+        for query in range(6)
+        for planner, costs in (("base", [10.0]), ("mine", [9.0, 9.5, 90.0]))
+        for seed, cost in enumerate(costs)
+    ]
+    found = the(contrasts(runs, "base"), planner="mine", measure="cost")
+    assert found.pairs == 6
+    assert found.estimate == pytest.approx((0.95, 0.95, 0.95))
+    assert found.sentence == "5 % cheaper than base [5, 5]"
+
+
+def test_only_queries_that_both_solved_are_compared():
+    runs = made_up({"base": 1.0, "mine": 0.9}, maps=("rooms",))
+    lost = [
+        failed(run.task) if (run.task.planner, run.task.query) == ("mine", "q3") else run
+        for run in runs
+        if (run.task.planner, run.task.query) != ("base", "q5")
+    ]
+    assert the(contrasts(lost, "base"), planner="mine", measure="cost").pairs == 10
+
+
+def test_what_may_be_zero_is_a_ratio_of_sums():
+    found = pair([0, 0, 1, 2, 3, 0], [0, 2, 2, 4, 4, 0], "integrated_u")
+    assert found.kind == "ratio of sums"
+    assert found.estimate.value == pytest.approx(0.5)
+    assert found.estimate.low < 0.5 < found.estimate.high
+    nothing = pair([0.0] * 6, [0.0] * 6, "integrated_u")
+    assert np.isnan(nothing.estimate.value)
+    assert nothing.sentence == "base has none of it"
+    alone = pair([1.0] * 6, [2.0] + [0.0] * 5, "integrated_u")
+    assert np.isnan(alone.estimate.low)
+    assert alone.sentence == "too few pairs to tell (6)"
+
+
+def test_shares_differ_by_percentage_points():
+    found = pair([0.1, 0.1, 0.12, 0.09, 0.1], [0.3, 0.29, 0.3, 0.31, 0.3], "degraded_share")
+    assert found.sentence.startswith("19.8 percentage points less with u > 0.5 than base [1")
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "pairs"),
+    [([], [], 0), ([9.0], [10.0], 1), ([9.0] * 4, [10.0] * 4, 4)],
+)
+def test_few_pairs_tell_nothing(ours, theirs, pairs):
+    if not pairs:
+        runs = [failed(Task("rooms", "6 m", "q", 4.0, planner, 0)) for planner in ("base", "mine")]
+        found = the(contrasts(runs, "base"), planner="mine", measure="cost")
+    else:
+        found = pair(ours, theirs)
+    assert (found.pairs, found.sentence) == (pairs, f"too few pairs to tell ({pairs})")
+
+
+def test_values_that_are_not_finite_are_no_pairs():
+    found = pair([9, np.nan, np.inf, 9, 9, 9, 9, 9], [10, 10, 10, 10, 10, 10, np.nan, 0.0])
+    assert found.pairs == 4
+
+
+def test_rounding_is_no_difference():
+    equal = [10.0] * 7
+    rounded = [value * (1 + 1e-12) for value in equal]
+    assert pair(equal, equal).estimate == (1, 1, 1)
+    assert pair(rounded, equal).sentence == "no significant difference from base [1e-10, 1e-10]"
+
+
+def test_the_baseline_is_one_and_says_nothing():
+    runs = made_up({"base": 1.0, "anytime": 0.9})
+    found = the(contrasts(runs, "base", pooled=True), planner="base", measure="cost")
+    assert found.estimate == (1, 1, 1)
+    assert found.sentence == ""
+    with pytest.raises(LocplanError, match="grid: no runs to compare with; there are anytime, bas"):
+        contrasts(runs, "grid")
+
+
+def test_maps_are_strata():
+    """What differs between maps does not widen the pooled interval."""
+    runs = made_up({"base": 1.0, "mine": 1.0}, queries=8, noise=0.01)
+    apart = [
+        solved(run.task, 0.5 * run.measures["cost"])
+        if (run.task.map, run.task.planner) == ("office", "mine")
+        else run
+        for run in runs
+    ]
+    found = the(contrasts(apart, "base", pooled=True), planner="mine", measure="cost").estimate
+    assert found.value == pytest.approx(0.5**0.5, rel=0.02)
+    assert found.high / found.low < 1.03
+
+
+def test_the_interval_covers_the_truth():
+    """2000 comparisons of 10 queries with 3 seeds; bootstraps cover 90 %."""
+    rng = np.random.default_rng(11)
+    queries = -0.04 + rng.normal(0, 0.05, (2000, 10, 1)) + rng.normal(0, 0.03, (2000, 10, 3))
+    logs = np.median(queries, axis=2)
+    covered = [
+        low <= np.exp(-0.04) <= high
+        for _, low, high in (_cost_estimate(np.exp(each)) for each in logs)
+    ]
+    assert 0.935 < np.mean(covered) < 0.965
+
+
+def _cost_estimate(ratios):
+    from locplan.comparison.pairs import RATIO, _estimate
+
+    return _estimate(RATIO, ratios, np.ones(len(ratios)), np.zeros(len(ratios), int))
+
+
+def test_success_counts_queries_not_seeds():
+    runs = made_up({"anytime": 1.0}, queries=10, maps=("rooms",))
+    lost = [failed(run.task) if run.task.query in ("q0", "q1") else run for run in runs]
+    (summary,) = summaries(lost)
+    assert (summary.runs, summary.solved) == (30, 24)
+    assert summary.success == pytest.approx(
+        (0.8, *stats.binomtest(8, 10).proportion_ci(0.95, "wilson"))
+    )
+    assert wilson(1.0, 3).high == 1
+    assert wilson(0.0, 3).low == 0
+
+
+def test_quartiles_are_over_what_is_known():
+    tasks = [Task("rooms", "6 m", f"q{query}", 4.0, "mine", 0) for query in range(6)]
+    runs = [solved(task, cost) for task, cost in zip(tasks, [1, 2, 3, 4, 5], strict=False)]
+    runs.append(solved(tasks[5], np.inf))
+    (summary,) = summaries(runs)
+    assert summary.measures["cost"] == (3, 2, 4, 5)
+    assert summary.measures["max_e"].known == 0
+    (nothing,) = summaries([failed(task) for task in tasks])
+    assert nothing.success.value == 0
+    assert all(np.isnan(each.median) for each in nothing.measures.values())
+
+
+def test_convergence_is_infinite_before_half_have_a_path():
+    runs = made_up({"base": 1.0, "anytime": 1.0}, noise=0.0)
+    late = [
+        replace(run, history=tuple((time + 0.3, cost) for time, cost in run.history))
+        if run.task.query in ("q0", "q1", "q2")
+        else run
+        for run in runs
+    ]
+    found = convergence(late, "base")
+    assert [curve.setting.map for curve in found] == ["rooms", "office"]
+    curve = found[0]
+    assert curve.times[0] == pytest.approx(0.1)
+    assert curve.median[0] == pytest.approx(1.5)
+    assert curve.solved[0] == pytest.approx(0.75)
+    assert curve.median[-1] == pytest.approx(1.0)
+    assert curve.solved[-1] == 1
+    unsolved = [failed(run.task) if run.task.query > "q4" else run for run in runs]
+    hidden = [run for run in unsolved if run.task.planner != "base"]
+    both = hidden + [run for run in runs if run.task.planner == "base"]
+    curve = convergence(both, "base", pooled=True)[0]
+    assert curve.solved[-1] == pytest.approx(7 / 12)
+    assert np.isfinite(curve.median[-1])
+    assert np.isinf(curve.upper[-1])
+    assert not np.isnan(curve.lower).any()
+
+
+def test_convergence_without_anything_to_converge_to():
+    runs = made_up({"base": 1.0, "anytime": 1.0})
+    assert convergence([run for run in runs if run.task.planner == "base"], "base") == []
+    curve = convergence([run for run in runs if run.task.planner != "base"], "base")[0]
+    assert curve.queries == 0
+    assert np.isnan(curve.median).all()
+    assert curve.solved[-1] == 1
+
+
+def test_nine_hundred_runs_take_no_time():
+    planners = {"base": 1.0, "grid": 1.04, "anytime 1": 0.99, "anytime 2": 1.01, "anytime 3": 1.1}
+    runs = made_up(planners, queries=20, maps=("a", "b"), weights=(4.0, 12.0), seeds=3)
+    assert len(runs) == 880
+    began = time.perf_counter()
+    summaries(runs)
+    found = contrasts(runs, "base") + contrasts(runs, "base", pooled=True)
+    convergence(runs, "base")
+    assert time.perf_counter() - began < 1.0
+    assert len(found) == 6 * 5 * len(MEASURES)
+    assert set(KINDS) == set(MEASURES)
+    assert all(each.sentence for each in found if each.planner != "base")
+
+
+def test_tables(tmp_path):
+    runs = [*made_up({"base": 1.0}, queries=3), failed(Task("ü, ß", "6 m", "q", 4.0, "base", 0))]
+    with write_table(runs, tmp_path / "runs.csv").open(encoding="utf-8", newline="") as file:
+        read = list(csv.DictReader(file))
+    assert [float(row["cost"]) for row in read[:-1]] == [run.measures["cost"] for run in runs[:-1]]
+    assert (read[-1]["map"], read[-1]["cost"]) == ("ü, ß", "")
+    assert write_table([], tmp_path / "none.csv").read_text().startswith("map,config,query")
+    with pytest.raises(LocplanError, match="must end in"):
+        write_table(runs, tmp_path / "runs.txt")
+
+
+def test_frames_and_parquet(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    runs = [*made_up({"base": 1.0}, queries=3), failed(Task("rooms", "6 m", "q", 4.0, "base", 0))]
+    frame = to_frame(runs)
+    assert frame.groupby("status").size()["solved"] == 6
+    assert list(to_frame([]).columns) == list(frame.columns)
+    pytest.importorskip("pyarrow")
+    read = pandas.read_parquet(write_table(runs, tmp_path / "runs.parquet"))
+    assert (read["cost"].dropna() == frame["cost"].dropna()).all()
+    assert len(pandas.read_parquet(write_table([], tmp_path / "none.parquet"))) == 0
+
+
+def test_what_is_missing_is_said(tmp_path, monkeypatch):
+    def without(name, *rest, **named):
+        if name.partition(".")[0] in ("pandas", "pyarrow"):
+            raise ImportError(name)
+        return importlib.__import__(name, *rest, **named)
+
+    monkeypatch.setattr("importlib.import_module", without)
+    with pytest.raises(LocplanError, match="a data frame needs pandas, which is not installed"):
+        to_frame([])
+    with pytest.raises(LocplanError, match=r"runs.parquet needs pyarrow"):
+        write_table([], tmp_path / "runs.parquet")
