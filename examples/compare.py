@@ -1,0 +1,35 @@
+"""Which planner, at which weight, with which range: one call, one report.
+
+Run: python examples/compare.py [FOLDER [SECONDS [MAP.yaml ...]]]
+"""
+
+from __future__ import annotations
+
+import sys
+
+import locplan
+
+
+def main(folder: str = "comparison", seconds: float = 1.0, *maps: str) -> None:
+    result = locplan.compare(
+        maps or [locplan.environments.make("two_corridors", resolution=0.1)],
+        ["grid", "any-angle", "InformedRRTstar", "BITstar", "RRTConnect"],
+        queries=6,
+        least_distance=15.0,
+        weights=[0.0, 4.0],
+        seeds=[1, 2],
+        time_limit=seconds,
+        configs={  # what if the lidar saw further?
+            "6 m": locplan.FieldConfig(sensor_range=6.0),
+            "8 m": locplan.FieldConfig(sensor_range=8.0),
+        },
+    )
+    print(result.table())
+    for name, answer in result.answers().items():
+        print(f"{name}: {answer}")
+    for path in result.save(folder):
+        print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2], *map(float, sys.argv[2:3]), *sys.argv[3:])

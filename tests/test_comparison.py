@@ -1,0 +1,214 @@
+"""Comparisons in one call, and on the command line."""
+
+import csv
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import random_rooms
+
+import locplan
+from locplan import save_map
+from locplan.comparison import PlannerSpec, Query
+from locplan.comparison.cases import named_configs
+from locplan.config import FieldConfig
+from locplan.costmap import Costmap
+from locplan.errors import ConfigError, LocplanError
+from locplan.grid import FREE, OccupancyGrid
+
+QUICK = FieldConfig(sensor_range=1.0, stride=0.4)
+
+
+def rooms(name="rooms", seed=6):
+    return OccupancyGrid(random_rooms((60, 90), seed=seed), 0.1, (2.0, -1.0, 0.0), name=name)
+
+
+def detour(costs, start, goal, *, time_limit=None, seed=0):
+    """A planner of a user's: the grid's path at half the weight."""
+    found = locplan.plan(costs.with_weight(costs.weight / 2), start, goal)
+    return dataclasses.replace(found, note=f"{time_limit:g} s, seed {seed}")
+
+
+@pytest.fixture(scope="module")
+def compared():
+    return locplan.compare(
+        [rooms("one"), rooms("two", 9)],
+        ["grid", "any-angle", "RRTConnect:iterations=400", detour],
+        6,
+        weights=[0.0, 4.0],
+        seeds=[1, 2],
+        configs={"1 m": QUICK, "2 m": dataclasses.replace(QUICK, sensor_range=2.0)},
+        time_limit=0.2,
+        least_distance=3.0,
+        robot_radius=0.1,
+        workers=2,
+    )
+
+
+def test_every_combination_is_run_once(compared):
+    tasks = [run.task for run in compared.runs]
+    per_query = 1 + 1 + 2 + 2  # those with random numbers have two seeds
+    assert len(tasks) == len(set(tasks)) == 2 * 2 * 2 * 6 * per_query
+    assert {task.config for task in tasks} == {"1 m", "2 m"}
+    assert {run.status for run in compared.runs if run.task.planner == "any-angle"} == {"solved"}
+
+
+def test_queries_are_the_same_for_all_settings_and_far_enough_apart(compared):
+    for name in ("one", "two"):
+        first, second = (compared.sources[name, label].queries for label in ("1 m", "2 m"))
+        assert first == second
+        assert min(math.dist(query.start, query.goal) for query in first) >= 3.0
+
+
+def test_any_angle_is_the_baseline_and_grid_is_dearer(compared):
+    assert compared.baseline == "any-angle"
+    costs = [
+        contrast
+        for contrast in compared.contrasts()
+        if (contrast.measure, contrast.planner) == ("cost", "grid")
+    ]
+    assert len(costs) == 8  # two maps, two ranges, two weights
+    assert all(contrast.estimate.value > 1 for contrast in costs)
+    assert all("dearer than any-angle" in contrast.sentence for contrast in costs)
+    assert set(compared.answers()) == {"one", "two"}
+    assert "grid: " in compared.answers()["one"]
+    pooled = compared.contrasts(pooled=True)
+    assert {contrast.setting.map for contrast in pooled} == {None}
+    assert max(contrast.pairs for contrast in pooled) == 12
+
+
+def test_a_users_planner_is_measured_like_the_others(compared):
+    by_task = {run.task: run for run in compared.runs}
+    own = [run for run in compared.runs if run.task.planner == "detour"]
+    assert {run.task.seed for run in own} == {1, 2}
+    for run in own:  # its path is the best for half the weight
+        least = by_task[dataclasses.replace(run.task, planner="grid", seed=0)]
+        assert run.measures["cost"] >= least.measures["cost"] - 1e-9
+        assert run.measures["length"] <= least.measures["length"] + 1e-9
+
+
+def test_all_files_are_written(compared, tmp_path):
+    written = compared.save(tmp_path / "out", command="locplan compare")
+    assert all(path.exists() for path in written)
+    with (tmp_path / "out" / "runs.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(compared.runs)
+    assert float(rows[0]["cost"]) == compared.runs[0].measures["cost"]
+    about = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert about["locplan"] == locplan.__version__
+    assert json.loads(about["fields"]["2 m"])["sensor_range"] == 2.0
+    assert len(about["summaries"]) == 2 * 2 * 2 * 4
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg") > 8
+    for text in ("any-angle", "detour", "locplan compare", "weight 4", "the exact front"):
+        assert text in page
+    assert len(list((tmp_path / "out" / "ompl_logs").glob("*.log"))) == 2 * 2 * 2 * 6
+    pandas = pytest.importorskip("pandas")
+    assert isinstance(compared.to_frame(), pandas.DataFrame)
+    assert "the baseline" in compared.table()
+
+
+def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
+    grid = rooms()
+    own = Costmap.from_density(grid, np.where(grid.free, 2.0, np.inf))
+    found = locplan.compare({"mine": own}, ["grid"], 2, weights=[0.0], least_distance=1.0)
+    assert {run.task.config for run in found.runs} == {"own cost"}
+    assert all(math.isnan(run.measures["integrated_e"]) for run in found.runs)
+    assert (tmp_path / "out" / "report.html") in found.save(tmp_path / "out")
+
+
+def test_queries_come_in_every_form(tmp_path):
+    ends = ((2.5, -0.5), (6.0, 3.0))
+    (tmp_path / "q.csv").write_text("name,start_x,start_y,goal_x,goal_y\nthere,2.5,-0.5,6.0,3.0\n")
+    room = OccupancyGrid(np.full((60, 90), FREE), 0.1, (2.0, -1.0, 0.0), name="room")
+    settings = {"weights": [0.0], "configs": QUICK, "workers": 1}
+    lengths = {
+        round(locplan.compare(room, ["grid"], queries, **settings).runs[0].measures["length"], 9)
+        for queries in (
+            tmp_path / "q.csv",
+            [ends],
+            [Query("there", *ends)],
+            {"room": [ends]},
+        )
+    }
+    assert len(lengths) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"maps": []}, "at least one map"),
+        ({"maps": [3]}, "a map must be"),
+        ({"maps": [rooms(), rooms()]}, "two maps are called 'rooms'"),
+        ({"planners": ["grid", "grid"]}, "there twice"),
+        ({"planners": ["A*"]}, "planner must be one of"),
+        ({"planners": ["BITstar:foo=1"]}, "has no option"),
+        ({"queries": 3.5}, "queries must be a number"),
+        ({"queries": [(1, 2)]}, "queries must be a number"),
+        ({"queries": [((-50.0, 0.0), (6.0, 3.0))]}, "query 'query 1': start"),
+        ({"weights": []}, "at least one weight"),
+        ({"baseline": "RRT"}, "none of the planners"),
+        ({"configs": {}}, "configs must be"),
+        ({"least_distance": 500.0}, "no two positions"),
+        ({"workers": 0}, "workers must be"),
+    ],
+)
+def test_wrong_input_is_told_before_the_first_run(changes, message):
+    given = {"maps": rooms(), "planners": ["grid"], "queries": 2, "configs": QUICK} | changes
+    with pytest.raises(LocplanError, match=message) as fault:
+        locplan.compare(**given)
+    assert "\n" not in str(fault.value)
+
+
+def test_a_time_limit_is_for_those_who_take_one():
+    limited = {
+        name: PlannerSpec.of(name).with_time_limit(0.7).time_limit
+        for name in ("grid", "BITstar", "BITstar:time_limit=2", "RRTstar:iterations=10")
+    }
+    assert limited == {
+        "grid": None,
+        "BITstar": 0.7,
+        "BITstar:time_limit=2": 2.0,
+        "RRTstar:iterations=10": None,
+    }
+    assert PlannerSpec.of(detour).with_time_limit(0.7).options == {"time_limit": 0.7}
+    with pytest.raises(ConfigError):
+        PlannerSpec.of("BITstar").with_time_limit(-1.0)
+
+
+def test_settings_have_labels():
+    assert list(named_configs(None)) == ["sad, 6 m"]
+    assert list(named_configs({"a": QUICK})) == ["a"]
+
+
+def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
+    from locplan.cli import main
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["locplan", "compare", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return stop.value.code, *capsys.readouterr()
+
+    save_map(rooms(), tmp_path / "rooms.yaml")
+    common = (tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--random", 3, "--range", 1)
+    common += ("--least-distance", 2, "--robot-radius", 0.1, "--stride", 0.4)
+    code, out, err = run(*common, "--weight", 0, "--weight", 4)
+    assert code == 0, err
+    assert "any-angle" in out
+    assert "the baseline" in out
+    lines = (tmp_path / "out" / "runs.jsonl").read_text().splitlines()
+    assert len(lines) == 1 + 3 * 2 * 2
+    code, _, err = run(*common)
+    assert code == 2
+    assert "resume it" in err
+    code, out, err = run(*common, "--resume", "--weight", 4, "--weight", 8, "--json")
+    assert code == 0, err
+    assert json.loads(out)["weights"] == [4.0, 8.0]
+    assert len((tmp_path / "out" / "runs.jsonl").read_text().splitlines()) == 1 + 3 * 2 * 3
+    code, out, err = run(*common, "--planner", "nobody")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    code, _, err = run(*common, "--queries", "none.csv", "--resume")
+    assert "exclude one another" in err
