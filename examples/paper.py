@@ -23,7 +23,7 @@ PRESETS = {"paper": FieldConfig.paper, "default": FieldConfig}
 RANGES = (6.0, 8.0)
 
 
-def main(folder: str = "paper", resolution: float = 0.05) -> None:
+def main(folder: str = "paper", resolution: float = 0.05, seeds: int = 5) -> None:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     maps = paper.maps_of_places(resolution=resolution)
@@ -37,7 +37,9 @@ def main(folder: str = "paper", resolution: float = 0.05) -> None:
     page = PAGE.format(
         figures="\n".join(sections),
         models=table(("model", *(slide.title for slide in paper.one_dimensional())), models()),
-        claims=table(("claim", *(column_title(*column) for column in COLUMNS)), claims(resolution)),
+        claims=table(
+            ("claim", *(column_title(*column) for column in COLUMNS)), claims(resolution, seeds)
+        ),
     )
     (target / "index.html").write_text(page, encoding="utf-8")
     print(f"wrote {target / 'index.html'}")
@@ -123,14 +125,13 @@ def said(slide: paper.Slide, model: str) -> str:
 
 
 COLUMNS = [(p, reach, noise) for p in PRESETS for reach in RANGES for noise in (0.0, 0.1, 0.2)]
-SEEDS = 5
 
 
 def column_title(preset: str, reach: float, noise: float) -> str:
     return f"{preset}, {reach:g} m, {f'noise {noise:.0%}' if noise else 'clean'}"
 
 
-def claims(resolution: float) -> Iterator[tuple[str, ...]]:
+def claims(resolution: float, seeds: int) -> Iterator[tuple[str, ...]]:
     """For each claim, the share of poses at which it holds, of every preset, range and noise."""
     shares = []
     for preset, reach, noise in COLUMNS:
@@ -139,7 +140,7 @@ def claims(resolution: float) -> Iterator[tuple[str, ...]]:
                 paper.maps_of_places(resolution=resolution, boundary_noise=noise, seed=seed),
                 PRESETS[preset](sensor_range=reach),
             )
-            for seed in range(SEEDS if noise else 1)
+            for seed in range(seeds if noise else 1)
         ]
         shares.append({claim: np.mean([each[claim] for each in found]) for claim in found[0]})
     for claim in shares[0]:

@@ -16,7 +16,7 @@ from locplan.estimators import sad
 from locplan.field import CovarianceField, covariance_field
 from locplan.grid import FREE, UNKNOWN, OccupancyGrid
 from locplan.lattice import evaluated_points
-from locplan.samples import sampled
+from locplan.samples import LEAST_CLEARANCE, sampled
 from locplan.search_window import SearchWindow
 
 QUICK = FieldConfig(sensor_range=1.0, window=0.6, step=0.2)
@@ -335,7 +335,8 @@ def test_sampled_positions_are_spread_out_and_leave_no_gap():
     grid = OccupancyGrid(random_rooms((90, 130), seed=4), 0.1, (3.0, -2.0, 0.4))
     field = covariance_field(grid, FieldConfig(sensor_range=1.0))
     xy, covariance = sampled(field, 1.5)
-    i, j = np.nonzero(field.evaluated)
+    clear = grid.clearance[:: field.stride, :: field.stride] >= LEAST_CLEARANCE
+    i, j = np.nonzero(field.evaluated & clear)
     points = np.stack(grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5), axis=1)
     distance = np.hypot(*(points[:, None] - xy[None]).transpose(2, 0, 1))
     assert distance.min(axis=1).max() < 1.5
