@@ -73,7 +73,9 @@ def test_any_angle_is_the_baseline_and_grid_is_dearer(compared):
     assert all(contrast.estimate.value > 1 for contrast in costs)
     assert all("dearer than any-angle" in contrast.sentence for contrast in costs)
     assert set(compared.answers()) == {"one", "two"}
-    assert "grid: " in compared.answers()["one"]
+    answer = compared.answers()["one"]
+    assert "At weight 4, 1 m: grid: " in answer
+    assert "At weight 4, 2 m: " in answer
     pooled = compared.contrasts(pooled=True)
     assert {contrast.setting.map for contrast in pooled} == {None}
     assert max(contrast.pairs for contrast in pooled) == 12
@@ -89,6 +91,72 @@ def test_a_users_planner_is_measured_like_the_others(compared):
         assert run.measures["length"] <= least.measures["length"] + 1e-9
 
 
+def test_a_planner_cannot_spoil_the_costmap_of_the_others():
+    def vandal(costs, start, goal):
+        found = locplan.plan(costs, start, goal)
+        costs.density[np.isfinite(costs.density)] = 9.0
+        costs.u[:] = 1.0
+        return found
+
+    settings = {"queries": 3, "weights": [0.0], "configs": QUICK, "workers": 1}
+    settings |= {"least_distance": 2.0, "baseline": "grid"}
+    for planners in (["grid"], [vandal, "grid"]):
+        runs = locplan.compare(rooms(), planners, **settings).runs
+        costs = [run.measures["cost"] for run in runs if run.task.planner == "grid"]
+        alone = costs if len(planners) == 1 else alone  # noqa: F821
+    assert costs == alone
+
+
+def test_what_a_function_has_closed_over_decides_its_paths(tmp_path):
+    def planner_with(factor):
+        def mine(costs, start, goal):
+            return locplan.plan(costs.with_weight(factor), start, goal)
+
+        return mine
+
+    settings = {"weights": [4.0], "configs": QUICK, "workers": 1, "least_distance": 2.0}
+    settings |= {"journal": tmp_path / "runs.jsonl", "resume": True, "baseline": "mine"}
+    for count, factor in ((2, 0.0), (2, 0.0), (4, 8.0)):
+        locplan.compare(rooms(), [planner_with(factor)], 2, **settings)
+        assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1 + count
+    locplan.compare(rooms(), [planner_with(8.0)], 2, robot_radius=0.15, **settings)
+    assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1 + 6
+
+
+def test_what_ended_by_chance_is_made_anew(tmp_path):
+    def napping(costs, start, goal):
+        import time
+
+        time.sleep(1.0)
+        return locplan.plan(costs, start, goal)
+
+    settings = {"configs": QUICK, "workers": 1, "least_distance": 2.0, "baseline": "napping"}
+    settings |= {"journal": tmp_path / "runs.jsonl", "resume": True}
+    statuses = [
+        locplan.compare(rooms(), [napping], 1, patience=patience, **settings).runs[0].status
+        for patience in (0.3, 60.0)
+    ]
+    assert statuses == ["hung", "solved"]
+
+
+def test_odd_histories_and_notes_do_no_harm(tmp_path):
+    def odd(costs, start, goal):
+        found = locplan.plan(costs, start, goal)
+        return dataclasses.replace(found, history=((0.1, math.inf), (0.2, 9.0)), note=b"\xff")
+
+    settings = {"configs": QUICK, "workers": 1, "least_distance": 2.0, "baseline": "odd"}
+    (run,) = locplan.compare(rooms(), [odd], 1, journal=tmp_path / "r.jsonl", **settings).runs
+    assert (run.status, run.history) == ("solved", ((0.2, 9.0),))
+
+
+def test_random_queries_have_headings_for_those_who_need_them():
+    planners = ["grid", "RRTConnect:space=SE2,iterations=300"]
+    settings = {"weights": [0.0], "configs": QUICK, "workers": 1, "least_distance": 2.0}
+    found = locplan.compare(rooms(), planners, 2, **settings)
+    assert {run.status for run in found.runs if run.task.planner == "grid"} == {"solved"}
+    assert all(len(query.start) == 3 for query in next(iter(found.sources.values())).queries)
+
+
 def test_all_files_are_written(compared, tmp_path):
     written = compared.save(tmp_path / "out", command="locplan compare")
     assert all(path.exists() for path in written)
@@ -98,12 +166,37 @@ def test_all_files_are_written(compared, tmp_path):
     assert float(rows[0]["cost"]) == compared.runs[0].measures["cost"]
     about = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert about["locplan"] == locplan.__version__
-    assert json.loads(about["fields"]["2 m"])["sensor_range"] == 2.0
+    cases = {(case["map"], case["field"]): case for case in about["cases"]}
+    assert cases["two", "2 m"]["config"]["sensor_range"] == 2.0
+    assert cases["one", "1 m"]["robot_radius"] == 0.1
+    assert cases["one", "1 m"]["queries"][0]["start"] == list(
+        compared.sources["one", "1 m"].queries[0].start
+    )
+    assert about["planners"]["RRTConnect:iterations=400"] == ["RRTConnect", {"iterations": 400}]
     assert len(about["summaries"]) == 2 * 2 * 2 * 4
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") > 8
-    for text in ("any-angle", "detour", "locplan compare", "weight 4", "the exact front"):
+    for text in ("locplan compare", "exact front", ">length [m]<", "∫e ds [m² rad m]", "detour, "):
         assert text in page
+    milliseconds = {
+        f"{1000 * float(np.median(seconds)):.2f}"
+        for seconds in [
+            [
+                r.seconds
+                for r in compared.runs
+                if (r.task.planner, r.task.map) == ("grid", "one")
+                and (r.task.weight, r.task.config) == (4.0, "1 m")
+            ]
+        ]
+    }
+    assert any(f">{value[:3]}" in page for value in milliseconds)
+    for name in ("grid", "any-angle", "detour"):  # a path of each, with its length
+        lengths = {
+            f"{name}, {run.measures['length']:.1f} m"
+            for run in compared.runs
+            if run.task.planner == name and run.task.weight == 4.0
+        }
+        assert sum(text in page for text in lengths) >= 2
     assert len(list((tmp_path / "out" / "ompl_logs").glob("*.log"))) == 2 * 2 * 2 * 6
     pandas = pytest.importorskip("pandas")
     assert isinstance(compared.to_frame(), pandas.DataFrame)
@@ -153,6 +246,15 @@ def test_queries_come_in_every_form(tmp_path):
         ({"configs": {}}, "configs must be"),
         ({"least_distance": 500.0}, "no two positions"),
         ({"workers": 0}, "workers must be"),
+        ({"workers": 1.5}, "workers must be"),
+        ({"memory": math.nan}, "memory must be"),
+        ({"memory": "2GB"}, "memory must be"),
+        ({"seeds": 3}, "seeds must be"),
+        ({"configs": [QUICK]}, "configs must be"),
+        ({"seeds": [0]}, "seeds must be"),
+        ({"queries": {"other": 3}}, "no queries for map 'rooms'"),
+        ({"queries": True}, "queries must be a number"),
+        ({"planners": ["BITstar:settings=3,settings.range=3"]}, "one by one"),
     ],
 )
 def test_wrong_input_is_told_before_the_first_run(changes, message):

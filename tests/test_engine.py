@@ -317,7 +317,7 @@ def test_what_is_done_is_not_done_again(tmp_path):
     def made(resume=True, **changes):
         before = len(list(calls.iterdir()))
         arguments = {"weights": [1.0], "seeds": [1, 2]} | changes
-        runs = run_all([job()], [mine, crash], journal=file, resume=resume, workers=2, **arguments)
+        runs = run_all([job()], [mine, fail], journal=file, resume=resume, workers=2, **arguments)
         return runs, len(list(calls.iterdir())) - before
 
     first, count = made(resume=False)

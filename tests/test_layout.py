@@ -78,7 +78,7 @@ ONLY_IN = {
     },
     "yaml": {"map_files", "export.parameters", "export.servers", "export.value_maps"},
     "mcap": {"export.bags"},
-    "cloudpickle": {"comparison.worker", "comparison.workers"},
+    "cloudpickle": {"comparison.specs", "comparison.workers"},
     "pandas": {"comparison.frames"},
     "typer": {
         f"cli.{name}" for name in ("compare", "exports", "fields", "figures", "options", "plans")

@@ -89,7 +89,7 @@ def test_what_may_be_zero_is_a_ratio_of_sums():
     assert nothing.sentence == "base has none of it"
     alone = pair([1.0] * 6, [2.0] + [0.0] * 5, "integrated_u")
     assert np.isnan(alone.estimate.low)
-    assert alone.sentence == "too few pairs to tell (6)"
+    assert alone.sentence == "too few queries to tell (6)"
 
 
 def test_shares_differ_by_percentage_points():
@@ -98,16 +98,20 @@ def test_shares_differ_by_percentage_points():
 
 
 @pytest.mark.parametrize(
-    ("ours", "theirs", "pairs"),
-    [([], [], 0), ([9.0], [10.0], 1), ([9.0] * 4, [10.0] * 4, 4)],
+    ("ours", "theirs", "pairs", "told"),
+    [
+        ([], [], 0, "no query that base and it both solve"),
+        ([9.0], [10.0], 1, "too few queries to tell (1 of 5)"),
+        ([9.0] * 4, [10.0] * 4, 4, "too few queries to tell (4 of 5)"),
+    ],
 )
-def test_few_pairs_tell_nothing(ours, theirs, pairs):
+def test_few_pairs_tell_nothing(ours, theirs, pairs, told):
     if not pairs:
         runs = [failed(Task("rooms", "6 m", "q", 4.0, planner, 0)) for planner in ("base", "mine")]
         found = the(contrasts(runs, "base"), planner="mine", measure="cost")
     else:
         found = pair(ours, theirs)
-    assert (found.pairs, found.sentence) == (pairs, f"too few pairs to tell ({pairs})")
+    assert (found.pairs, found.sentence) == (pairs, told)
 
 
 def test_values_that_are_not_finite_are_no_pairs():
@@ -119,7 +123,7 @@ def test_rounding_is_no_difference():
     equal = [10.0] * 7
     rounded = [value * (1 + 1e-12) for value in equal]
     assert pair(equal, equal).estimate == (1, 1, 1)
-    assert pair(rounded, equal).sentence == "no significant difference from base [1e-10, 1e-10]"
+    assert pair(rounded, equal).sentence == "no significant difference from base [1e-10, 1e-10] %"
 
 
 def test_the_baseline_is_one_and_says_nothing():
@@ -155,6 +159,17 @@ def test_the_interval_covers_the_truth():
         for _, low, high in (_cost_estimate(np.exp(each)) for each in logs)
     ]
     assert 0.935 < np.mean(covered) < 0.965
+
+
+def test_percentile_bootstraps_cover_less():
+    """Of few queries, which is why there are none here."""
+    rng = np.random.default_rng(12)
+    for queries, most in ((5, 0.88), (10, 0.93)):
+        logs = rng.normal(-0.04, 0.05, (600, queries))
+        drawn = rng.integers(0, queries, (600, 500, queries))
+        means = np.take_along_axis(logs[:, None], drawn, axis=2).mean(axis=2)
+        low, high = np.quantile(means, (0.025, 0.975), axis=1)
+        assert 0.75 < np.mean((low <= -0.04) & (high >= -0.04)) < most
 
 
 def _cost_estimate(ratios):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import signal
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -116,18 +117,21 @@ def compare(
 ) -> None:
     """Run planners side by side, and report which one is best, where and by how much."""
     from locplan import comparison
-    from locplan.files import make_folder
     from locplan.progress import progress_bar
 
     if random is not None and queries is not None:
         raise ConfigError("--random and --queries exclude one another")
+    if ranges and sensor_range is not None:
+        raise ConfigError("--range and --ranges exclude one another")
     reaches = numbers("ranges", ranges) if ranges else [sensor_range]
     made = [
         config_of(preset, reach, template, stride, estimator, sensor, field_of_view, headings)
         for reach in reaches
     ]
     configs = {f"{config.estimator}, {config.sensor_range:g} m": config for config in made}
-    make_folder(output)
+    comparison.specs_of(planner or ["grid"])
+    comparison.check_result_folder(output)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("runs", "runs"))
 

@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from locplan.comparison.comparing import compare
     from locplan.comparison.pairs import Contrast
     from locplan.comparison.queries import Query, random_queries, read_queries
-    from locplan.comparison.result import Comparison
+    from locplan.comparison.result import Comparison, check_result_folder
     from locplan.comparison.runs import MEASURES, STATUSES, Run, Task
-    from locplan.comparison.specs import PlannerSpec
+    from locplan.comparison.specs import PlannerSpec, specs_of
     from locplan.comparison.statistics import Summary
 
 # Imported when first used: the processes that plan need neither reports nor pictures.
@@ -22,6 +22,8 @@ _HOME = {
     "random_queries": "queries",
     "read_queries": "queries",
     "Comparison": "result",
+    "check_result_folder": "result",
+    "specs_of": "specs",
     "MEASURES": "runs",
     "STATUSES": "runs",
     "Run": "runs",
@@ -40,9 +42,11 @@ __all__ = [
     "Run",
     "Summary",
     "Task",
+    "check_result_folder",
     "compare",
     "random_queries",
     "read_queries",
+    "specs_of",
 ]
 
 

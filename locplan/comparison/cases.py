@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,9 @@ from locplan.grid import OccupancyGrid
 from locplan.map_files import find_maps, load_map
 from locplan.planners.pareto import pareto_front
 
+MOST_SCENARIOS = 100
+"""Of a MovingAI file, evenly over its lengths: some have fifteen thousand."""
+
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -35,6 +39,17 @@ class Source:
     queries: tuple[Query, ...]
     field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField]
 
+    def to_json(self) -> dict[str, Any]:
+        """All that it is made of but its cells."""
+        return {
+            "map": self.case[0],
+            "digest": self.grid.digest,
+            "field": self.case[1],
+            "config": None if self.config is None else dataclasses.asdict(self.config),
+            "robot_radius": self.robot_radius,
+            "queries": [dataclasses.asdict(query) for query in self.queries],
+        }
+
     def field(self) -> CovarianceField | None:
         return None if self.config is None else self.field_of(self.grid, self.config)
 
@@ -48,15 +63,16 @@ class Source:
             self.grid, field, robot_radius=self.robot_radius, criterion=self.criterion
         )
 
-    def find_queries(self, wanted: Any, least_distance: float, seed: int) -> tuple[Query, ...]:
+    def find_queries(
+        self, costs: Costmap, wanted: Any, least_distance: float, seed: int, headed: bool
+    ) -> tuple[Query, ...]:
         """What was asked for as queries: see `locplan.compare`."""
-        if isinstance(wanted, int):
-            return tuple(
-                random_queries(self.costmap(), wanted, seed, least_distance=least_distance)
-            )
+        if isinstance(wanted, int) and not isinstance(wanted, bool):
+            far: dict[str, Any] = {"least_distance": least_distance, "headed": headed}
+            return tuple(random_queries(costs, wanted, seed, **far))
         if isinstance(wanted, (str, os.PathLike)):
             if Path(wanted).suffix == ".scen":
-                return tuple(read_scenarios(wanted, self.grid))
+                return tuple(read_scenarios(wanted, self.grid, count=MOST_SCENARIOS))
             return tuple(read_queries(wanted))
         try:
             return tuple(
@@ -76,7 +92,8 @@ class Source:
             return None
         costs = self.costmap(field)
         first = self.queries[0]
-        front = pareto_front(costs, first.start[:2], first.goal[:2], time_limit=front_time)
+        ends = first.start[:2], first.goal[:2]
+        front = pareto_front(costs, *ends, objective="e", time_limit=front_time)
         return Scene(
             costs,
             field,
@@ -104,6 +121,8 @@ def named_maps(maps: Any) -> dict[str, OccupancyGrid | Costmap]:
             loaded = _map(one)
             grid = loaded.grid if isinstance(loaded, Costmap) else loaded
             name = grid.name or f"map {n}"
+            if name in named and isinstance(one, Path):
+                name = f"{one.resolve().parent.name}/{name}"
             if name in named:
                 raise ConfigError(f"two maps are called {name!r}; give a mapping of names to maps")
             named[name] = loaded
@@ -119,7 +138,11 @@ def named_configs(
     if configs is None or isinstance(configs, FieldConfig):
         config = configs or FieldConfig()
         return {f"{config.estimator}, {config.sensor_range:g} m": config}
-    if not configs or not all(isinstance(config, FieldConfig) for config in configs.values()):
+    if (
+        not isinstance(configs, Mapping)
+        or not configs
+        or not all(isinstance(config, FieldConfig) for config in configs.values())
+    ):
         raise ConfigError("configs must be a FieldConfig, or a mapping of labels to them")
     return dict(configs)
 

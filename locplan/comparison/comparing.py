@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
+from numbers import Real
 from typing import Any
 
 from locplan import __version__
@@ -55,7 +55,7 @@ def compare(
     field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute,
     progress: ProgressCallback | None = None,
 ) -> Comparison:
-    """Run every planner on every query of every map, each run in a process of its own kind.
+    """Run every planner on every query of every map, in worker processes.
 
     A run that crashes, hangs or takes too much memory is a failure that is counted; the others go
     on.
@@ -66,10 +66,12 @@ def compare(
         Each a map_server YAML, an OccupancyGrid, or a Costmap of one's own; a mapping names them.
     planners : sequence
         Names with options, such as "BITstar:time_limit=2"; functions ``f(costs, start, goal,
-        **options)`` that return a `Plan`; or `PlannerSpec`.
+        **options)`` that return a `Plan`, such as ``Plan("solved", "mine", start, goal, Path(xy),
+        None, seconds)``, whose metrics are measured anew, each on a costmap of its own; or
+        `PlannerSpec`.
     queries : int, path, sequence, or mapping of them by map
         How many to draw at random; a CSV of name, start_x, start_y, goal_x, goal_y [m], or a
-        MovingAI .scen file; or `Query` objects, or (start, goal) pairs.
+        MovingAI .scen file (100 of it); or `Query` objects, or (start, goal) pairs.
     weights : sequence of float
         Metres of detour accepted per metre of blind travel.
     seeds : sequence of int
@@ -88,8 +90,19 @@ def compare(
         Of random queries.
     baseline : str, optional
         The label of the planner to compare with: any-angle if it is there, else the first.
-    workers, memory, patience, journal, resume, progress
-        See `locplan.comparison.engine.run_all`.
+    workers : int, optional
+        Processes at once; as many as there are cores.
+    memory : float, optional
+        What a run may take [bytes], on Linux; by default the workers share 80 % of the machine's.
+    patience : float
+        How long a planner without a time limit may take [s]. With one it is twice that and 10 s.
+    journal : path, optional
+        A file that runs are written to as they come.
+    resume : bool
+        Whether the journal may hold runs already: those of the same tasks are not made again, but
+        for ones that crashed, hung or took too much memory.
+    progress : callable, optional
+        Called with the number of runs done and of all.
     field_of : callable
         Makes or reads the field of a map.
 
@@ -102,6 +115,10 @@ def compare(
     LocplanError
         If anything is wrong with the input, before the first run.
     """
+    planners = [planners] if isinstance(planners, str) or callable(planners) else planners
+    weights = [float(weights)] if isinstance(weights, Real) else list(weights)
+    if not isinstance(seeds, Iterable):
+        raise ConfigError(f"seeds must be a sequence of whole numbers, not {seeds!r}")
     specs = [spec.with_time_limit(time_limit) for spec in specs_of(planners)]
     labels = [spec.label for spec in specs]
     if baseline is None:
@@ -112,11 +129,18 @@ def compare(
     began = datetime.now(UTC).astimezone()
 
     def jobs() -> Iterator[Job]:
-        for source in _sources(
-            maps, queries, configs, robot_radius, criterion, least_distance, query_seed, field_of
+        headed = any(spec.space != "R2" for spec in specs)
+        for source, costs in _sources(
+            maps,
+            queries,
+            configs,
+            robot_radius,
+            criterion,
+            field_of,
+            (least_distance, query_seed, headed),
         ):
             sources[source.case] = source
-            yield Job(*source.case, source.costmap(), source.queries)
+            yield Job(*source.case, costs, source.queries)
 
     runs = run_all(
         jobs(),
@@ -141,15 +165,15 @@ def compare(
             "machine": f"{platform.machine()}, {usable_cores()} cores",
             "workers": workers or usable_cores(),
             "began": began.isoformat(timespec="seconds"),
-            "planners": [[spec.label, *map(str, spec.identity())] for spec in specs],
-            "weights": list(weights),
+            "planners": {spec.label: spec.identity() for spec in specs},
+            "weights": [float(weight) for weight in weights],
             "seeds": list(seeds),
-            "robot_radius": robot_radius,
+            "time_limit": time_limit,
+            "memory": memory,
+            "patience": patience,
             "criterion": criterion,
-            "fields": {
-                label: json.dumps(dataclasses.asdict(config))
-                for label, config in named_configs(configs).items()
-            },
+            "random_queries": {"least_distance": least_distance, "seed": query_seed},
+            "cases": [source.to_json() for source in sources.values()],
         },
     )
 
@@ -160,22 +184,23 @@ def _sources(
     configs: Any,
     robot_radius: float,
     criterion: str,
-    least_distance: float,
-    query_seed: int,
     field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField],
-) -> Iterator[Source]:
+    drawn: tuple[float, int, bool],
+) -> Iterator[tuple[Source, Costmap]]:
     """One of each map and settings; the queries of a map are the same in all settings."""
     for name, given in named_maps(maps).items():
         own = given if isinstance(given, Costmap) else None
         grid = given.grid if isinstance(given, Costmap) else given
+        if isinstance(queries, Mapping) and name not in queries:
+            raise ConfigError(f"there are no queries for map {name!r}")
         wanted = queries[name] if isinstance(queries, Mapping) else queries
         asked: tuple[Query, ...] = ()
+        radius = robot_radius if own is None else own.robot_radius
         labels = {"own cost": None} if own else named_configs(configs)
         for label, config in labels.items():
-            source = Source(
-                (name, label), grid, config, own, robot_radius, criterion, asked, field_of
-            )
+            source = Source((name, label), grid, config, own, radius, criterion, asked, field_of)
+            costs = source.costmap()
             if not asked:
-                asked = source.find_queries(wanted, least_distance, query_seed)
+                asked = source.find_queries(costs, wanted, *drawn)
                 source = dataclasses.replace(source, queries=asked)
-            yield source
+            yield source, costs

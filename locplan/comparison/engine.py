@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,9 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.planners import check_ends
 from locplan.planners.result import Plan
 from locplan.progress import ProgressCallback
+
+BY_CHANCE = ("crashed", "hung", "out of memory")
+"""What may end otherwise with more memory or patience, or undisturbed: made anew on resuming."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ def run_all(
     journal : path, optional
         A file that runs are written to as they come.
     resume : bool
-        Whether the journal may hold runs already; those of the same tasks are not made again.
+        Whether the journal may hold runs already; those of the same tasks are not made again, but
+        for ones that crashed, hung or took too much memory.
     progress : callable, optional
         Called with the number of runs done and of all.
 
@@ -92,10 +97,16 @@ def run_all(
         If anything is wrong with the input, before the first run.
     """
     count = usable_cores() if workers is None else workers
-    if count < 1 or not patience > 0:
+    if not isinstance(count, int) or count < 1 or not patience > 0:
         raise ConfigError(
-            f"workers must be at least 1 and patience positive, not {count} and {patience:g}"
+            f"workers must be a whole number of at least 1 and patience positive, not {count!r} and"
+            f" {patience!r}"
         )
+    if memory is not None and not (isinstance(memory, Real) and memory > 0):
+        raise ConfigError(f"memory must be a positive number of bytes, not {memory!r}")
+    weights, seeds = list(weights), list(seeds)
+    if not all(isinstance(seed, int) and seed >= 1 for seed in seeds):
+        raise ConfigError(f"seeds must be whole numbers of at least 1, not {seeds!r}")
     specs = specs_of(planners)
     for name, values in (("weight", weights), ("seed", seeds)):
         if not values or len(set(values)) < len(values):
@@ -103,10 +114,12 @@ def run_all(
     with ExitStack() as stack:
         book = stack.enter_context(Journal(journal, resume=resume)) if journal else None
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="locplan-")))
-        pool = stack.enter_context(Workers(specs, count, memory=memory, patience=patience))
+        pool = stack.enter_context(
+            Workers(specs, count, memory=memory, patience=patience, scratch=folder)
+        )
         orders = list(_orders(jobs, specs, weights, seeds, folder))
         done = {order.task: book.runs.get((order.task, order.digest)) for order in orders if book}
-        runs = {task: run for task, run in done.items() if run}
+        runs = {task: run for task, run in done.items() if run and run.status not in BY_CHANCE}
         left = [order for order in orders if order.task not in runs]
         digests = {order.task: order.digest for order in left}
         if progress:

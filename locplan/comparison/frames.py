@@ -63,7 +63,10 @@ def _columns() -> list[str]:
 
 
 def _write_csv(records: list[dict[str, Any]], path: Path) -> None:
-    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+    with (
+        replacing(path) as temporary,
+        temporary.open("w", encoding="utf-8", errors="replace", newline="") as file,
+    ):
         table = csv.DictWriter(file, _columns(), lineterminator="\n")
         table.writeheader()
         table.writerows({key: _cell(value) for key, value in row.items()} for row in records)

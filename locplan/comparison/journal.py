@@ -67,6 +67,8 @@ class Journal:
         trace: TracebackType | None,
     ) -> None:
         self._file.close()
+        if error is not None and not self.runs:  # nothing was run: leave nothing behind
+            self.path.unlink(missing_ok=True)
 
     def add(self, run: Run, digest: str) -> None:
         """Write a run down."""

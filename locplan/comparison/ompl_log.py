@@ -93,14 +93,15 @@ def write_ompl_logs(
     if not ordered:
         raise LocplanError("there are no runs to write a log of")
     logs = _logs(ordered, baseline, (time_limit, memory_limit), settings or {}, started)
-    with replacing_folder(folder, None, _only_logs) as temporary:
+    with replacing_folder(folder, None, only_logs) as temporary:
         for name, lines in logs.items():
             text = "".join(f"{line}\n" for line in lines)
             (temporary / name).write_text(text, "ascii", "backslashreplace", newline="\n")
     return [Path(folder) / name for name in logs]
 
 
-def _only_logs(folder: Path) -> bool:
+def only_logs(folder: Path) -> bool:
+    """Whether a folder may be replaced: nothing but logs is in it."""
     return folder.is_dir() and all(path.suffix == ".log" for path in folder.iterdir())
 
 

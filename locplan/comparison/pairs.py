@@ -70,15 +70,19 @@ class Contrast:
         """What can be said of it; nothing of the baseline itself."""
         if self.planner == self.baseline:
             return ""
+        if not self.pairs:
+            return f"no query that {self.baseline} and it both solve"
         if self.pairs >= FEWEST_PAIRS and np.isnan(self.estimate.value):
             return f"{self.baseline} has none of it"
         if self.pairs < FEWEST_PAIRS or not np.isfinite(self.estimate).all():
-            return f"too few pairs to tell ({self.pairs})"
+            wanted = f" of {FEWEST_PAIRS}" if self.pairs < FEWEST_PAIRS else ""
+            return f"too few queries to tell ({self.pairs}{wanted})"
         value, low, high = self.estimate
         equal = 0.0 if self.kind == DIFFERENCE else 1.0
         if low <= equal + ROUNDING and high >= equal - ROUNDING:
             change = self._per_cent(low - equal, high - equal)
-            return f"no significant difference from {self.baseline} {change}"
+            unit = "percentage points" if self.kind == DIFFERENCE else "%"
+            return f"no significant difference from {self.baseline} {change} {unit}"
         if self.kind != DIFFERENCE and value >= 2:
             bounds = f"[{low:.3g}, {high:.3g}]"
             return f"{MEASURES[self.measure][0]} {value:.3g} times {self.baseline}'s {bounds}"

@@ -70,7 +70,9 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     return list(queries.values())
 
 
-def random_queries(costs: Costmap, count: int, seed: int, *, least_distance: float) -> list[Query]:
+def random_queries(
+    costs: Costmap, count: int, seed: int, *, least_distance: float, headed: bool = False
+) -> list[Query]:
     """Queries at random that all can be solved, spread over the map.
 
     Start and goal are the centres of cells where the robot can stand, joined by a path that cuts
@@ -86,6 +88,8 @@ def random_queries(costs: Costmap, count: int, seed: int, *, least_distance: flo
         Of the random numbers; the same seed gives the same queries.
     least_distance : float
         Between start and goal in a straight line [m].
+    headed : bool
+        Whether they have headings, at random as well.
 
     Raises
     ------
@@ -104,13 +108,17 @@ def random_queries(costs: Costmap, count: int, seed: int, *, least_distance: flo
         pairs = np.array([parts.draw(random) for _ in range(CANDIDATES)])
         chosen = np.vstack([chosen, _farthest(pairs, chosen)])
     digits = len(str(count))
-    centres = [
+    centres: list[tuple[Position, ...]] = [
         tuple(costs.grid.cell_to_world(int(row), int(col)) for row, col in pair.reshape(2, 2))
         for pair in chosen
     ]
-    return [
-        Query(f"random {n:0{digits}}", start, goal) for n, (start, goal) in enumerate(centres, 1)
-    ]
+    if headed:
+        angles = random.uniform(-math.pi, math.pi, (count, 2)).tolist()
+        centres = [
+            tuple((*xy, angle) for xy, angle in zip(ends, turns, strict=True))
+            for ends, turns in zip(centres, angles, strict=True)
+        ]
+    return [Query(f"random {n:0{digits}}", *ends) for n, ends in enumerate(centres, 1)]
 
 
 def lines_of(path: Path) -> list[str]:
@@ -190,7 +198,7 @@ class _Parts:
             raise ConfigError(
                 f"{costs.grid.name or 'the map'}: no two positions that are joined lie"
                 f" {least_distance:g} m apart; the farthest are"
-                f" {max(widths) * costs.grid.resolution:.2f} m"
+                f" {max(widths) * costs.grid.resolution:.2f} m; choose a smaller least distance"
             )
         wide = [n for n, width in enumerate(widths) if width >= least - 1e-9]
         return cls(tuple(every[n] for n in wide), tuple(ends[n] for n in wide), least)

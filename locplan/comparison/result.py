@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from locplan.comparison.cases import Source
 from locplan.comparison.frames import has_parquet, to_frame, write_table
-from locplan.comparison.ompl_log import write_ompl_logs
+from locplan.comparison.ompl_log import only_logs, write_ompl_logs
 from locplan.comparison.pairs import Contrast, contrasts
 from locplan.comparison.report import write_report
 from locplan.comparison.report.data import Case, ReportData, Row
@@ -24,12 +26,25 @@ from locplan.comparison.verdicts import (
     rows_of,
     summary_json,
 )
-from locplan.files import make_folder, replacing
+from locplan.files import check_folder_target, check_target, make_folder, replacing
 
 MOST_SCENES, PATHS_EACH = 8, 2
 """Maps and settings that a report draws, and queries whose paths it shows on each."""
+REPORTED = (
+    *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers", "began"),
+    *("time_limit", "criterion", "random_queries"),
+)
+"""Of `about`, what a report shows."""
 FRONT_TIME = 20.0
 """For the exact front of a query in a report [s]."""
+
+
+def check_result_folder(folder: Path) -> None:
+    """Make the folder, and raise a LocplanError unless results can be written into it."""
+    make_folder(folder)
+    check_target(folder / "report.html", ".html")
+    check_target(folder / "runs.csv", ".csv")
+    check_folder_target(folder / "ompl_logs", None, only_logs)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,13 +96,22 @@ class Comparison:
             If a file cannot be written.
         """
         target = Path(folder)
-        make_folder(target)
+        check_result_folder(target)
+        write_report(target / "report.html", self._report(command))
         tables = ["runs.csv", *(["runs.parquet"] if has_parquet() else [])]
         written = [write_table(self.runs, target / name) for name in tables]
         with replacing(target / "comparison.json") as temporary:
             temporary.write_text(json.dumps(self.to_json(), indent=2) + "\n", encoding="utf-8")
-        write_ompl_logs(self.runs, target / "ompl_logs", baseline=self.baseline)
-        write_report(target / "report.html", self._report(command))
+        limits = [self.about.get(name) for name in ("time_limit", "memory")]
+        seconds, size = (math.nan if limit is None else limit for limit in limits)
+        write_ompl_logs(
+            self.runs,
+            target / "ompl_logs",
+            baseline=self.baseline,
+            time_limit=seconds,
+            memory_limit=size,
+            started=datetime.fromisoformat(self.about["began"]),
+        )
         return [
             target / "report.html",
             *written,
@@ -120,8 +144,10 @@ class Comparison:
         chosen = list(self.sources.items())[:MOST_SCENES]
         drawn = {case: source.scene(PATHS_EACH, FRONT_TIME) for case, source in chosen}
         scenes = {case: scene for case, scene in drawn.items() if scene is not None}
-        told = {key: str(value) for key, value in self.about.items() if key not in ("fields",)}
-        told |= {f"field, {label}": about for label, about in self.about["fields"].items()}
+        told = {key: str(self.about[key]) for key in REPORTED if key in self.about}
+        for source in self.sources.values():
+            told[f"field of {', '.join(source.case)}"] = json.dumps(source.to_json()["config"])
+            told["robot radius"] = f"{source.robot_radius:g} m"
         return ReportData(
             self.runs, self.rows(), scenes, self.baseline, self.answers(), told, command
         )

@@ -48,6 +48,11 @@ def weighted(folder: Path, weight: float) -> Costmap:
     return with_weight(_latest(folder), weight)
 
 
+def private(folder: Path, weight: float) -> Costmap:
+    """The same, with pages of its own: what is written to it nobody else sees."""
+    return with_weight(get(folder), weight)
+
+
 def with_weight(costs: Costmap, weight: float) -> Costmap:
     """The costmap with another weight; of one without a field, itself, whose only weight is 0."""
     if math.isnan(costs.weight) and weight == 0:

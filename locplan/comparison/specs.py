@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import inspect
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
@@ -115,15 +117,21 @@ class PlannerSpec:
         return tuple(seeds) if self._takes_seed() else (0,)
 
     def identity(self) -> list[Any]:
-        """What decides its paths, fit for JSON; of a function its source, as far as known."""
+        """What decides its paths, fit for JSON.
+
+        Of a function what it is, with all that it has closed over, and its whole source file.
+        """
         if self.function is None:
             return [self.name, dict(self.options)]
+        import cloudpickle
+
         try:
-            source = inspect.getsource(self.function)
-        except (OSError, TypeError):
-            source = ""
-        where = [getattr(self.function, name, "") for name in ("__module__", "__qualname__")]
-        return [*where, source, {name: repr(value) for name, value in self.options.items()}]
+            source = Path(inspect.getfile(self.function)).read_bytes()
+        except (OSError, TypeError):  # of a notebook, or of a callable object
+            source = b""
+        content = hashlib.blake2b(cloudpickle.dumps(self.function) + source, digest_size=16)
+        options = {name: repr(value) for name, value in self.options.items()}
+        return [getattr(self.function, "__qualname__", ""), content.hexdigest(), options]
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
         """One run, measured on the costmap.
@@ -136,13 +144,13 @@ class PlannerSpec:
         options = dict(self.options)
         if self._takes_seed():
             options["seed"] = seed
+        if self.space == "R2":
+            start, goal = start[:2], goal[:2]
         if self.function is not None:
             began = time.perf_counter()
             result = self.function(costs, start, goal, **options)
             elapsed = time.perf_counter() - began
             return _sound(result, costs, start, goal, elapsed)
-        if self.space == "R2":
-            start, goal = start[:2], goal[:2]
         return plan(costs, start, goal, planner=self.name, **options)
 
     def prepare(self) -> None:
@@ -190,6 +198,8 @@ def _parsed(text: str) -> PlannerSpec:
             )
         owner, _, setting = key.rpartition(".")
         home = options.setdefault("settings", {}) if owner == "settings" else options
+        if not isinstance(home, dict) or (key == "settings" and not owner):
+            raise ConfigError(f"planner {text!r}: write settings one by one, as settings.range=2")
         home[setting if owner == "settings" else key] = _value(value)
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
     label = f"{name.strip()}:{squeezed}" if parts else name.strip()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,25 +11,49 @@ from typing import Any
 from locplan.comparison.pairs import Contrast, contrasts
 from locplan.comparison.report.data import Case, Row
 from locplan.comparison.runs import Run
-from locplan.comparison.statistics import Setting, Summary, summaries
+from locplan.comparison.statistics import Setting, Summary, setting_of, summaries
 from locplan.tables import finite, table
 
 
 def rows_of(runs: Sequence[Run], baseline: str, cases: Iterable[Case]) -> list[Row]:
-    """Each planner's statistics with its J beside the baseline's, in the order of the cases."""
+    """Each planner's statistics with its J beside the baseline's, in the order of the cases.
+
+    Medians are over the queries that all planners have solved: one that fails where it is hard
+    would look better than it is.
+    """
     costs = {(c.setting, c.planner): c for c in contrasts(runs, baseline) if c.measure == "cost"}
     order = {case: n for n, case in enumerate(cases)}
+    shared = {(s.setting, s.planner): s.measures for s in summaries(solved_by_all(runs))}
     rows = [
-        _row(summary, costs.get((summary.setting, summary.planner))) for summary in summaries(runs)
+        _row(
+            dataclasses.replace(s, measures=shared.get((s.setting, s.planner), {})),
+            costs.get((s.setting, s.planner)),
+        )
+        for s in summaries(runs)
     ]
     return sorted(rows, key=lambda row: (order[row["map"], row["config"]], row["weight"]))
 
 
+def solved_by_all(runs: Sequence[Run]) -> list[Run]:
+    """The runs of queries that every planner has solved, with any seed: so that medians compare."""
+    solved: dict[tuple[Setting, str], set[str]] = {}
+    planners: dict[Setting, set[str]] = {}
+    for run in runs:
+        setting = setting_of(run)
+        planners.setdefault(setting, set()).add(run.task.planner)
+        if run.status == "solved":
+            solved.setdefault((setting, run.task.query), set()).add(run.task.planner)
+    return [
+        run
+        for run in runs
+        if solved.get((setting_of(run), run.task.query)) == planners[setting_of(run)]
+    ]
+
+
 def answers(rows: Sequence[Row], baseline: str) -> dict[str, str]:
-    """For each map a sentence: each planner's J beside the baseline's, at the last weight."""
+    """For each map what is to be said of each planner at the greatest weight, by settings."""
     names = dict.fromkeys(row["map"] for row in rows)
-    told = {name: "; ".join(_answers(rows, name, baseline)) for name in names}
-    return {name: text or f"every query is solved by {baseline}" for name, text in told.items()}
+    return {name: " ".join(_answers(rows, name, baseline)) for name in names}
 
 
 def comparison_table(rows: Sequence[Row], baseline: str) -> str:
@@ -43,7 +68,8 @@ def comparison_table(rows: Sequence[Row], baseline: str) -> str:
 
 
 def _told(row: Mapping[str, Any], baseline: str) -> list[str]:
-    medians = [row["measures"][name][0] for name in ("cost", "integrated_u", "seconds")]
+    names = ("cost", "integrated_u", "seconds")
+    medians = [row["measures"].get(name, (math.nan,))[0] for name in names]
     numbers = ["–" if math.isnan(value) else f"{value:.4g}" for value in medians]
     verdict = "the baseline" if row["planner"] == baseline else row["sentence"]
     return [row["planner"], f"{row['solved_share']:.0%}", *numbers, verdict]
@@ -66,18 +92,24 @@ def _row(summary: Summary, contrast: Contrast | None) -> Row:
     )
 
 
-def _answers(rows: Iterable[Row], name: str, baseline: str) -> Iterator[str]:
-    """What is to be said of each planner on a map, at the first settings and the last weight."""
+def _answers(rows: Sequence[Row], name: str, baseline: str) -> Iterator[str]:
+    """One sentence for each kind of field."""
     own = [row for row in rows if row["map"] == name]
-    own = [row for row in own if row["config"] == own[0]["config"]]
-    last = max(row["weight"] for row in own)
-    for row in own:
-        if row["weight"] == last:
-            told = [row["sentence"]] if row["planner"] != baseline and row["sentence"] else []
-            if row["solved_share"] < 1:
-                told.append(f"solves {row['solved_share']:.0%}")
-            if told:
-                yield f"{row['planner']}: {', '.join(told)}"
+    greatest = max(row["weight"] for row in own)
+    for config in dict.fromkeys(row["config"] for row in own):
+        told = [
+            _answer(row, baseline)
+            for row in own
+            if (row["config"], row["weight"]) == (config, greatest)
+        ]
+        yield f"At weight {greatest:g}, {config}: {'; '.join(filter(None, told))}."
+
+
+def _answer(row: Row, baseline: str) -> str:
+    told = [] if row["planner"] == baseline else [row["sentence"]]
+    if row["solved_share"] < 1:
+        told.append(f"solves {row['solved_share']:.0%}")
+    return f"{row['planner']}: {', '.join(told)}" if told else ""
 
 
 def summary_json(summary: Summary) -> dict[str, Any]:

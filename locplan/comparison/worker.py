@@ -69,7 +69,9 @@ def main(descriptor: int, parent: int) -> None:
 
 def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
     """Make one run in so much memory [bytes]; whatever a planner raises is a result."""
-    costs = shelf.weighted(order.costs, order.task.weight)
+    # A function may write into its costmap: it gets one that no other run sees.
+    of_its_own = planner.function is not None
+    costs = (shelf.private if of_its_own else shelf.weighted)(order.costs, order.task.weight)
     began = time.perf_counter()
     try:
         with limited_memory(memory):
@@ -88,19 +90,20 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
 
 def run_of(task: Task, result: Plan) -> Run:
     """A plan as a record; its time with the worker is added by who measures it."""
-    seconds, path = result.solve_time, result.path
+    seconds, path, note = float(result.solve_time), result.path, str(result.note or "")
+    status = str(result.status)
     if path is None:
-        return Run(task, result.status, seconds, seconds, note=result.note)
+        return Run(task, status, seconds, seconds, note=note)
     told = {name: getattr(result.metrics, name, math.nan) for name in MEASURES if name != "seconds"}
     return Run(
         task,
-        result.status,
+        status,
         seconds,
         seconds,
         {name: float(value) for name, value in told.items()} | {"turning": turning(path)},
-        tuple((float(at), float(cost)) for at, cost in result.history),
+        tuple((float(at), float(cost)) for at, cost in result.history if math.isfinite(at + cost)),
         tuple((x, y) for x, y in path.xy.tolist()),
-        result.note,
+        note,
     )
 
 

@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from types import TracebackType
 
 import cloudpickle
@@ -66,6 +67,8 @@ class Workers:
         What a run may take [bytes], on Linux; by default a fair share of the machine's.
     patience : float
         How long a planner without a time limit may take [s].
+    scratch : path, optional
+        For the temporary files of planners, which processes that are ended leave behind.
 
     Raises
     ------
@@ -80,7 +83,9 @@ class Workers:
         *,
         memory: float | None = None,
         patience: float = PATIENCE,
+        scratch: Path | None = None,
     ) -> None:
+        self._scratch = scratch
         self._planners, self._count, self._patience = planners, count, patience
         self._memory = fair_memory(count) if memory is None else memory
         self._workers: list[_Worker] = []
@@ -132,7 +137,7 @@ class Workers:
 
     def _start(self, wanted: int) -> None:
         for _ in range(wanted - len(self._workers)):
-            self._workers.append(_Worker(self._handed, self._memory))
+            self._workers.append(_Worker(self._handed, self._memory, self._scratch))
 
     def _limit(self, order: Order) -> float:
         own = self._planners[order.planner].time_limit
@@ -156,7 +161,7 @@ class Workers:
 class _Worker:
     """One process and what it is at."""
 
-    def __init__(self, handed: bytes, memory: float) -> None:
+    def __init__(self, handed: bytes, memory: float, scratch: Path | None) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
             command = (
@@ -169,7 +174,7 @@ class _Worker:
                 stdin=subprocess.DEVNULL,
                 stdout=2,  # what a planner prints is no part of the caller's output
                 pass_fds=[theirs.fileno()],
-                env={**os.environ, **_ONE_THREAD},
+                env={**os.environ, **_ONE_THREAD, **({"TMPDIR": str(scratch)} if scratch else {})},
                 start_new_session=True,
             )
         self.connection = Connection(ours.detach())

@@ -134,8 +134,8 @@ def trade_off_picture(
             _draw_trade_offs(
                 axes, points[planner][(points[planner][:, 1:] <= edge).all(1)], look, sizes
             )
-        label, unit = MEASURES[measure]
-        axes.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
+        unit = f"{scene.field.e_unit} m"
+        axes.set(xlabel="length [m]", ylabel=f"{MEASURES[measure][0]} [{unit}]")
         axes.margins(0.06)
         axes.grid()
 

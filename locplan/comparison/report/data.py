@@ -72,6 +72,12 @@ class ReportData:
     title: str = "Planner comparison"
 
     @property
+    def e_unit(self) -> str:
+        """Of e: without rotation there is no angle in it."""
+        units = [scene.field.e_unit for scene in self.scenes.values()]
+        return units[0] if units else "m² rad"
+
+    @property
     def planners(self) -> tuple[str, ...]:
         """Their labels, in the order of the runs; the place decides colour and dash."""
         return tuple(dict.fromkeys(run.task.planner for run in self.runs))

@@ -12,6 +12,7 @@ from locplan.comparison.report.html import Html, counted, element, html, picture
 from locplan.comparison.report.marks import legend, line, line_and_marker, swatch
 from locplan.comparison.runs import MEASURES, Run
 from locplan.path import Path
+from locplan.planners.pareto import ParetoFront
 from locplan.plotting.comparisons import (
     MARKERS,
     Look,
@@ -23,12 +24,13 @@ from locplan.plotting.comparisons import (
 
 
 def trade_offs(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
-    """Length against the integral of u or e, before the exact front."""
+    """Length against the integral of e, before the exact front."""
     yield element(
         "p",
         "Every run of one query: shorter to the left, safer below. Markers grow with the weight,"
-        " a line joins the medians of a planner's weights. The grey line is the exact front of"
-        " paths from cell to cell; paths that leave its eight directions can lie below it.",
+        " a line joins the medians of a planner's weights. The grey line is the Pareto front of"
+        " paths from cell to cell, exact unless the legend says otherwise; paths that leave its"
+        " eight directions can lie below it.",
         kind="muted",
     )
     yield _gallery(
@@ -43,7 +45,7 @@ def _trade_off(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Html:
     front, query = scene.front, scene.front_query
     assert front is not None
     runs = [run for run in data.of_case(case) if run.task.query == query and run.measures]
-    what, unit = MEASURES[f"integrated_{front.objective}"]
+    what, unit = MEASURES[f"integrated_{front.objective}"][0], f"{scene.field.e_unit} m"
     ends = [
         f"{length:.1f} m and {integral:.3g} {unit}"
         for length, integral in zip(front.length[[0, -1]], front.integral[[0, -1]], strict=True)
@@ -53,13 +55,16 @@ def _trade_off(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Html:
     caption = _name(case, query)
     if outside:
         caption += f"; {counted(outside, 'run')} too far out to show"
-    return picture(drawn, _legend_of_trade_offs(runs, looks, len(front)), caption)
+    return picture(drawn, _legend_of_trade_offs(runs, looks, front), caption)
 
 
-def _legend_of_trade_offs(runs: Sequence[Run], looks: Mapping[str, Look], paths: int) -> Html:
+def _legend_of_trade_offs(
+    runs: Sequence[Run], looks: Mapping[str, Look], front: ParetoFront
+) -> Html:
     used = {run.task.planner for run in runs}
     entries = [(line_and_marker(look), name) for name, look in looks.items() if name in used]
-    entries.append((swatch("muted"), f"exact front, {counted(paths, 'path')}"))
+    exact = "exact front" if front.epsilon == 0 else f"front within {front.epsilon:.2%}"
+    entries.append((swatch("muted"), f"{exact}, {counted(len(front), 'path')}"))
     sizes = marker_sizes(sorted({run.task.weight for run in runs}))
     for weight, size in sizes.items():
         entries.append((swatch("muted", -1, MARKERS[0], size), f"weight {weight:g}"))
@@ -79,7 +84,9 @@ def over_time(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
 
 
 def _over_time(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Iterator[Html]:
-    curves = convergence(data.of_case(case), data.baseline)
+    curves = [
+        curve for curve in convergence(data.of_case(case), data.baseline) if curve.queries
+    ]  # without a query that the baseline has solved there is nothing to relate to
     for weight in sorted({curve.setting.weight for curve in curves}):
         own = {curve.planner: curve for curve in curves if curve.setting.weight == weight}
         caption = f"{', '.join(case)}, weight {weight:g}"

@@ -22,9 +22,9 @@ from locplan.comparison.report.marks import Scale, interval, line
 from locplan.comparison.runs import MEASURES, Run
 from locplan.plotting.comparisons import Look
 
-COLUMNS = ("cost", "length", "integrated_u", "integrated_e", "seconds")
+COLUMNS = ("cost", "seconds", "length", "integrated_u", "integrated_e")
 HEADS = {"cost": "J [m]", "seconds": "time [ms]"} | {
-    name: f"{label} [{unit}]" for name, (label, unit) in MEASURES.items() if name in COLUMNS[1:4]
+    name: f"{label} [{unit}]" for name, (label, unit) in MEASURES.items() if name in COLUMNS[2:]
 }
 MOST_GROUPS = 200
 """Of failures that are told."""
@@ -37,23 +37,27 @@ def results(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
         "p",
         f"The mark beside each ratio is its 95{NO_BREAK}% interval, the upright line the J of"
         f" {data.baseline}; grey where the interval includes it, an arrow where it lies outside."
-        " The other columns are medians of the solved runs, with their interquartile ranges below:"
-        " a planner that fails where it is hard looks better there than it is. Bold: the least"
-        " median J of those that solve most.",
+        " The other columns are medians over the queries that all planners have solved, with"
+        " their interquartile ranges below. Bold: the least median J of those that solve most.",
         kind="muted",
     )
     cases = itertools.groupby(data.rows, lambda row: (row["map"], row["config"]))
     for case, in_case in cases:
         tables = [
-            table(f"{', '.join(case)}, weight {weight:g}", _heads(), _rows(list(rows), data, looks))
+            table(
+                f"{', '.join(case)}, weight {weight:g}",
+                _heads(data.e_unit),
+                _rows(list(rows), data, looks),
+            )
             for weight, rows in itertools.groupby(in_case, lambda row: row["weight"])
         ]
         name = element("summary", element("h3", ", ".join(case)))
         yield element("details", name, *tables, open="open")
 
 
-def _heads() -> list[str]:
-    return ["planner", "J / baseline's J", "solved", *(HEADS[name] for name in COLUMNS)]
+def _heads(e_unit: str) -> list[str]:
+    heads = HEADS | {"integrated_e": f"{MEASURES['integrated_e'][0]} [{e_unit} m]"}
+    return ["planner", "J / baseline's J", "solved", *(heads[name] for name in COLUMNS)]
 
 
 def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> Iterator[list[Cell]]:
