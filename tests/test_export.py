@@ -261,7 +261,7 @@ def far_apart(costs, seed):
 
 
 @pytest.mark.parametrize("name", ["two_corridors", "office"])
-@pytest.mark.parametrize("weight", [1.0, 4.0, 12.0])
+@pytest.mark.parametrize("weight", [1.0, 12.0])
 def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig())

@@ -133,6 +133,8 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
 def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
     start, goal, options = request(space)
     options["iterations"] = 20_000 if planner == "BITstar" else 2500
+    if space in ("Dubins", "ReedsShepp"):
+        options["iterations"] //= 2
     paths = [
         plan(two_ways(), start, goal, planner=planner, seed=seed, **options).path
         for seed in (4, 4, 5)
