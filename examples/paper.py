@@ -21,14 +21,21 @@ from locplan import FieldConfig, paper, plotting
 
 PRESETS = {"paper": FieldConfig.paper, "default": FieldConfig}
 RANGES = (6.0, 8.0)
+NOISES = (0.0, 0.1, 0.2)
 
 
-def main(folder: str = "paper", resolution: float = 0.05, seeds: int = 5) -> None:
+def main(
+    folder: str = "paper",
+    resolution: float = 0.05,
+    seeds: int = 5,
+    presets: tuple[str, ...] = tuple(PRESETS),
+) -> None:
+    columns = [(p, reach, noise) for p in presets for reach in RANGES for noise in NOISES]
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     maps = paper.maps_of_places(resolution=resolution)
     sections = []
-    for name, caption, figure in figures(maps):
+    for name, caption, figure in figures(maps, presets):
         plotting.save_figure(figure, target / name, dpi=100)
         print(f"wrote {target / name}")
         sections.append(
@@ -38,14 +45,17 @@ def main(folder: str = "paper", resolution: float = 0.05, seeds: int = 5) -> Non
         figures="\n".join(sections),
         models=table(("model", *(slide.title for slide in paper.one_dimensional())), models()),
         claims=table(
-            ("claim", *(column_title(*column) for column in COLUMNS)), claims(resolution, seeds)
+            ("claim", *(column_title(*column) for column in columns)),
+            claims(columns, resolution, seeds),
         ),
     )
     (target / "index.html").write_text(page, encoding="utf-8")
     print(f"wrote {target / 'index.html'}")
 
 
-def figures(maps: dict[str, locplan.OccupancyGrid]) -> Iterator[tuple[str, str, Figure]]:
+def figures(
+    maps: dict[str, locplan.OccupancyGrid], presets: tuple[str, ...]
+) -> Iterator[tuple[str, str, Figure]]:
     """File name, caption and figure of each experiment."""
     yield (
         "figs_04-11_models.png",
@@ -60,11 +70,11 @@ def figures(maps: dict[str, locplan.OccupancyGrid]) -> Iterator[tuple[str, str, 
             f"Figs. 18-28: correlation at {place} over x-y, x-θ and y-θ; 0 is a perfect match.",
             plotting.distribution_figure({title_of(place): mismatch}, window),
         )
-    for preset, config in PRESETS.items():
+    for preset in presets:
         for name, grid in maps.items():
             fields = {
                 f"{name}, preset {preset}, range {reach:g} m": locplan.load_or_compute(
-                    grid, config(sensor_range=reach)
+                    grid, PRESETS[preset](sensor_range=reach)
                 )
                 for reach in RANGES
             }
@@ -124,17 +134,16 @@ def said(slide: paper.Slide, model: str) -> str:
     return best + (", undefined in occupied space" if undefined else "")
 
 
-COLUMNS = [(p, reach, noise) for p in PRESETS for reach in RANGES for noise in (0.0, 0.1, 0.2)]
-
-
 def column_title(preset: str, reach: float, noise: float) -> str:
     return f"{preset}, {reach:g} m, {f'noise {noise:.0%}' if noise else 'clean'}"
 
 
-def claims(resolution: float, seeds: int) -> Iterator[tuple[str, ...]]:
+def claims(
+    columns: list[tuple[str, float, float]], resolution: float, seeds: int
+) -> Iterator[tuple[str, ...]]:
     """For each claim, the share of poses at which it holds, of every preset, range and noise."""
     shares = []
-    for preset, reach, noise in COLUMNS:
+    for preset, reach, noise in columns:
         found = [
             paper.shares_of_claims(
                 paper.maps_of_places(resolution=resolution, boundary_noise=noise, seed=seed),
@@ -145,12 +154,12 @@ def claims(resolution: float, seeds: int) -> Iterator[tuple[str, ...]]:
         shares.append({claim: np.mean([each[claim] for each in found]) for claim in found[0]})
     for claim in shares[0]:
         yield (claim, *(f"{share[claim]:.0%}" for share in shares))
-    yield ("at 8 m e is nowhere greater than at 6 m", *larger_template(resolution))
+    yield ("at 8 m e is nowhere greater than at 6 m", *larger_template(columns, resolution))
 
 
-def larger_template(resolution: float) -> Iterator[str]:
+def larger_template(columns: list[tuple[str, float, float]], resolution: float) -> Iterator[str]:
     """For each column of 6 m, the share of poses over the map where e is no greater at 8 m."""
-    for preset, reach, noise in COLUMNS:
+    for preset, reach, noise in columns:
         if reach == RANGES[1]:
             yield "–"
             continue

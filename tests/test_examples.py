@@ -5,7 +5,7 @@ import pytest
 
 EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.py"))
 
-QUICKLY = {"paper": (0.1, 1), "compare": (0.05,)}
+QUICKLY = {"paper": (0.1, 1, ("paper",)), "compare": (0.05,)}
 """Arguments with which a program is done soon."""
 
 

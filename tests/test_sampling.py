@@ -454,7 +454,7 @@ def test_hard_cases_do_not_crash_the_process(planner):
             heading = () if space == "R2" else (0.3,)
             radius = {{"turning_radius": 0.4}} if space in ("Dubins", "ReedsShepp") else {{}}
             print(plan(costs, (*start, *heading), (*goal, *heading), planner={planner!r},
-                       space=space, iterations=300, time_limit=0.7, **radius).status)
+                       space=space, iterations=300, time_limit=0.3, **radius).status)
     """
     assert set(in_a_process(code).split()) <= {"solved", "timeout"}
 
