@@ -15,9 +15,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from locplan import environments, export, paper, plotting, template_matching
+    from locplan import environments, export, paper, plotting, simulation, template_matching
     from locplan.comparison import Comparison, PlannerSpec, Query, compare
     from locplan.config import FieldConfig
+    from locplan.config_files import load_config, save_config
     from locplan.costmap import Costmap
     from locplan.errors import LocplanError
     from locplan.field import CovarianceField, covariance_field
@@ -38,6 +39,8 @@ __version__ = "0.1.0"
 # Imported when first used, so that the command line answers before NumPy has loaded.
 _HOME = {
     "FieldConfig": "config",
+    "load_config": "config_files",
+    "save_config": "config_files",
     "Costmap": "costmap",
     "PathMetrics": "metrics",
     "LocplanError": "errors",
@@ -62,7 +65,7 @@ _HOME = {
     "SearchWindow": "search_window",
     "Sensor": "sensor",
 }
-_SUBMODULES = ("environments", "export", "paper", "plotting", "template_matching")
+_SUBMODULES = ("environments", "export", "paper", "plotting", "simulation", "template_matching")
 
 __all__ = [
     "Comparison",
@@ -85,6 +88,7 @@ __all__ = [
     "covariance_field",
     "environments",
     "export",
+    "load_config",
     "load_map",
     "load_or_compute",
     "paper",
@@ -92,7 +96,9 @@ __all__ = [
     "plan",
     "plan_field",
     "plotting",
+    "save_config",
     "save_map",
+    "simulation",
     "template_matching",
 ]
 

@@ -107,6 +107,18 @@ def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], b
     _check_parent(path)
 
 
+def check_folder(folder: Path) -> None:
+    """Raise a LocplanError unless results can be written into a folder, there or to be made.
+
+    To be called before long work; the folder is made when there is something to write.
+    """
+    there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    if not there.is_dir():
+        raise LocplanError(f"{there}: is a file, not a folder")
+    if not os.access(there, os.W_OK):
+        raise LocplanError(f"{there}: cannot be written; choose another folder")
+
+
 def make_folder(folder: Path) -> None:
     """Make a folder and those above it, unless they are there.
 

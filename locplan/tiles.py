@@ -95,9 +95,10 @@ def complete(
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
+    wanted: NDArray[np.bool_] | None = None,
 ) -> None:
     """`finished_chunks` to the end, for whoever does not mind the chunks."""
-    for _ in finished_chunks(values, grid, config, threads, executor, progress):
+    for _ in finished_chunks(values, grid, config, threads, executor, progress, wanted):
         pass
 
 
@@ -108,6 +109,7 @@ def finished_chunks(
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
+    wanted: NDArray[np.bool_] | None = None,
 ) -> Generator[Chunk]:
     """Compute the values that are missing, and name each chunk as it is finished.
 
@@ -121,6 +123,8 @@ def finished_chunks(
         Of `field_shapes`, covariances in the world frame, NaN where unknown; filled in place.
     grid, config, threads, executor, progress
         As for `locplan.covariance_field`.
+    wanted : (h, w) array of bool, optional
+        The lattice points to compute; all that a field needs by default.
 
     Yields
     ------
@@ -134,7 +138,10 @@ def finished_chunks(
     """
     if threads is not None and threads < 1:
         raise ConfigError(f"threads must be at least 1, not {threads}")
-    missing = missing_points(values, grid, config)
+    if wanted is None:
+        missing = missing_points(values, grid, config)
+    else:
+        missing = wanted & ~known_points(values)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
     if not total:
         return

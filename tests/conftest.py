@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from locplan.cli import main
 from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -19,11 +21,35 @@ def _own_cache(tmp_path_factory, monkeypatch):
 
 
 @pytest.fixture
+def run(monkeypatch, capsys):
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["locplan", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+@pytest.fixture
 def real_maps() -> Path:
     folder = SHARED_DATA / "rosmaps"
     if not folder.is_dir():
         pytest.skip("the collection of real maps (../shared/data/rosmaps) is not here")
     return folder
+
+
+def refused(result) -> str:
+    code, out, err = result
+    assert code == 2
+    assert out == ""
+    assert err.startswith("locplan: error: ")
+    assert err.count("\n") == 1
+    return err
 
 
 def drawn(*lines: str, resolution: float = 1.0, origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:

@@ -667,3 +667,210 @@ def moved(density, resolution, origin, xy, indptr, indices, use, shift, apart):
                 step /= 2
             now[node] = best
     return np.array(now)
+
+
+def wrapped(angle):
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+def beam_score(cells, resolution, x, y, amcl, reach):
+    """What a beam that ends at x, y [m] adds to a particle's score: AMCL's likelihood fields."""
+    row, col = math.floor(y / resolution), math.floor(x / resolution)
+    distance = amcl.laser_likelihood_max_dist
+    if 0 <= row < cells.shape[0] and 0 <= col < cells.shape[1]:
+        for i, j in zip(*np.nonzero(cells == 0), strict=True):
+            distance = min(distance, resolution * math.hypot(i - row, j - col))
+    likelihood = amcl.z_hit * math.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
+    likelihood += amcl.z_rand / reach
+    if amcl.laser_model_type == "likelihood_field_prob":
+        return math.log(likelihood)
+    return likelihood**3
+
+
+def weigh(cells, resolution, ends, poses, weights, amcl, reach):
+    """Weights of particles (3, n) after a scan whose beams end `ends` [cells] from the robot."""
+    scaled = []
+    for (x, y, heading), weight in zip(poses.T, weights, strict=True):
+        score = 0.0
+        for ahead, left in ends:
+            if not math.isnan(ahead):
+                end_x = x + resolution * (math.cos(heading) * ahead - math.sin(heading) * left)
+                end_y = y + resolution * (math.sin(heading) * ahead + math.cos(heading) * left)
+                score += beam_score(cells, resolution, end_x, end_y, amcl, reach)
+        product = amcl.laser_model_type == "likelihood_field_prob"
+        scaled.append(weight * (math.exp(score) if product else 1 + score))
+    return np.array(scaled) / sum(scaled)
+
+
+def move(random, poses, dx, dy, turn, heading, amcl):
+    """sample_motion_odometry with AMCL's symmetry of forwards and backwards."""
+    way = math.hypot(dx, dy)
+    first = wrapped(math.atan2(dy, dx) - heading) if way >= 0.01 else 0.0
+    second = wrapped(turn - first)
+    sizes = [min(abs(a), abs(wrapped(a - math.pi))) for a in (first, second)]
+    spreads = [math.sqrt(amcl.alpha1 * size**2 + amcl.alpha2 * way**2) for size in sizes]
+    variance = amcl.alpha3 * way**2 + amcl.alpha4 * sizes[0] ** 2 + amcl.alpha4 * sizes[1] ** 2
+    moved = []
+    for x, y, facing in poses.T:
+        own_first = first - spreads[0] * random.standard_normal()
+        own_way = way - math.sqrt(variance) * random.standard_normal()
+        own_second = second - spreads[1] * random.standard_normal()
+        moved.append(
+            (
+                x + own_way * math.cos(facing + own_first),
+                y + own_way * math.sin(facing + own_first),
+                facing + own_first + own_second,
+            )
+        )
+    return np.array(moved).T
+
+
+def bins_of(poses):
+    """The bin that each particle of (3, n) is in: 0.5 m, 0.5 m, 10 deg."""
+    return [
+        tuple(np.floor(np.array(pose) / (0.5, 0.5, math.pi / 18)).astype(int)) for pose in poses.T
+    ]
+
+
+def likeliest(poses):
+    """Mean of the largest group of particles whose bins touch."""
+    bins = bins_of(poses)
+    left, groups = set(bins), []
+    while left:
+        group = [left.pop()]
+        for near in group:
+            touching = {
+                b for b in left if max(abs(p - q) for p, q in zip(b, near, strict=True)) <= 1
+            }
+            left -= touching
+            group.extend(touching)
+        groups.append([n for n, b in enumerate(bins) if b in group])
+    x, y, heading = poses[:, max(groups, key=len)]
+    return x.mean(), y.mean(), math.atan2(np.sin(heading).mean(), np.cos(heading).mean())
+
+
+def wanted_particles(bins, amcl):
+    """Fox's bound on the number of particles, with AMCL's limits."""
+    if bins <= 1:
+        return amcl.max_particles
+    share = 2 / (9 * (bins - 1))
+    n = (bins - 1) / (2 * amcl.pf_err) * (1 - share + math.sqrt(share) * amcl.pf_z) ** 3
+    return min(max(math.ceil(n), amcl.min_particles), amcl.max_particles)
+
+
+def resample(random, poses, weights, amcl):
+    """Particles drawn by their weights until KLD sampling has enough."""
+    drawn, bins = [], set()
+    shares = np.cumsum(weights)
+    while len(drawn) < amcl.max_particles:
+        at = random.random() * shares[-1]
+        drawn.append(poses[:, next(n for n, share in enumerate(shares) if share > at)])
+        bins |= set(bins_of(drawn[-1][:, None]))
+        if len(drawn) > wanted_particles(len(bins), amcl):
+            break
+    return np.array(drawn).T
+
+
+def measured_ends(random, cells, resolution, pose, sensor, angles, reality):
+    """Ends of a real scan's beams, ahead and left of the robot [cells]."""
+    row, col, heading = pose
+    lever_x = (math.cos(heading) * sensor.mount_x - math.sin(heading) * sensor.mount_y) / resolution
+    lever_y = (math.sin(heading) * sensor.mount_x + math.cos(heading) * sensor.mount_y) / resolution
+    occluded = random.random() < reality.occlusion
+    middle = (2 * random.random() - 1) * math.pi
+    before = (0.5 + 1.5 * random.random()) / resolution
+    ends = []
+    for angle in angles:
+        noise, chance = random.standard_normal(), random.random()
+        bearing = sensor.mount_yaw + angle
+        at = middle_of_hit(
+            cells, row + lever_y, col + lever_x, heading + bearing, sensor.range / resolution
+        )
+        at += noise * sensor.range_sigma / resolution
+        if chance < reality.outliers:
+            at = chance / reality.outliers * sensor.range / resolution
+        if occluded and abs(wrapped(angle - middle)) <= math.radians(reality.occlusion_deg) / 2:
+            at = min(at, before) if at == at else before
+        ahead = sensor.mount_x / resolution + at * math.cos(bearing)
+        left = sensor.mount_y / resolution + at * math.sin(bearing)
+        ends.append((ahead, left) if 0 < at < sensor.range / resolution else (math.nan, math.nan))
+    return np.array(ends)
+
+
+def middle_of_hit(cells, row, col, bearing, reach):
+    """Distance to the middle of a ray's way through the first occupied cell [cells], or NaN."""
+    drow, dcol = math.sin(bearing), math.cos(bearing)
+    hits = [
+        (enters(row, col, drow, dcol, i, j, 0.0), i, j) for i, j in np.argwhere(cells == 0).tolist()
+    ]
+    entry, i, j = min(hits, default=(math.inf, 0, 0))
+    if not entry <= reach:
+        return math.nan
+    leave = min((i + (drow >= 0) - row) / drow, (j + (dcol >= 0) - col) / dcol)
+    return (entry + leave) / 2
+
+
+def odometry_along(random, truth, reality):
+    """What odometry makes of a drive."""
+    scale = 1 + reality.distance_bias * random.standard_normal()
+    bend = math.radians(reality.heading_bias_deg) * random.standard_normal()
+    turn_scale = 1 + reality.turn_bias * random.standard_normal()
+    told = [truth[0]]
+    for before, after in itertools.pairwise(truth):
+        way = math.dist(before[:2], after[:2])
+        turn = wrapped(after[2] - before[2])
+        aside = math.atan2(after[1] - before[1], after[0] - before[0]) - before[2] if way else 0.0
+        own_way = scale * way + reality.distance_drift * math.sqrt(way) * random.standard_normal()
+        spread = math.hypot(
+            math.radians(reality.heading_drift_deg) * math.sqrt(way),
+            math.radians(reality.turn_drift_deg) * math.sqrt(abs(turn)),
+        )
+        x, y, heading = told[-1]
+        own_turn = turn_scale * turn + bend * way + random.standard_normal() * spread
+        told.append(
+            (
+                x + own_way * math.cos(heading + aside),
+                y + own_way * math.sin(heading + aside),
+                heading + own_turn,
+            )
+        )
+    return np.array(told)
+
+
+def drive(random, truth, cells, world, resolution, sensor, angles, amcl, reality):
+    """How far AMCL's pose is off along a drive, (n, 3)."""
+    told = odometry_along(random, truth, reality)
+    spread = np.array(
+        [reality.start_sigma, reality.start_sigma, math.radians(reality.start_sigma_deg)]
+    )
+    guess = truth[0] + spread * random.standard_normal(3)
+    poses = np.array(
+        [guess + spread * random.standard_normal(3) for _ in range(amcl.max_particles)]
+    ).T
+    weights = np.full(poses.shape[1], 1 / poses.shape[1])
+    pose, at, last, updates, errors = likeliest(poses), 0, 0, 0, []
+    for n, true in enumerate(truth):
+        dx, dy, _ = told[n] - told[last]
+        turn = wrapped(told[n][2] - told[last][2])
+        far = max(abs(dx), abs(dy)) > amcl.update_min_d or abs(turn) > amcl.update_min_a
+        if far:
+            poses = move(random, poses, dx, dy, turn, told[last][2], amcl)
+        if far or n == 0:
+            sensed = true[1] / resolution, true[0] / resolution, true[2]
+            ends = measured_ends(random, world, resolution, sensed, sensor, angles, reality)
+            weights = weigh(cells, resolution, ends, poses, weights, amcl, sensor.range)
+            last, updates = n, updates + 1
+            if updates % amcl.resample_interval == 0:
+                poses = resample(random, poses, weights, amcl)
+                weights = np.full(poses.shape[1], 1 / poses.shape[1])
+                pose, at = likeliest(poses), n
+        turned = pose[2] - told[at][2]
+        x, y, heading = told[n] - told[at]
+        errors.append(
+            (
+                pose[0] + math.cos(turned) * x - math.sin(turned) * y - true[0],
+                pose[1] + math.sin(turned) * x + math.cos(turned) * y - true[1],
+                wrapped(pose[2] + heading - true[2]),
+            )
+        )
+    return np.array(errors)

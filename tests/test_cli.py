@@ -6,25 +6,9 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, drawn
+from conftest import SHARED_DATA, drawn, refused
 
 from locplan import CovarianceField, environments, load_map, save_map
-from locplan.cli import main
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["locplan", *map(str, arguments)])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
 
 
 @pytest.fixture
@@ -32,15 +16,6 @@ def room(tmp_path):
     grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     save_map(grid, tmp_path / "room.yaml")
     return tmp_path / "room.yaml"
-
-
-def refused(result) -> str:
-    code, out, err = result
-    assert code == 2
-    assert out == ""
-    assert err.startswith("locplan: error: ")
-    assert err.count("\n") == 1
-    return err
 
 
 def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):

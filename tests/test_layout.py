@@ -10,11 +10,20 @@ FLOORS = (
     {"errors", "_kernels.simd", "_kernels.search", "_kernels.rays"},
     {"_kernels.bitplanes", "_kernels.any_angle", "_kernels.pareto", "_kernels.curves"},
     {"_kernels.templates", "_kernels.arcs", "_kernels.lidar", "_kernels.likelihood"},
-    {"_kernels.motions", "_kernels.information", "_kernels.offsets", "_kernels.route"},
+    {"_kernels.measured", "_kernels.particles"},
+    {
+        "_kernels.drives",
+        "_kernels.motions",
+        "_kernels.information",
+        "_kernels.offsets",
+        "_kernels.route",
+    },
     {"_kernels.posterior"},
-    {"estimators", "sensor"},
+    {"_kernels.matches"},
+    {"estimators", "intervals", "sensor"},
     {"_kernels.sad", "files", "progress", "covariance", "grid", "path", "config"},
     {"search_window", "lattice", "map_files", "drawing", "surfaces", "tables", "template"},
+    {"config_files"},
     {"template_matching", "environments"},
     {"estimators.scene"},
     {"estimators.sad", "estimators.fisher", "estimators.scan"},
@@ -44,9 +53,16 @@ FLOORS = (
     {"comparison.statistics", "comparison.worker"},
     {"comparison.pairs", "comparison.convergence", "comparison.workers", "comparison.report.data"},
     {"comparison.engine", "comparison.ompl_log", "comparison.cases", "comparison.verdicts"},
+    {"simulation.drives", "simulation.ranking", "simulation.settings"},
+    {"simulation.motion", "simulation.predictors"},
+    {"simulation.simulator"},
+    {"simulation.places", "simulation.routes"},
+    {"simulation.calibration", "simulation.evaluation"},
     {"plotting.maps"},
     {"plotting.exports", "plotting.fields", "plotting.plans", "plotting.matching"},
+    {"plotting.simulations"},
     {"plotting"},
+    {"simulation.reports"},
     {"plotting.comparisons"},
     {"comparison.report.html"},
     {"comparison.report.marks"},
@@ -60,17 +76,27 @@ FLOORS = (
     {"export.ros_maps"},
     {"export.bags", "export.geojson", "export.nav2"},
     {"export"},
+    {"simulation", "simulation.nav2_files"},
     {"reporting"},
     {"batch"},
     {"cli.options"},
-    {"cli.compare", "cli.exports", "cli.fields", "cli.figures", "cli.plans"},
+    {"cli.simulated"},
+    {
+        "cli.compare",
+        "cli.exports",
+        "cli.fields",
+        "cli.figures",
+        "cli.plans",
+        "cli.simulations",
+        "cli.evidence",
+    },
     {"cli"},
 )
 FLOOR_OF = {name: number for number, floor in enumerate(FLOORS) for name in floor}
 ONLY_IN = {
     "matplotlib": {
         f"plotting.{name}"
-        for name in ("comparisons", "exports", "fields", "maps", "matching", "plans")
+        for name in ("comparisons", "exports", "fields", "maps", "matching", "plans", "simulations")
     },
     "ompl": {
         f"planners.sampling.{name}"
@@ -81,7 +107,18 @@ ONLY_IN = {
     "cloudpickle": {"comparison.specs", "comparison.workers"},
     "pandas": {"comparison.frames"},
     "typer": {
-        f"cli.{name}" for name in ("compare", "exports", "fields", "figures", "options", "plans")
+        f"cli.{name}"
+        for name in (
+            "compare",
+            "evidence",
+            "exports",
+            "fields",
+            "figures",
+            "options",
+            "plans",
+            "simulated",
+            "simulations",
+        )
     }
     | {"cli"},
     "zarr": {"field_files"},

@@ -16,8 +16,9 @@ from locplan.comparison.convergence import convergence
 from locplan.comparison.frames import to_frame, write_table
 from locplan.comparison.pairs import KINDS, contrasts
 from locplan.comparison.runs import MEASURES, Task
-from locplan.comparison.statistics import summaries, wilson
+from locplan.comparison.statistics import summaries
 from locplan.errors import LocplanError
+from locplan.intervals import wilson
 
 
 def pair(ours, theirs, measure="cost"):

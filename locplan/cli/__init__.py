@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from locplan import __version__
-from locplan.cli import compare, exports, fields, figures, plans
+from locplan.cli import compare, evidence, exports, fields, figures, plans, simulations
 from locplan.cli.options import STYLE
 from locplan.errors import LocplanError
 
@@ -22,6 +22,8 @@ app.add_typer(figures.app)
 app.add_typer(plans.app)
 app.add_typer(exports.app)
 app.add_typer(compare.app)
+app.add_typer(simulations.app)
+app.add_typer(evidence.app)
 
 INTERRUPTED = 130
 # Of click, which typer brings along in some versions and depends on in others.

@@ -15,6 +15,7 @@ from locplan.cli.options import (
     STYLE,
     AsJson,
     CacheDir,
+    ConfigFile,
     Estimator,
     FieldOfView,
     Headings,
@@ -102,6 +103,7 @@ def compare(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where an earlier run in --output ended.")
     ] = False,
+    config_file: ConfigFile = None,
     preset: Preset = "default",
     sensor_range: Range = None,
     estimator: Estimator = "sad",
@@ -125,7 +127,17 @@ def compare(
         raise ConfigError("--range and --ranges exclude one another")
     reaches = numbers("ranges", ranges) if ranges else [sensor_range]
     made = [
-        config_of(preset, reach, template, stride, estimator, sensor, field_of_view, headings)
+        config_of(
+            preset,
+            reach,
+            template,
+            stride,
+            estimator,
+            sensor,
+            field_of_view,
+            headings,
+            config_file,
+        )
         for reach in reaches
     ]
     configs = {f"{config.estimator}, {config.sensor_range:g} m": config for config in made}

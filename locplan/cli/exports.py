@@ -12,6 +12,7 @@ from locplan.cli.options import (
     STYLE,
     AsJson,
     CacheDir,
+    ConfigFile,
     Estimator,
     FieldOfView,
     Headings,
@@ -120,6 +121,7 @@ def export(
     frame: Annotated[
         str | None, typer.Option(help="Of bag, path and route-graph; map by default.")
     ] = None,
+    config_file: ConfigFile = None,
     preset: Preset = "default",
     sensor_range: Range = None,
     estimator: Estimator = "sad",
@@ -153,7 +155,15 @@ def export(
     }
     _check_options(to, {name: value for name, value in given.items() if value is not None})
     config = config_of(
-        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+        preset,
+        sensor_range,
+        template,
+        stride,
+        estimator,
+        sensor,
+        field_of_view,
+        headings,
+        config_file,
     )
     grid = load(map_file)
     target = output or Path(f"{grid.name}-{to}" + SUFFIXES.get(to, ""))

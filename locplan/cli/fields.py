@@ -11,6 +11,7 @@ from locplan.cli.options import (
     STYLE,
     AsJson,
     CacheDir,
+    ConfigFile,
     Estimator,
     FieldOfView,
     Headings,
@@ -46,6 +47,7 @@ def field(
         Path | None,
         typer.Option(help="Draw e over the map (.png, .pdf, .svg; of many maps a folder)."),
     ] = None,
+    config_file: ConfigFile = None,
     preset: Preset = "default",
     sensor_range: Range = None,
     estimator: Estimator = "sad",
@@ -64,7 +66,15 @@ def field(
     from locplan.batch import jobs_for, run_all
 
     config = config_of(
-        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+        preset,
+        sensor_range,
+        template,
+        stride,
+        estimator,
+        sensor,
+        field_of_view,
+        headings,
+        config_file,
     )
     jobs = jobs_for(maps, output, picture)
     with computing(config, threads, scheduler, cache_dir) as compute:

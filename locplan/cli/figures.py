@@ -10,6 +10,7 @@ import typer
 from locplan.cli.options import (
     STYLE,
     CacheDir,
+    ConfigFile,
     Estimator,
     FieldOfView,
     Headings,
@@ -73,6 +74,7 @@ def plot(
         str | None, typer.Option(metavar="X,Y", help="Of distribution and models: where [m].")
     ] = None,
     axis: Annotated[str, typer.Option(help="Of models: x | y | theta.")] = "x",
+    config_file: ConfigFile = None,
     preset: Preset = "default",
     sensor_range: Range = None,
     estimator: Estimator = "sad",
@@ -95,7 +97,23 @@ def plot(
     if figure not in OF_FIELDS + AT_A_PLACE:
         known = ", ".join(OF_FIELDS + AT_A_PLACE)
         raise ConfigError(f"--figure must be one of {known}, not {figure!r}")
-    layers = LAYERS.get(estimator, ())
+    reaches = numbers("ranges", ranges) if ranges else [sensor_range]
+    configs = [
+        config_of(
+            preset,
+            reach,
+            template,
+            stride,
+            estimator,
+            sensor,
+            field_of_view,
+            headings,
+            config_file,
+        )
+        for reach in reaches
+    ]
+    estimator = configs[0].estimator
+    layers = LAYERS[estimator]
     if scalar not in (*SCALARS, *layers):
         known = ", ".join((*SCALARS, *layers))
         more = "; ambiguity and entropy are of --estimator scan" if estimator != "scan" else ""
@@ -109,11 +127,6 @@ def plot(
     colours = numbers("limits", limits, 2) if limits else None
     if colours and colours[0] >= colours[1]:
         raise ConfigError(f"--limits must rise, not {limits!r}")
-    reaches = numbers("ranges", ranges) if ranges else [sensor_range]
-    configs = [
-        config_of(preset, reach, template, stride, estimator, sensor, field_of_view, headings)
-        for reach in reaches
-    ]
     grid = load(map_file)
     if figure in AT_A_PLACE:
         if place is None:

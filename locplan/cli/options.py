@@ -30,6 +30,12 @@ STYLE: dict[str, Any] = {
 }
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML file.")]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--config", metavar="FILE.json", help="All settings of the field, as calibrate writes them."
+    ),
+]
 Preset = Annotated[str, typer.Option(help="default | paper (Eq. 8-10 as printed).")]
 Range = Annotated[
     float | None, typer.Option("--range", help="Sensor range [m]; 6, or the sensor's own.")
@@ -88,10 +94,16 @@ def config_of(
     sensor_name: str | None = None,
     field_of_view: float | None = None,
     headings: int = 0,
+    config_file: Path | None = None,
 ) -> FieldConfig:
     from locplan.config import FieldConfig
     from locplan.sensor import Sensor
 
+    if config_file is not None:
+        given = preset, template, stride, estimator, sensor_name, field_of_view, headings
+        if given != ("default", "disc", 0.2, "sad", None, None, 0):
+            raise ConfigError("--config has all settings of the field; of its options give --range")
+        return _with_range(config_file, sensor_range)
     presets = {"default": FieldConfig, "paper": FieldConfig.paper}
     if preset not in presets:
         raise ConfigError(f"--preset must be one of {', '.join(presets)}, not {preset!r}")
@@ -100,8 +112,10 @@ def config_of(
         if preset != "default" or template != "disc":
             raise ConfigError("--preset and --template are for --estimator sad")
         sensor = Sensor.preset(sensor_name) if sensor_name else Sensor(range=6.0)
-        given = {"range": sensor_range, "field_of_view_deg": field_of_view}
-        wanted: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        wished = {"range": sensor_range, "field_of_view_deg": field_of_view}
+        wanted: dict[str, Any] = {
+            name: value for name, value in wished.items() if value is not None
+        }
         changes |= {"estimator": estimator, "headings": headings}
         changes["sensor"] = dataclasses.replace(sensor, **wanted)
     elif sensor_name or field_of_view is not None or headings:
@@ -110,6 +124,19 @@ def config_of(
         )
     config = presets[preset](sensor_range=6.0 if sensor_range is None else sensor_range)
     return dataclasses.replace(config, **changes)
+
+
+def _with_range(config_file: Path, sensor_range: float | None) -> FieldConfig:
+    """The settings in a file, perhaps with another range."""
+    from locplan.config_files import load_config
+
+    config = load_config(config_file)
+    if sensor_range is None:
+        return config
+    if config.sensor is None:
+        return dataclasses.replace(config, sensor_range=sensor_range)
+    sensor = dataclasses.replace(config.sensor, range=sensor_range)
+    return dataclasses.replace(config, sensor=sensor, sensor_range=sensor_range)
 
 
 @contextmanager
@@ -164,17 +191,19 @@ def numbers(name: str, text: str, count: int | None = None) -> list[float]:
     return values
 
 
-def settings_of(texts: Sequence[str]) -> dict[str, Any]:
-    """OMPL's settings, such as range=2.0 or k_nearest=false."""
-    settings = {}
+def settings_of(texts: Sequence[str], option: str = "setting", *, words: bool = False) -> Any:
+    """Settings by name, such as range=2.0 or k_nearest=false, and perhaps name=word."""
+    settings: dict[str, Any] = {}
     for text in texts:
-        name, _, value = text.partition("=")
+        name, equals, value = text.partition("=")
         try:
             settings[name] = json.loads(value)
         except json.JSONDecodeError:
-            raise LocplanError(
-                f"--setting must be NAME=VALUE, such as range=2.0, not {text!r}"
-            ) from None
+            if not (words and equals and value):
+                raise LocplanError(
+                    f"--{option} must be NAME=VALUE, such as range=2.0, not {text!r}"
+                ) from None
+            settings[name] = value
     return settings
 
 

@@ -11,6 +11,7 @@ from locplan.cli.options import (
     STYLE,
     AsJson,
     CacheDir,
+    ConfigFile,
     Estimator,
     FieldOfView,
     Headings,
@@ -102,6 +103,7 @@ def plan(
         Path | None,
         typer.Option("--output", "-o", help="Folder for the paths (CSV), plan.json and plan.png."),
     ] = None,
+    config_file: ConfigFile = None,
     preset: Preset = "default",
     sensor_range: Range = None,
     estimator: Estimator = "sad",
@@ -119,7 +121,7 @@ def plan(
     from locplan import planners, reporting
     from locplan.blindness import check_criterion
     from locplan.costmap import Costmap, check_weight
-    from locplan.files import make_folder
+    from locplan.files import check_folder
     from locplan.planners.kinds import KINDS
     from locplan.progress import in_turn, progress_bar
 
@@ -146,14 +148,22 @@ def plan(
     options = {name: value for name, (value, usual) in given.items() if value != usual}
     grid = load(map_file)
     config = config_of(
-        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+        preset,
+        sensor_range,
+        template,
+        stride,
+        estimator,
+        sensor,
+        field_of_view,
+        headings,
+        config_file,
     )
     planners.check_request(planner, max_e=max_e, budget=budget, **options)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends, stops, space=space)
     check_weight(weight)
     check_criterion(criterion, config)
     if output:
-        make_folder(output)
+        check_folder(output)
     with computing(config, threads, scheduler, cache_dir) as compute:
         computed = compute(grid)
     costs = Costmap.from_field(
@@ -194,6 +204,7 @@ def pareto(
         Path | None,
         typer.Option("--output", "-o", help="Folder for front.png, front.csv, .json, knee.csv."),
     ] = None,
+    config_file: ConfigFile = None,
     preset: Preset = "default",
     sensor_range: Range = None,
     estimator: Estimator = "sad",
@@ -210,7 +221,7 @@ def pareto(
     """All best trade-offs between length and localizability, and where they bend."""
     from locplan import planners, reporting
     from locplan.costmap import Costmap
-    from locplan.files import make_folder
+    from locplan.files import check_folder
     from locplan.planners.pareto import pareto_front
     from locplan.planners.trade_offs import check_caps
 
@@ -218,11 +229,19 @@ def pareto(
     check_caps(objective, time_limit, max_labels)
     grid = load(map_file)
     config = config_of(
-        preset, sensor_range, template, stride, estimator, sensor, field_of_view, headings
+        preset,
+        sensor_range,
+        template,
+        stride,
+        estimator,
+        sensor,
+        field_of_view,
+        headings,
+        config_file,
     )
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends)
     if output:
-        make_folder(output)
+        check_folder(output)
     with computing(config, threads, scheduler, cache_dir) as compute:
         computed = compute(grid)
     costs = Costmap.from_field(grid, computed, robot_radius=robot_radius)

@@ -14,6 +14,7 @@ from typing import Any
 
 from locplan.comparison.runs import Run, Task
 from locplan.errors import LocplanError
+from locplan.files import make_folder
 
 FORMAT = "locplan comparison 1"
 Key = tuple[Task, str]
@@ -42,6 +43,7 @@ class Journal:
 
     def __init__(self, file: str | os.PathLike[str], *, resume: bool = False) -> None:
         self.path = Path(file)
+        make_folder(self.path.parent)
         try:
             self._file = self.path.open("a+", encoding="ascii")
         except OSError as error:

@@ -26,7 +26,13 @@ from locplan.comparison.verdicts import (
     rows_of,
     summary_json,
 )
-from locplan.files import check_folder_target, check_target, make_folder, replacing
+from locplan.files import (
+    check_folder,
+    check_folder_target,
+    check_target,
+    make_folder,
+    replacing,
+)
 
 MOST_SCENES, PATHS_EACH = 8, 2
 """Maps and settings that a report draws, and queries whose paths it shows on each."""
@@ -40,11 +46,12 @@ FRONT_TIME = 20.0
 
 
 def check_result_folder(folder: Path) -> None:
-    """Make the folder, and raise a LocplanError unless results can be written into it."""
-    make_folder(folder)
-    check_target(folder / "report.html", ".html")
-    check_target(folder / "runs.csv", ".csv")
-    check_folder_target(folder / "ompl_logs", None, only_logs)
+    """Raise a LocplanError unless results can be written into the folder, there or to be made."""
+    check_folder(folder)
+    if folder.exists():
+        check_target(folder / "report.html", ".html")
+        check_target(folder / "runs.csv", ".csv")
+        check_folder_target(folder / "ompl_logs", None, only_logs)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,6 +104,7 @@ class Comparison:
         """
         target = Path(folder)
         check_result_folder(target)
+        make_folder(target)
         write_report(target / "report.html", self._report(command))
         tables = ["runs.csv", *(["runs.parquet"] if has_parquet() else [])]
         written = [write_table(self.runs, target / name) for name in tables]

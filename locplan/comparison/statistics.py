@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.comparison.runs import MEASURES, Run
+from locplan.intervals import Interval, wilson
 
 Array = NDArray[np.float64]
 
@@ -27,14 +28,6 @@ class Setting(NamedTuple):
     """None for all maps together."""
     config: str
     weight: float
-
-
-class Interval(NamedTuple):
-    """A value with its 95 % interval; NaN where there is none."""
-
-    value: float
-    low: float
-    high: float
 
 
 class Spread(NamedTuple):
@@ -139,15 +132,6 @@ def _spread(values: Array) -> Spread:
         return Spread(np.nan, np.nan, np.nan, 0)
     lower, median, upper = np.quantile(known, (0.25, 0.5, 0.75)).tolist()
     return Spread(median, lower, upper, known.size)
-
-
-def wilson(share: float, trials: int) -> Interval:
-    """Wilson's 95 % interval of a share."""
-    z = 1.959964
-    middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z * np.sqrt(share * (1 - share) / trials + (z / (2 * trials)) ** 2)
-    half /= 1 + z * z / trials
-    return Interval(share, max(0.0, float(middle - half)), min(1.0, float(middle + half)))
 
 
 def _medians(runs: Sequence[Run]) -> Medians:

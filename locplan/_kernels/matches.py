@@ -1,0 +1,92 @@
+"""Where a single scan fits best: the likeliest pose of the search window, without a filter."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.lidar import Lidar
+from locplan._kernels.likelihood import LikelihoodField
+from locplan._kernels.measured import Disturbances, measured_ends
+from locplan._kernels.offsets import NOWHERE, Lattice
+from locplan._kernels.posterior import score
+
+
+@njit(nogil=True, cache=True)
+def one_of_least(random: np.random.Generator, costs: NDArray[np.uint32]) -> int:
+    """Index of the least cost; of several alike, any."""
+    least = costs.min()
+    ties = 0
+    for n in range(costs.size):
+        ties += costs[n] == least
+    chosen = random.integers(0, ties)
+    for n in range(costs.size):
+        if costs[n] == least:
+            if chosen == 0:
+                return n
+            chosen -= 1
+    return 0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def match(
+    random: np.random.Generator,
+    field: LikelihoodField,
+    lattice: Lattice,
+    angles: NDArray[np.float64],
+    squares: NDArray[np.uint8],
+    resolution: float,
+    row: int,
+    col: int,
+    lidar: Lidar,
+    disturbances: Disturbances,
+    errors: NDArray[np.float64],
+) -> None:
+    """Match scans from a cell, and write how far the likeliest pose is off, into (n, 3).
+
+    The robot stands anywhere in the cell and heads anywhere; the window's middle is the cell's
+    centre, and within half a step of its heading.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Of all that is left to chance.
+    field, lattice
+        Likelihood field of the map, and the window's offsets of whole steps.
+    angles : (heading,) array
+        Of the window [rad].
+    squares : (4, H + 2, W + 2) array of uint8
+        The world.
+    resolution : float
+        Edge of a cell [m].
+    row, col : int
+        The robot's cell.
+    lidar, disturbances
+        What measures, and what disturbs it.
+    errors : (n, 3) array
+        Filled: x, y [cells] and heading [rad], the match less the truth.
+    """
+    turn_step = angles[1] - angles[0] if angles.size > 1 else 0.0
+    measured, ends = np.empty((lidar.angles.size, 2)), np.empty((lidar.angles.size, 2))
+    pose, costs = np.empty(3), np.empty_like(lattice.empty)
+    for n in range(len(errors)):
+        pose[0], pose[1] = row + random.random(), col + random.random()
+        pose[2] = (2 * random.random() - 1) * np.pi
+        aside = (random.random() - 0.5) * turn_step  # of the window's heading
+        measured_ends(random, squares, resolution, pose, lidar, disturbances, measured)
+        cos, sin = np.cos(pose[2] + aside), np.sin(pose[2] + aside)
+        ends[:, 0] = cos * measured[:, 0] - sin * measured[:, 1]
+        ends[:, 1] = sin * measured[:, 0] + cos * measured[:, 1]
+        costs[:] = lattice.empty
+        score(field, lattice, row, col, ends, costs)
+        for k in range(costs.size):
+            if lattice.empty[k] == NOWHERE:
+                costs[k] = NOWHERE
+        best = one_of_least(random, costs)
+        heading, rest = best // lattice.plane, best % lattice.plane
+        dy = rest // lattice.width - lattice.half_steps
+        dx = rest % lattice.width - lattice.half_steps
+        errors[n, 0] = col + 0.5 + dx * field.step - pose[1]
+        errors[n, 1] = row + 0.5 + dy * field.step - pose[0]
+        errors[n, 2] = angles[heading] + aside

@@ -1,0 +1,77 @@
+"""The scan of a real lidar in a world: with noise, outliers, and something standing before it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.lidar import Lidar, lever, scan_ends
+
+
+class Disturbances(NamedTuple):
+    """What a scan shows beside the walls."""
+
+    outliers: float  # share of the beams that end anywhere within the range
+    occlusion: float  # probability that something stands before the lidar
+    width: float  # of that [rad]
+    nearest: float  # and how near it may be [m]
+    farthest: float  # and how far [m]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def measured_ends(
+    random: np.random.Generator,
+    squares: NDArray[np.uint8],
+    resolution: float,
+    pose: NDArray[np.float64],
+    lidar: Lidar,
+    disturbances: Disturbances,
+    ends: NDArray[np.float64],
+) -> None:
+    """Where the beams seem to end, ahead and to the left of the robot [cells], into (beam, 2).
+
+    NaN without a return. For each scan the same random numbers are drawn whatever it meets.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Drawn from: two numbers a beam, and three more.
+    squares, resolution, lidar
+        The world and the sensor, as for `lidar.scan_ends`.
+    pose : (3,) array
+        Row, column [cells] and heading [rad] of the robot.
+    disturbances : Disturbances
+        Beside the noise of `lidar.sigma`.
+    ends : (beam, 2) array
+        Filled.
+    """
+    row, col, heading = pose
+    scan_ends(squares, resolution, row, col, heading, lidar, ends)
+    lever_x, lever_y = lever(lidar, heading, resolution)
+    reach = lidar.max_range / resolution
+    occluded = random.random() < disturbances.occlusion
+    middle = (2 * random.random() - 1) * np.pi
+    between = disturbances.farthest - disturbances.nearest
+    before = (disturbances.nearest + random.random() * between) / resolution
+    cos, sin = np.cos(heading), np.sin(heading)
+    for b in range(len(ends)):
+        noise, chance = random.standard_normal(), random.random()
+        bearing = lidar.yaw + lidar.angles[b]
+        at = np.hypot(ends[b, 0] - lever_x, ends[b, 1] - lever_y)
+        at += noise * lidar.sigma / resolution
+        if chance < disturbances.outliers:
+            at = chance / disturbances.outliers * reach
+        aside = abs((lidar.angles[b] - middle + np.pi) % (2 * np.pi) - np.pi)
+        if occluded and aside <= disturbances.width / 2 and not before > at:
+            at = before
+        if not 0 < at < reach:
+            ends[b] = np.nan
+            continue
+        # The lidar's own place on the robot, and from there along the beam.
+        ahead = cos * lever_x + sin * lever_y
+        left = cos * lever_y - sin * lever_x
+        ends[b, 0] = ahead + at * np.cos(bearing)
+        ends[b, 1] = left + at * np.sin(bearing)

@@ -1,0 +1,287 @@
+"""A particle filter's steps as AMCL takes them: move, weigh, resample, and name the likeliest pose.
+
+Source: nav2_amcl of Navigation2, which follows S. Thrun, W. Burgard and D. Fox, "Probabilistic
+Robotics" (2005): sample_motion_odometry, likelihood_field_range_finder_model, and KLD sampling.
+
+Poses are (x, y, heading) in the map's own axes, in metres along its columns and rows [m, m, rad];
+headings are not wrapped.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+BIN = 0.5
+"""Edge of the bins in which particles are counted and clustered [m]."""
+BIN_HEADING = 10 * np.pi / 180
+"""And their extent in heading [rad]."""
+STILL = 0.01
+"""A movement below this has no bearing [m]."""
+FREE = -1
+EXTENT = 1 << 20
+"""Bins on either side of zero along each axis."""
+
+
+class Filter(NamedTuple):
+    """AMCL's parameters by its own names."""
+
+    alpha1: float
+    alpha2: float
+    alpha3: float
+    alpha4: float
+    min_particles: int
+    max_particles: int
+    pf_err: float
+    pf_z: float
+    resample_interval: int
+    update_min_d: float
+    update_min_a: float
+
+
+class BeamScores(NamedTuple):
+    """What a beam that ends in a cell adds to a particle's score."""
+
+    values: NDArray[np.float32]  # (H + 2) (W + 2), flat: the map in a ring of what lies outside
+    rows: int  # with the ring
+    cols: int
+    resolution: float
+    product: bool  # whether scores are logarithms of factors
+
+
+class Histogram(NamedTuple):
+    """Occupied bins, found by a hash table with open addressing."""
+
+    bin_of: NDArray[np.int64]  # (slots,) FREE or the bin; slots are a power of two
+    keys: NDArray[np.int64]  # (bins,)
+    slots: NDArray[np.int64]  # (bins,)
+    cluster: NDArray[np.int64]  # (bins,) FREE or the cluster
+    of_particle: NDArray[np.int64]  # (particles,) its bin
+
+
+@njit(nogil=True, cache=True)
+def make_histogram(most: int) -> Histogram:
+    """An empty one for at most so many particles."""
+    slots = 4
+    while slots < 4 * most:
+        slots *= 2
+    return Histogram(
+        np.full(slots, FREE, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+    )
+
+
+@njit(nogil=True, cache=True)
+def slot_of(histogram: Histogram, key: int) -> int:
+    """Where a bin is in the hash table, or would be."""
+    mask = histogram.bin_of.size - 1
+    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    slot = int(np.int64(mixed >> np.uint64(32))) & mask
+    while histogram.bin_of[slot] != FREE and histogram.keys[histogram.bin_of[slot]] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@njit(nogil=True, cache=True)
+def key_of(x: float, y: float, heading: float) -> int:
+    """Of the bin that a pose is in."""
+    i = int(np.floor(x / BIN)) + EXTENT
+    j = int(np.floor(y / BIN)) + EXTENT
+    k = int(np.floor(heading / BIN_HEADING)) + EXTENT
+    return (i * (2 * EXTENT) + j) * (2 * EXTENT) + k
+
+
+@njit(nogil=True, cache=True)
+def clear(histogram: Histogram, bins: int) -> None:
+    """Empty it of its `bins` bins."""
+    for n in range(bins):
+        histogram.bin_of[histogram.slots[n]] = FREE
+
+
+@njit(nogil=True, cache=True)
+def insert(
+    histogram: Histogram, bins: int, particle: int, x: float, y: float, heading: float
+) -> int:
+    """Put a particle into its bin; the number of bins after that."""
+    key = key_of(x, y, heading)
+    slot = slot_of(histogram, key)
+    if histogram.bin_of[slot] == FREE:
+        histogram.bin_of[slot] = bins
+        histogram.keys[bins] = key
+        histogram.slots[bins] = slot
+        bins += 1
+    histogram.of_particle[particle] = histogram.bin_of[slot]
+    return bins
+
+
+@njit(nogil=True, cache=True)
+def find_clusters(histogram: Histogram, bins: int) -> int:
+    """Label the bins that touch one another, also at corners; how many clusters there are."""
+    histogram.cluster[:bins] = FREE
+    waiting = np.empty(bins, np.int64)
+    clusters = 0
+    for first in range(bins):
+        if histogram.cluster[first] != FREE:
+            continue
+        histogram.cluster[first] = clusters
+        waiting[0], left = first, 1
+        while left:
+            left -= 1
+            key = histogram.keys[waiting[left]]
+            for n in range(27):
+                i, j, k = n // 9 - 1, n // 3 % 3 - 1, n % 3 - 1
+                other = key + (i * (2 * EXTENT) + j) * (2 * EXTENT) + k
+                near = histogram.bin_of[slot_of(histogram, other)]
+                if near != FREE and histogram.cluster[near] == FREE:
+                    histogram.cluster[near] = clusters
+                    waiting[left] = near
+                    left += 1
+        clusters += 1
+    return clusters
+
+
+@njit(nogil=True, cache=True)
+def likeliest(
+    histogram: Histogram, bins: int, poses: NDArray[np.float64], count: int
+) -> tuple[float, float, float]:
+    """The mean pose of the cluster with most of the `count` particles, which weigh alike."""
+    sums = np.zeros((find_clusters(histogram, bins), 5))
+    for n in range(count):
+        x, y, heading = poses[0, n], poses[1, n], poses[2, n]
+        total = sums[histogram.cluster[histogram.of_particle[n]]]
+        total[0] += 1.0
+        total[1] += x
+        total[2] += y
+        total[3] += np.cos(heading)
+        total[4] += np.sin(heading)
+    best = sums[np.argmax(sums[:, 0])]
+    return best[1] / best[0], best[2] / best[0], np.arctan2(best[4], best[3])
+
+
+@njit(nogil=True, cache=True)
+def wanted_particles(bins: int, settings: Filter) -> int:
+    """How many particles KLD sampling wants for so many occupied bins (Fox, 2003)."""
+    if bins <= 1:
+        return settings.max_particles
+    share = 2 / (9 * (bins - 1.0))
+    root = 1 - share + np.sqrt(share) * settings.pf_z
+    wanted = int(np.ceil((bins - 1) / (2 * settings.pf_err) * root**3))
+    return min(max(wanted, settings.min_particles), settings.max_particles)
+
+
+@njit(nogil=True, cache=True)
+def wrapped(angle: float) -> float:
+    """Into [-pi, pi) [rad]."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+@njit(nogil=True, cache=True)
+def move(
+    random: np.random.Generator,
+    poses: NDArray[np.float64],
+    count: int,
+    dx: float,
+    dy: float,
+    turn: float,
+    heading: float,
+    settings: Filter,
+) -> None:
+    """Move each of `count` particles of (3, n) as odometry says, with noise of its own.
+
+    AMCL's differential model. `dx`, `dy` [m] and `turn` [rad] are in the axes of odometry, in
+    which the robot's heading was `heading` [rad] before.
+    """
+    way = np.hypot(dx, dy)
+    first = wrapped(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
+    second = wrapped(turn - first)
+    # Backwards is as good as forwards.
+    first_size = min(abs(first), abs(wrapped(first - np.pi)))
+    second_size = min(abs(second), abs(wrapped(second - np.pi)))
+    first_sd = np.sqrt(settings.alpha1 * first_size**2 + settings.alpha2 * way**2)
+    second_sd = np.sqrt(settings.alpha1 * second_size**2 + settings.alpha2 * way**2)
+    way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * (first_size**2 + second_size**2))
+    for n in range(count):
+        own_first = first - first_sd * random.standard_normal()
+        own_way = way - way_sd * random.standard_normal()
+        own_second = second - second_sd * random.standard_normal()
+        poses[0, n] += own_way * np.cos(poses[2, n] + own_first)
+        poses[1, n] += own_way * np.sin(poses[2, n] + own_first)
+        poses[2, n] += own_first + own_second
+
+
+@njit(nogil=True, cache=True)
+def weigh(
+    scores: BeamScores,
+    ends: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    count: int,
+    weights: NDArray[np.float64],
+) -> None:
+    """Multiply each particle's weight by how well the ends of its beams fit the map.
+
+    Parameters
+    ----------
+    scores : BeamScores
+        Of the map.
+    ends : (beam, 2) array
+        Ahead and to the left of the robot [cells]; NaN, which says nothing, without a return.
+    poses : (3, n) array
+        Of the particles, the first `count` of which count.
+    weights : (n,) array
+        Scaled so that they add up to 1; if none fits at all they become equal.
+    """
+    returned = ends[~np.isnan(ends[:, 0])]
+    last_row, last_col = scores.rows - 1.0, scores.cols - 1.0
+    total = 0.0
+    for n in range(count):
+        cos, sin = np.cos(poses[2, n]), np.sin(poses[2, n])
+        x, y = poses[0, n] / scores.resolution + 1, poses[1, n] / scores.resolution + 1
+        score = 0.0
+        for b in range(len(returned)):
+            col = x + cos * returned[b, 0] - sin * returned[b, 1]
+            row = y + sin * returned[b, 0] + cos * returned[b, 1]
+            i = np.int64(min(max(row, 0.0), last_row))
+            j = np.int64(min(max(col, 0.0), last_col))
+            score += scores.values[np.uintp(i * scores.cols + j)]
+        weights[n] *= np.exp(score) if scores.product else 1 + score
+        total += weights[n]
+    for n in range(count):
+        weights[n] = weights[n] / total if total > 0 else 1.0 / count
+
+
+@njit(nogil=True, cache=True)
+def resample(
+    random: np.random.Generator,
+    poses: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    count: int,
+    settings: Filter,
+    histogram: Histogram,
+    bins: int,
+    drawn: NDArray[np.float64],
+) -> tuple[int, int]:
+    """Draw particles by their weights into ``drawn`` (3, n), as many as KLD sampling wants.
+
+    Returns
+    -------
+    count, bins : int
+        Of what was drawn; the histogram holds that, and no more the `bins` it held.
+    """
+    clear(histogram, bins)
+    shares = np.cumsum(weights[:count])
+    bins = taken = 0
+    while taken < settings.max_particles:
+        at = np.searchsorted(shares, random.random() * shares[-1], side="right")
+        at = min(at, count - 1)
+        drawn[:, taken] = poses[:, at]
+        bins = insert(histogram, bins, taken, drawn[0, taken], drawn[1, taken], drawn[2, taken])
+        taken += 1
+        if taken > wanted_particles(bins, settings):
+            break
+    return taken, bins

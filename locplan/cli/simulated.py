@@ -1,0 +1,66 @@
+"""Options of the commands that simulate, and what becomes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from locplan.cli.options import settings_of
+
+if TYPE_CHECKING:
+    from locplan.config import FieldConfig
+    from locplan.simulation.settings import Amcl, Reality
+
+MapFiles = Annotated[
+    list[Path],
+    typer.Argument(metavar="MAP...", help="map_server YAML files, or their folders."),
+]
+Lidar = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Simulated: rplidar-a1 | utm-30lx | lms291 | urg-04lx; that of the field by default.",
+    ),
+]
+Params = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Nav2's parameters, for those of its amcl.")
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Of AMCL (alpha1, max_particles, laser_model_type, ...) or of what it is up against"
+        " (boundary_noise, outliers, occlusion, heading_bias_deg, ...); repeatable.",
+    ),
+]
+Seed = Annotated[int, typer.Option(min=0, help="Of all random numbers.")]
+Radius = Annotated[float, typer.Option(help="Robot's radius [m].")]
+Folder = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Folder for the picture, JSON and CSV.")
+]
+PlaceCount = Annotated[int, typer.Option(min=2, help="On each map.")]
+DriveCount = Annotated[int, typer.Option(min=1, help="To each place, of 10 m.")]
+
+
+def simulated(
+    config: FieldConfig, lidar: str | None, params: Path | None, settings: Sequence[str] | None
+) -> tuple[Amcl, Reality]:
+    """The filter and what it is up against; the lidar is that of the field unless one is named."""
+    from locplan.sensor import Sensor
+    from locplan.simulation.nav2_files import read_amcl
+    from locplan.simulation.settings import Amcl, Reality, changed
+
+    amcl, reality = read_amcl(params) if params else Amcl(), Reality()
+    if lidar:
+        sensor = Sensor.preset(lidar)
+    elif config.sensor is not None:
+        sensor = config.sensor
+    else:
+        sensor = dataclasses.replace(reality.sensor, range=config.sensor_range)
+    reality = dataclasses.replace(reality, sensor=sensor)
+    return changed(amcl, reality, settings_of(settings or (), "set", words=True))

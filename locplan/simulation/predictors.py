@@ -1,0 +1,142 @@
+"""What may predict where a robot is badly localized: every estimator, and two simple baselines."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan import tiles
+from locplan.config import FieldConfig
+from locplan.field import CovarianceField
+from locplan.grid import OCCUPIED, OccupancyGrid
+from locplan.lattice import stride_cells
+from locplan.progress import ProgressCallback
+from locplan.sensor import Sensor
+
+Array = NDArray[np.float64]
+SCALARS = ("e", "position_std", "heading_std")
+"""Of each field."""
+FUSED = "fisher+scan"
+CLEARANCE, FEW_WALLS = "clearance", "few occupied cells"
+
+
+class Predictor(NamedTuple):
+    """A source and what is read of it; greater shall mean worse."""
+
+    source: str
+    scalar: str
+    """One of `SCALARS`, or nothing for a baseline."""
+
+    @property
+    def of_heading(self) -> bool:
+        """Whether it predicts the heading's error instead of the position's."""
+        return self.scalar == "heading_std"
+
+    def __str__(self) -> str:
+        short = self.scalar.removesuffix("_std")
+        return f"{self.source}, {short}" if short else self.source
+
+    @property
+    def column(self) -> str:
+        """What to call it in a table for programs."""
+        return "_".join(filter(None, (self.source, self.scalar))).replace(" ", "_")
+
+
+def configs(sensor: Sensor, stride: float = 0.2) -> dict[str, FieldConfig]:
+    """The fields that are tried, by name; those that know a sensor know this one.
+
+    "sad" is the default preset, "paper" the paper's, with discs or templates of what is visible.
+    """
+    reach = sensor.range
+    stride = min(stride, reach)
+    default = FieldConfig(sensor_range=reach, stride=stride)
+    paper = dataclasses.replace(FieldConfig.paper(sensor_range=reach), stride=stride)
+    return {
+        "sad": default,
+        "sad visible": dataclasses.replace(default, template="visible"),
+        "paper": paper,
+        "paper visible": dataclasses.replace(paper, template="visible"),
+        "fisher": FieldConfig(estimator="fisher", sensor=sensor, stride=stride),
+        "scan": FieldConfig(estimator="scan", sensor=sensor, stride=stride),
+    }
+
+
+def field_at(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    points: NDArray[np.int64],
+    *,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> CovarianceField:
+    """A field of nothing but some of its lattice points.
+
+    Parameters
+    ----------
+    points : (n, 2) array
+        Rows and columns of the lattice.
+    """
+    values = tiles.nothing_known(grid, config)
+    wanted = np.zeros(values["covariance"].shape[:2], bool)
+    wanted[tuple(points.T)] = True
+    tiles.complete(values, grid, config, threads, None, progress, wanted)
+    return CovarianceField.of(values, grid, config)
+
+
+def covariances_at(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    points: NDArray[np.int64],
+    *,
+    threads: int | None = None,
+) -> Array:
+    """Covariances at lattice points, (n, d, d); of several headings the mean information's."""
+    field = field_at(grid, config, points, threads=threads)
+    return field.mean_covariance[tuple(points.T)]
+
+
+def predictions(
+    grid: OccupancyGrid,
+    fields: Mapping[str, FieldConfig],
+    points: NDArray[np.int64],
+    *,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> dict[Predictor, Array]:
+    """What each predictor says at lattice points, (n,).
+
+    Fisher's and the scan's deviations together are the geometric mean of both.
+    """
+    from locplan.covariance import scalar
+
+    found: dict[Predictor, Array] = {}
+    for n, (name, config) in enumerate(fields.items()):
+        covariance = covariances_at(grid, config, points, threads=threads)
+        for each in SCALARS:
+            found[Predictor(name, each)] = scalar(covariance, each)
+        if progress:
+            progress(n + 1, len(fields))
+    if {"fisher", "scan"} <= set(fields):
+        for each in SCALARS:
+            both = found[Predictor("fisher", each)] * found[Predictor("scan", each)]
+            found[Predictor(FUSED, each)] = np.sqrt(both)
+    config = next(iter(fields.values()))
+    cells = points * stride_cells(config, grid.resolution)
+    found[Predictor(CLEARANCE, "")] = grid.clearance[tuple(cells.T)]
+    found[Predictor(FEW_WALLS, "")] = -occupied_in_range(grid, cells, config.sensor_range)
+    return found
+
+
+def occupied_in_range(grid: OccupancyGrid, cells: NDArray[np.int64], reach: float) -> Array:
+    """How many occupied cells lie within `reach` [m] of each cell (n, 2), walls or not, (n,)."""
+    from scipy.spatial import cKDTree
+
+    occupied = np.argwhere(grid.cells == OCCUPIED)
+    if not len(occupied):
+        return np.zeros(len(cells))
+    radius = reach / grid.resolution
+    return cKDTree(occupied).query_ball_point(cells, radius, return_length=True).astype(float)

@@ -1,0 +1,233 @@
+"""What simulations, evaluations and calibrations say: tables for people, and files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan import __version__, plotting
+from locplan.config_files import save_config
+from locplan.files import make_folder, replacing
+from locplan.intervals import Interval
+from locplan.plotting import simulations as pictures
+from locplan.plotting.simulations import KIND_LABELS
+from locplan.simulation.calibration import Calibration
+from locplan.simulation.drives import PROFILE, contrasts
+from locplan.simulation.evaluation import KINDS, Evaluation
+from locplan.simulation.routes import AWARE, SHORTEST, Routes, Simulation
+from locplan.tables import finite, table, write_csv
+
+
+def simulation_table(simulation: Simulation) -> str:
+    """The errors along each path, side by side."""
+    drives, ratios = simulation.drives, contrasts(simulation.drives)
+    rows = [
+        ["length", *(f"{each.distance[-1]:.2f} m" for each in drives.values())],
+        ["position RMSE", *(_told(each.rmse, "m") for each in drives.values())],
+        ["at the goal", *(_told(each.final_rmse, "m") for each in drives.values())],
+        ["heading RMSE", *(_told(_degrees(each.heading_rmse), "deg") for each in drives.values())],
+        ["lost (> 1 m at any time)", *(_share(each.lost_rate) for each in drives.values())],
+    ]
+    if ratios:
+        rows.append(["RMSE over the first's", "", *map(_told, ratios.values())])
+    count = len(next(iter(drives.values())).errors)
+    return f"{table(['', *drives], rows)}\n{count} drives each; [95 % intervals]"
+
+
+def routes_table(every: Sequence[Routes]) -> str:
+    """Both paths of many queries, a map a row."""
+    rows = [
+        [
+            routes.grid.name,
+            f"{100 * (routes.length_ratio.value - 1):+.1f} %",
+            f"{routes.rmse(SHORTEST):.2f} m",
+            _short(routes.rmse_ratio),
+            f"{routes.lost_rate(SHORTEST).value:.0%} -> {routes.lost_rate(AWARE).value:.0%}",
+            routes.verdict,
+        ]
+        for routes in every
+    ]
+    columns = ["map", "length", "RMSE", "RMSE ratio", "lost", "aware paths"]
+    counts = sorted({len(routes.queries) for routes in every})
+    queries = " to ".join(str(count) for count in {counts[0]: 0, counts[-1]: 0})
+    return (
+        f"{table(columns, rows)}\naware path over shortest, of {queries} queries: geometric means"
+        " [95 %]; RMSE that of the shortest"
+    )
+
+
+def evaluation_table(evaluation: Evaluation) -> str:
+    """How well each predictor ranks places, and how large the errors were."""
+    several = len(evaluation.places) > 1
+    columns = ["predictor", "correlation", *(["in a map"] if several else []), "AUC"]
+    parts = []
+    for kind in KINDS:
+        rows = []
+        for predictor in evaluation.predictions[0]:
+            found = evaluation.ranks[predictor, kind]
+            within = [f"{found.within.value:.2f}"] if several else []
+            name = f"{predictor}{' *' if predictor.of_heading else ''}"
+            rows.append([name, _short(found.spearman), *within, _short(found.auc)])
+        parts += [f"{KIND_LABELS[kind]}:", table(columns, rows)]
+    parts += [
+        "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
+        "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
+        table(
+            ["map", "places", *(f"{kind} RMSE, 10/50/90 %" for kind in KINDS)], _sizes(evaluation)
+        ),
+    ]
+    return "\n".join(parts)
+
+
+def _sizes(evaluation: Evaluation) -> list[list[str]]:
+    """Of each map, how large the errors were [m]."""
+    return [
+        [
+            places.grid.name,
+            str(len(places.points)),
+            *(" / ".join(f"{v:.2f}" for v in evaluation.quantiles(n, k)) + " m" for k in KINDS),
+        ]
+        for n, places in enumerate(evaluation.places)
+    ]
+
+
+def calibration_table(calibration: Calibration) -> str:
+    """What was fitted, and how well it fits."""
+    rows = [
+        ["maps", ", ".join(calibration.maps)],
+        ["places", str(len(calibration.measured))],
+        ["error", f"{calibration.error}, RMSE of the position"],
+        ["noise level k", _told(calibration.noise_level)],
+    ]
+    if calibration.fitted_tau:
+        rows.append(["tau", f"{calibration.config.mismatch_scale:.3g} m²"])
+    rows += [
+        [
+            "typically off by a factor",
+            f"{calibration.factor:.2f}; as it was {calibration.factor_before:.2f}",
+        ],
+        ["within a factor 2", f"{calibration.within_two:.0%} of the places"],
+        ["variance of ln error explained", f"{calibration.r_squared:.0%}"],
+        ["rank correlation", f"{calibration.spearman:.2f}"],
+        ["consistency (1 is right)", f"{calibration.consistency:.2f}"],
+    ]
+    if calibration.floor_share > 0:
+        rows.append(["below what Q adds", f"{calibration.floor_share:.0%} of the places"])
+    return table([], rows)
+
+
+def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
+    """Write simulation.json, simulation.png, and a CSV of the error along each path.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    make_folder(folder)
+    written = []
+    for name, drives in simulation.drives.items():
+        file = folder / f"{_file_name(name)}.csv"
+        write_csv(file, drives.profile(), PROFILE)
+        written.append(file)
+    _write_json(folder / "simulation.json", simulation.summary())
+    plotting.save_figure(pictures.simulation_figure(simulation), folder / "simulation.png")
+    return [folder / "simulation.png", folder / "simulation.json", *written]
+
+
+def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
+    """Write simulation.json and a picture of each map.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    make_folder(folder)
+    about = {"maps": [routes.summary() for routes in every]}
+    _write_json(folder / "simulation.json", about)
+    written = [folder / "simulation.json"]
+    for number, routes in enumerate(every, 1):
+        file = folder / f"{number:02}-{_file_name(routes.grid.name or 'map')}.png"
+        plotting.save_figure(pictures.routes_figure(routes), file)
+        written.append(file)
+    return written
+
+
+def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
+    """Write evaluation.json, evaluation.png, and places.csv with a place a row.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    make_folder(folder)
+    files = [folder / f"evaluation{suffix}" for suffix in (".png", ".json")]
+    plotting.save_figure(pictures.evaluation_figure(evaluation), files[0])
+    _write_json(files[1], evaluation.summary())
+    rows = folder / "places.csv"
+    with replacing(rows) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["map", *evaluation.columns])
+        for name, values in evaluation.rows():
+            writer.writerows([name, *(f"{v:.9g}" for v in each)] for each in values)
+    return [*files, rows]
+
+
+def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
+    """Write the calibrated settings as `locplan.config_files` has them, and a picture beside them.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be written.
+    """
+    save_config(target, calibration.config, calibration=calibration.summary())
+    picture = target.with_suffix(".png")
+    plotting.save_figure(pictures.calibration_figure(calibration), picture)
+    return [target, picture]
+
+
+def _write_json(file: Path, about: Mapping[str, Any]) -> None:
+    with replacing(file) as temporary:
+        text = json.dumps(_plain({"locplan": __version__, **about}), indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows neither NaN nor infinity."""
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in finite(dict(value)).items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _file_name(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+
+
+def _degrees(interval: Interval) -> Interval:
+    return Interval(*np.degrees(interval).tolist())
+
+
+def _share(interval: Interval) -> str:
+    return f"{interval.value:.0%} [{interval.low:.0%}, {interval.high:.0%}]"
+
+
+def _short(interval: Interval) -> str:
+    value, low, high = (f"{v:.2f}".replace("0.", ".", 1) for v in interval)
+    return f"{value} [{low} {high}]"
+
+
+def _told(interval: Interval, unit: str = "") -> str:
+    value, low, high = interval
+    ends = "" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]"
+    return f"{value:.2f}{' ' * bool(unit)}{unit}{ends}"

@@ -1,0 +1,75 @@
+"""Simulated drives: how many a minute, and beside what NumPy does in whole arrays.
+
+Run: pytest tests/benchmarks/bench_simulation.py --benchmark-only -s
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from locplan import Costmap, Path, environments
+from locplan._kernels import particles
+from locplan.simulation import Amcl, Reality, Simulator
+from locplan.simulation.motion import poses_along
+
+FIXED = Amcl(min_particles=500, max_particles=500)
+DRIVES = 1000
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    grid = environments.make("places")
+    return Simulator(grid, FIXED, Reality())
+
+
+@pytest.fixture(scope="module")
+def ten_metres(simulator):
+    path = Path(np.array([[13.0, 5.5], [23.0, 5.5]]))
+    assert path.length == 10.0
+    assert np.isfinite(Costmap.blank(simulator.grid, robot_radius=0.25).density).any()
+    return poses_along(path, simulator.grid)
+
+
+def test_a_thousand_drives(benchmark, simulator, ten_metres):
+    assert simulator.lidar.angles.size == 60
+    simulator.drive([ten_metres] * 4)
+    errors = benchmark.pedantic(
+        simulator.drive, args=([ten_metres] * DRIVES,), rounds=3, iterations=1
+    )
+    seconds = benchmark.stats["min"]
+    updates = DRIVES * (len(ten_metres) * 0.05 / 0.25)
+    per_beam = seconds / (updates * 500 * 60)
+    print(
+        f"\n{DRIVES} drives of 10 m, 500 particles, 60 beams: {seconds:.2f} s,"
+        f" {1e9 * per_beam:.2f} ns a beam of a particle on all cores"
+    )
+    assert errors.shape == (DRIVES, len(ten_metres), 3)
+
+
+def weighed_by_numpy(scores, ends, poses):
+    """The weights of all particles and beams at once."""
+    cos, sin = np.cos(poses[2])[:, None], np.sin(poses[2])[:, None]
+    ahead, left = ends.T
+    col = poses[0, :, None] / scores.resolution + 1 + cos * ahead - sin * left
+    row = poses[1, :, None] / scores.resolution + 1 + sin * ahead + cos * left
+    col = np.clip(col, 0, scores.cols - 1).astype(np.int64)
+    row = np.clip(row, 0, scores.rows - 1).astype(np.int64)
+    weights = 1 + scores.values[row * scores.cols + col].sum(axis=1, dtype=float)
+    return weights / weights.sum()
+
+
+@pytest.mark.parametrize("who", ["locplan", "numpy"])
+def test_one_scan(benchmark, simulator, who):
+    random, scores = np.random.default_rng(0), simulator.scores
+    poses = np.array([[20.0], [5.5], [0.0]]) + 0.3 * random.standard_normal((3, 500))
+    bearing, at = np.linspace(0, 2 * np.pi, 60), random.uniform(10, 120, 60)
+    ends = np.column_stack([at * np.cos(bearing), at * np.sin(bearing)])
+    weights = np.full(500, 1 / 500)
+    particles.weigh(scores, ends, poses, 500, weights)
+    assert weights == pytest.approx(weighed_by_numpy(scores, ends, poses), rel=1e-9)
+    if who == "numpy":
+        benchmark(weighed_by_numpy, scores, ends, poses)
+    else:
+        benchmark(particles.weigh, scores, ends, poses, 500, weights)
+    print(f"\n{who}: {1e9 * benchmark.stats['min'] / 30_000:.2f} ns a beam of a particle")

@@ -1,0 +1,355 @@
+"""Evaluations, calibrations, and the commands that simulate."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import SHARED_DATA, refused
+from scipy import stats
+
+import locplan
+from locplan import FieldConfig, LocplanError, environments
+from locplan.plotting import simulations as pictures
+from locplan.search_window import SearchWindow
+from locplan.simulation import Amcl, Places, Reality, calibrate, evaluate, reports
+from locplan.simulation.predictors import (
+    Predictor,
+    configs,
+    covariances_at,
+    occupied_in_range,
+    predictions,
+)
+from locplan.simulation.ranking import RESAMPLES, Resamples, auc, rank, spearman
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return environments.make("two_corridors", resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def evaluation(grid):
+    other = environments.make("places", resolution=0.1)
+    return evaluate([grid, other], places=14, drives=3, scans=3)
+
+
+# Ranks.
+
+
+def test_rank_correlations_are_scipys():
+    random = np.random.default_rng(0)
+    for n in (5, 40, 200):
+        values, errors = random.integers(0, 12, n).astype(float), random.lognormal(size=n)
+        assert spearman(values, errors) == pytest.approx(stats.spearmanr(values, errors)[0])
+    assert spearman(np.ones(6), np.arange(6.0)) == 0
+
+
+def test_areas_under_the_curve_are_those_of_the_rank_sum():
+    random = np.random.default_rng(1)
+    values, errors = random.integers(0, 9, 60).astype(float), random.lognormal(size=60)
+    worst = np.argsort(errors)[-12:]
+    others = np.setdiff1d(np.arange(60), worst)
+    expected = stats.mannwhitneyu(values[worst], values[others]).statistic / (12 * 48)
+    assert auc(values, errors) == pytest.approx(expected)
+
+
+def test_a_resample_is_ranked_like_the_places_drawn():
+    random = np.random.default_rng(2)
+    values, errors = random.integers(0, 9, (2, 30)).astype(float)
+    drawn = Resamples.of([30])
+    assert (drawn.places[0].sum(axis=1) == 30).all()
+    one = dataclasses.replace(drawn, places=[np.repeat(drawn.places[0][:1], RESAMPLES, axis=0)])
+    often = drawn.places[0][0].astype(int)
+    expected = stats.spearmanr(np.repeat(values, often), np.repeat(errors, often))[0]
+    assert rank([values], [errors], one).spearman[1:] == pytest.approx((expected, expected))
+
+
+def test_intervals_of_ranks_hold_the_truth():
+    random, inside = np.random.default_rng(3), 0
+    truth = 6 / math.pi * math.asin(0.6 / 2)  # Spearman's of a bivariate normal with r = 0.6
+    for seed in range(60):
+        a, b = random.multivariate_normal([0, 0], [[1, 0.6], [0.6, 1]], 80).T
+        low, high = rank([a], [b], Resamples.of([80], seed)).spearman[1:]
+        inside += low <= truth <= high
+    assert inside >= 51
+
+
+def test_several_maps_widen_the_interval_and_are_averaged():
+    random = np.random.default_rng(4)
+    # Within each map the values say nothing; between maps everything.
+    errors = [np.exp(m + 0.1 * random.standard_normal(50)) for m in range(4)]
+    values = [m + 0.1 * random.standard_normal(50) for m in range(4)]
+    found = rank(values, errors, Resamples.of([50] * 4))
+    assert found.spearman.value > 0.85
+    assert abs(found.within.value) < 0.2
+    alone = rank([np.concatenate(values)], [np.concatenate(errors)], Resamples.of([200]))
+    assert found.spearman.high - found.spearman.low > alone.spearman.high - alone.spearman.low
+
+
+# Predictors.
+
+
+def test_predictions_are_what_the_fields_say(grid):
+    points = np.array([[15, 20], [60, 30], [18, 100]])
+    sensor = Reality().sensor
+    found = predictions(grid, configs(sensor), points)
+    field = locplan.covariance_field(grid)
+    assert found[Predictor("sad", "e")] == pytest.approx(field.e[tuple(points.T)])
+    paper = locplan.covariance_field(grid, FieldConfig.paper())
+    assert found[Predictor("paper", "e")] == pytest.approx(paper.e[tuple(points.T)])
+    both = found[Predictor("fisher", "e")] * found[Predictor("scan", "e")]
+    assert found[Predictor("fisher+scan", "e")] ** 2 == pytest.approx(both)
+    cells = points * 2
+    assert found[Predictor("clearance", "")].tolist() == grid.clearance[tuple(cells.T)].tolist()
+    walls = np.argwhere(grid.cells == 0)
+    near = [np.sum(np.linalg.norm(walls - cell, axis=1) <= 60) for cell in cells]
+    assert occupied_in_range(grid, cells, 6.0).tolist() == near
+    assert found[Predictor("few occupied cells", "")].tolist() == [-n for n in near]
+
+
+def test_a_sensor_that_does_not_see_all_round_is_predicted_over_headings(grid):
+    sensor = locplan.Sensor(range=6.0, field_of_view_deg=180.0, beams=60)
+    points = np.array([[15, 20], [18, 100]])
+    field = locplan.covariance_field(grid, FieldConfig(estimator="fisher", sensor=sensor))
+    expected = field.mean_covariance[tuple(points.T)]
+    assert covariances_at(grid, field.config, points) == pytest.approx(expected)
+
+
+# Evaluations.
+
+
+def test_an_evaluation_ranks_every_predictor_by_both_errors(evaluation):
+    assert len(evaluation.places) == 2
+    assert len(evaluation.ranks) == 2 * 23
+    for found in evaluation.ranks.values():
+        assert -1 <= found.spearman.low <= found.spearman.high <= 1
+        assert 0 <= found.auc.value <= 1
+    errors = np.concatenate([each.position_rmse("match") for each in evaluation.places])
+    values = np.concatenate([found[Predictor("scan", "e")] for found in evaluation.predictions])
+    expected = stats.spearmanr(values, errors)[0]
+    rank_of = evaluation.ranks[Predictor("scan", "e"), "match"]
+    assert rank_of.spearman.value == pytest.approx(expected)
+    headings = np.concatenate([each.heading_rmse("match") for each in evaluation.places])
+    turns = np.concatenate(
+        [found[Predictor("fisher", "heading_std")] for found in evaluation.predictions]
+    )
+    rank_of = evaluation.ranks[Predictor("fisher", "heading_std"), "match"]
+    assert rank_of.spearman.value == pytest.approx(stats.spearmanr(turns, headings)[0])
+
+
+def test_an_evaluation_is_the_same_again_and_on_one_thread(grid):
+    few = {"places": 4, "drives": 2, "scans": 2}
+    one, two = (evaluate([grid], threads=threads, **few) for threads in (1, 2))
+    assert (one.places[0].tracking == two.places[0].tracking).all()
+    assert (one.places[0].match == two.places[0].match).all()
+    assert one.summary() == two.summary()
+
+
+def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
+    reports.write_evaluation(tmp_path / "out", evaluation)
+    about = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert [each["name"] for each in about["maps"]] == ["two_corridors", "places"]
+    assert about["amcl"]["sigma_hit"] == 0.2
+    with (tmp_path / "out" / "places.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(len(each.points) for each in evaluation.places)
+    first = evaluation.places[0]
+    assert float(rows[0]["tracking_rmse_m"]) == pytest.approx(first.position_rmse("tracking")[0])
+    assert float(rows[0]["x_m"]) == pytest.approx(first.xy[0, 0])
+    assert float(rows[0]["sad_e"]) == pytest.approx(
+        evaluation.predictions[0][Predictor("sad", "e")][0]
+    )
+    many = dataclasses.replace(
+        evaluation, places=[*evaluation.places] * 4, predictions=[*evaluation.predictions] * 4
+    )
+    assert "8 maps" in pictures.evaluation_figure(many).subfigs[0].get_suptitle()
+    assert "paper visible, heading *" in reports.evaluation_table(evaluation)
+
+
+# Calibrations.
+
+
+def made_up_places(grid, config, level, *, noise=0.1):
+    """Places whose errors are those of a noise level, but for some scatter."""
+    field = locplan.covariance_field(grid, FieldConfig())
+    i, j = np.nonzero(field.evaluated)
+    chosen = np.random.default_rng(0).choice(len(i), 120, replace=False)
+    points = np.column_stack([i, j])[chosen]
+    plain = dataclasses.replace(config, quantisation=False, noise_level=1.0)
+    q = SearchWindow.from_config(config, grid.resolution).quantisation
+    scatter = np.exp(noise * np.random.default_rng(1).standard_normal(120))[:, None, None]
+    moments = scatter * (level * covariances_at(grid, plain, points) + config.quantisation * q)
+    return Places(grid, points, 2, moments, 4 * moments)
+
+
+@pytest.mark.parametrize(
+    "config", [FieldConfig(), FieldConfig.paper(), FieldConfig(estimator="fisher")]
+)
+def test_a_calibration_finds_the_noise_level(grid, config):
+    places = made_up_places(grid, config, 0.3)
+    result = calibrate([places], config)
+    if config.estimator == "sad":
+        assert result.config.noise_level == pytest.approx(0.3, rel=0.1)
+        assert result.noise_level.low < 0.3 < result.noise_level.high
+    assert result.factor < 1.1
+    assert result.factor <= result.factor_before
+    assert result.consistency == pytest.approx(1.0, abs=0.1)
+    assert result.within_two == 1.0
+    assert result.config == dataclasses.replace(config, noise_level=result.config.noise_level)
+    if not config.quantisation:
+        fourfold = calibrate([places], config, error="match")
+        assert fourfold.config.noise_level == pytest.approx(4 * result.config.noise_level, rel=1e-3)
+
+
+def test_a_calibration_finds_tau_if_asked(grid):
+    tau = 0.2035  # about one that is tried
+    places = made_up_places(grid, FieldConfig(tau=tau), 0.3, noise=0.02)
+    result = calibrate([places], FieldConfig(), fit_tau=True)
+    assert result.config.tau == pytest.approx(tau, rel=0.5)
+    assert result.config.noise_level == pytest.approx(0.3, rel=0.4)
+    assert result.factor < calibrate([places], FieldConfig()).factor
+    assert calibrate([places], FieldConfig.paper(), fit_tau=True).config.tau is None
+
+
+def test_too_few_places_cannot_calibrate(grid):
+    places = made_up_places(grid, FieldConfig(), 0.3)
+    few = dataclasses.replace(
+        places, points=places.points[:5], tracking=places.tracking[:5], match=places.match[:5]
+    )
+    with pytest.raises(LocplanError, match="at least 10 places"):
+        calibrate([few])
+
+
+# Commands.
+
+
+@pytest.fixture(scope="module")
+def map_file(grid, tmp_path_factory):
+    file = tmp_path_factory.mktemp("maps") / "corridors.yaml"
+    locplan.save_map(grid, file)
+    return file
+
+
+ENDS = ("--start", "2,3", "--goal", "6,9")
+
+
+def test_simulate_drives_both_paths(run, map_file, tmp_path):
+    out = tmp_path / "out"
+    code, table, err = run("simulate", map_file, *ENDS, "--drives", 4, "-o", out)
+    assert code == 0
+    assert "position RMSE" in table
+    assert "4 drives each" in table
+    assert "simulation.png" in err
+    about = json.loads((out / "simulation.json").read_text())
+    assert set(about["paths"]) == {"shortest", "localizability-aware"}
+    assert about["reality"]["sensor"]["range"] == 6.0
+    assert about["weight"] == 4.0
+    head = (out / "shortest.csv").read_text().splitlines()[0]
+    assert head.startswith("distance_m,x_m,y_m")
+    assert (out / "simulation.png").stat().st_size > 10_000
+
+
+def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
+    run("plan", map_file, *ENDS, "-o", tmp_path / "plan")
+    file = tmp_path / "plan" / "shortest.csv"
+    code, out, _ = run(
+        "simulate", map_file, "--path", file, "--drives", 3, "--json",
+        "--set", "max_particles=600", "--set", "laser_model_type=likelihood_field_prob",
+        "--set", "outliers=0.1", "--lidar", "rplidar-a1",
+    )  # fmt: skip
+    about = json.loads(out)
+    assert code == 0
+    assert list(about["paths"]) == ["shortest"]
+    assert about["amcl"]["max_particles"] == 600
+    assert about["amcl"]["laser_model_type"] == "likelihood_field_prob"
+    assert about["reality"]["outliers"] == 0.1
+    assert about["reality"]["sensor"]["range"] == 12.0
+
+
+def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
+    other = tmp_path / "b.yaml"
+    locplan.save_map(environments.make("places", resolution=0.1), other)
+    code, table, _ = run(
+        "simulate", map_file, other, "--random", 2, "--drives", 2, "-o", tmp_path / "out"
+    )
+    assert code == 0
+    assert "no clear change" in table or "helps" in table or "harms" in table
+    assert len(list((tmp_path / "out").glob("*.png"))) == 2
+    about = json.loads((tmp_path / "out" / "simulation.json").read_text())
+    assert len(about["maps"][0]["queries"]) == 2
+
+
+def test_an_unreachable_goal_is_a_result(run, tmp_path):
+    cells = np.full((40, 60), 254, np.uint8)
+    cells[:, 30] = 0
+    locplan.save_map(locplan.OccupancyGrid(cells, 0.1), tmp_path / "cut.yaml")
+    code, out, _ = run("simulate", tmp_path / "cut.yaml", "--start", "1,1", "--goal", "5,1")
+    assert (code, out) == (0, "unreachable: no path leads to the goal\n")
+
+
+def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp_path):
+    few = ("--places", 10, "--drives", 2)
+    code, table, _ = run("evaluate", map_file, *few, "--scans", 2, "-o", tmp_path / "out")
+    assert code == 0
+    assert "fisher+scan, position" in table
+    assert (tmp_path / "out" / "evaluation.png").stat().st_size > 10_000
+    target = tmp_path / "calibrated.json"
+    code, table, _ = run("calibrate", map_file, *few, "-o", target)
+    assert code == 0
+    assert "noise level k" in table
+    assert target.with_suffix(".png").stat().st_size > 10_000
+    config = locplan.load_config(target)
+    assert config.noise_level != 1.0
+    code, out, _ = run("field", map_file, "--config", target, "--json")
+    assert json.loads(out)["config"]["noise_level"] == config.noise_level
+    code, out, _ = run("field", map_file, "--config", target, "--range", 4, "--json")
+    assert json.loads(out)["config"]["sensor_range"] == 4.0
+    err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))
+    assert "--config has all settings" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ((), "give one of --path"),
+        (("--start", "2,3"), "give one of --path"),
+        ((*ENDS, "--random", "3"), "give one of --path"),
+        ((*ENDS, "--set", "alpha9=1"), "nothing simulated is called 'alpha9'; there are alpha1,"),
+        ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE"),
+        ((*ENDS, "--set", "alpha1=often"), "alpha1 must be a number"),
+        ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
+        ((*ENDS, "--lidar", "sonar"), "sensor must be one of"),
+        ((*ENDS, "--params", "none.yaml"), "none.yaml: cannot be read"),
+        ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
+        ((*ENDS, "--weight", "-1"), "weight"),
+        (("--start", "0,0.1", "--goal", "6,9"), "start"),
+        (("--path", "none.csv"), "none.csv: cannot be read"),
+    ],
+)
+def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reason):
+    out = tmp_path / "out"
+    assert reason in refused(run("simulate", map_file, *arguments, "-o", out))
+    assert not out.exists()
+
+
+def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
+    assert "cannot be read" in refused(run("evaluate", tmp_path / "no.yaml"))
+    assert "must be tracking or match" in refused(run("calibrate", map_file, "--error", "both"))
+    assert "must end in .json" in refused(run("calibrate", map_file, "-o", tmp_path / "c.txt"))
+    assert "robot fits" in refused(run("evaluate", map_file, "--robot-radius", 20))
+    locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
+    several = map_file, tmp_path / "other.yaml"
+    assert "of these 2 name one" in refused(run("simulate", *several, *ENDS))
+
+
+def test_a_real_map_is_evaluated_with_other_settings(real_maps):
+    grid = locplan.load_map(next((real_maps / "aws_small_house").glob("*.yaml")))
+    amcl = Amcl(min_particles=100, max_particles=100)
+    found = evaluate([grid], amcl=amcl, places=6, drives=2, scans=2)
+    assert found.places[0].position_rmse("match").max() < 0.5
+    assert SHARED_DATA.exists()

@@ -1,0 +1,261 @@
+"""The kernels of the particle filter beside plain loops with the same random numbers."""
+
+from __future__ import annotations
+
+import math
+
+import naive
+import numpy as np
+import pytest
+from conftest import random_rooms
+
+from locplan._kernels import drives, matches, measured, particles
+from locplan._kernels.rays import empty_squares
+from locplan.grid import FREE, OCCUPIED, OccupancyGrid
+from locplan.sensor import Sensor
+from locplan.simulation import Amcl, Reality, Simulator
+
+RESOLUTION = 0.1
+SMALL = Sensor(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_y=-0.05, mount_yaw_deg=20)
+
+
+def room(seed=3):
+    """2.4 m x 2.8 m with boxes, walls around, and free in the middle."""
+    cells = random_rooms((24, 28), seed, blocks=9)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    cells[8:16, 8:20] = FREE
+    return OccupancyGrid(cells, RESOLUTION, name="room")
+
+
+def simulator(grid, amcl=None, **reality):
+    return Simulator(grid, amcl, Reality(**{"sensor": SMALL, **reality}))
+
+
+def cloud(random, count):
+    spread = np.array([[0.4], [0.3], [0.3]])
+    return np.array([[1.3], [1.2], [0.4]]) + spread * random.standard_normal((3, count))
+
+
+@pytest.mark.parametrize("model", ["likelihood_field", "likelihood_field_prob"])
+def test_weights_are_those_of_the_formula(model):
+    grid, random = room(), np.random.default_rng(1)
+    amcl = Amcl(laser_model_type=model, laser_likelihood_max_dist=0.6)
+    poses = cloud(random, 40)
+    poses[:, 0] = -3.0, 5.0, 0.0  # far off the map
+    ends = random.uniform(-12, 12, (9, 2))
+    ends[4] = np.nan
+    weights = random.uniform(0.1, 1.0, 40)
+    expected = naive.weigh(grid.cells, RESOLUTION, ends, poses, weights, amcl, SMALL.range)
+    particles.weigh(simulator(grid, amcl).scores, ends, poses, 40, weights)
+    assert weights == pytest.approx(expected, rel=2e-6)
+
+
+def test_weights_are_equal_where_no_beam_returns():
+    weights = np.array([0.2, 0.4, 0.0])
+    scores = simulator(room()).scores
+    particles.weigh(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, weights)
+    assert weights == pytest.approx([1 / 3, 2 / 3, 0])
+    particles.weigh(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("dx", "dy", "turn"),
+    [(0.25, 0.1, 0.1), (-0.3, -0.02, -0.05), (0.0, 0.0, 0.4), (0.004, 0.0, -2.0)],
+)
+def test_particles_move_like_the_plain_formula(dx, dy, turn):
+    poses = cloud(np.random.default_rng(2), 30)
+    amcl = Amcl(alpha1=0.1, alpha2=0.2, alpha3=0.3, alpha4=0.4)
+    expected = naive.move(np.random.default_rng(5), poses, dx, dy, turn, 0.3, amcl)
+    settings = simulator(room(), amcl).filter
+    particles.move(np.random.default_rng(5), poses, 30, dx, dy, turn, 0.3, settings)
+    assert poses == pytest.approx(expected, abs=1e-12)
+
+
+def test_without_noise_particles_follow_odometry():
+    poses = np.array([[1.0, 2.0], [1.0, 1.0], [0.0, math.pi / 2]])
+    settings = simulator(room(), Amcl(alpha1=0, alpha2=0, alpha3=0, alpha4=0)).filter
+    particles.move(np.random.default_rng(0), poses, 2, 0.5, 0.0, 0.1, 0.0, settings)
+    assert poses == pytest.approx(np.array([[1.5, 2.0], [1.0, 1.5], [0.1, math.pi / 2 + 0.1]]))
+
+
+@pytest.mark.parametrize("count", [1, 50, 300])
+def test_clusters_are_those_of_touching_bins(count):
+    random = np.random.default_rng(count)
+    poses = cloud(random, count)
+    poses[:2] += 4 * random.integers(0, 3, (2, count)) * [[1.0], [-1.0]]
+    histogram, bins = particles.make_histogram(count), 0
+    for n in range(count):
+        bins = particles.insert(histogram, bins, n, *poses[:, n])
+    assert bins == len(set(naive.bins_of(poses)))
+    found = particles.likeliest(histogram, bins, poses, count)
+    assert found == pytest.approx(naive.likeliest(poses), abs=1e-12)
+    particles.clear(histogram, bins)
+    assert (histogram.bin_of == particles.FREE).all()
+
+
+def test_kld_sampling_wants_what_amcl_wants():
+    amcl = Amcl(min_particles=20, max_particles=500)
+    settings = simulator(room(), amcl).filter
+    for bins in range(200):
+        assert particles.wanted_particles(bins, settings) == naive.wanted_particles(bins, amcl)
+    # AMCL's own quirk: a single bin asks for all.
+    assert particles.wanted_particles(1, settings) == 500
+
+
+@pytest.mark.parametrize("limits", [(5, 400), (60, 60)])
+def test_resampling_draws_the_same_particles(limits):
+    random = np.random.default_rng(4)
+    amcl = Amcl(min_particles=limits[0], max_particles=limits[1], pf_err=0.2)
+    count = 60
+    poses, weights = cloud(random, limits[1]), np.zeros(limits[1])
+    weights[:count] = random.exponential(size=count)
+    weights[:count] /= weights[:count].sum()
+    expected = naive.resample(np.random.default_rng(8), poses[:, :count], weights[:count], amcl)
+    drawn = np.empty_like(poses)
+    histogram, bins = particles.make_histogram(limits[1]), 0
+    for n in range(count):
+        bins = particles.insert(histogram, bins, n, *poses[:, n])
+    found, _ = particles.resample(
+        np.random.default_rng(8),
+        poses,
+        weights,
+        count,
+        simulator(room(), amcl).filter,
+        histogram,
+        bins,
+        drawn,
+    )
+    assert found == expected.shape[1] <= limits[1]
+    assert drawn[:, :found] == pytest.approx(expected)
+
+
+def test_particles_are_drawn_as_often_as_they_weigh():
+    amcl = Amcl(min_particles=20_000, max_particles=20_000)
+    poses, weights = np.zeros((3, 20_000)), np.zeros(20_000)
+    poses[0, :4], weights[:4] = (0, 1, 2, 3), (0.1, 0.2, 0.3, 0.4)
+    drawn, histogram = np.empty_like(poses), particles.make_histogram(20_000)
+    settings = simulator(room(), amcl).filter
+    random = np.random.default_rng(1)
+    count, _ = particles.resample(random, poses, weights, 4, settings, histogram, 0, drawn)
+    shares = np.bincount(drawn[0, :count].astype(int)) / count
+    assert shares == pytest.approx(weights[:4], abs=0.015)
+
+
+@pytest.mark.parametrize("occlusion", [0.0, 1.0])
+def test_measured_beams_end_where_the_plain_loop_says(occlusion):
+    grid = room()
+    reality = Reality(sensor=SMALL, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
+    here = simulator(grid, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
+    squares, ends = empty_squares(grid.cells == OCCUPIED), np.empty((9, 2))
+    for seed in range(12):
+        pose = np.array([12.3, 13.7, 0.7 * seed])
+        random = np.random.default_rng(seed)
+        lidar, disturbances = here.lidar, here.disturbances
+        measured.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
+        expected = naive.measured_ends(
+            np.random.default_rng(seed), grid.cells, RESOLUTION, pose, SMALL, lidar.angles, reality
+        )
+        assert ends == pytest.approx(expected, abs=2e-6, nan_ok=True)  # levers are rounded
+
+
+def test_outliers_and_occlusions_come_as_often_as_asked():
+    free = OccupancyGrid(np.full((90, 90), FREE), RESOLUTION)
+    sensor = Sensor(range=4.0, beams=72)
+    here = simulator(free, sensor=sensor, outliers=0.1, occlusion=0.3, occlusion_deg=40.0)
+    squares, ends = here.worlds[0], np.empty((72, 2))
+    lidar = here.lidar._replace(angles=sensor.angles)
+    random, returned, blocked = np.random.default_rng(0), 0.0, 0
+    for _ in range(2000):
+        pose = np.array([45.0, 45.0, 0.0])
+        disturbances = here.disturbances
+        measured.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
+        at = np.hypot(*ends.T) * RESOLUTION
+        returned += np.isfinite(at).mean() / 2000
+        values, counts = np.unique(at[np.isfinite(at)].round(9), return_counts=True)
+        blocked += counts.max(initial=0) >= 6 and 0.5 <= values[np.argmax(counts)] <= 2.0
+    assert blocked / 2000 == pytest.approx(0.3, abs=0.03)
+    assert returned == pytest.approx(0.1 + 0.9 * 0.3 * 40 / 360, abs=0.01)
+
+
+def test_odometry_drifts_like_the_plain_formula():
+    truth = np.column_stack(
+        [np.linspace(0, 3, 40), np.sin(np.linspace(0, 2, 40)), np.linspace(0, 4, 40)]
+    )
+    truth[10:13] = truth[10]
+    truth[10:13, 2] += [0, 0.3, 0.5]
+    reality = Reality(distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1)
+    here = simulator(
+        room(), distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
+    )
+    told = drives.odometry_along(np.random.default_rng(3), truth, here.odometry)
+    assert told == pytest.approx(naive.odometry_along(np.random.default_rng(3), truth, reality))
+
+
+def test_drifts_grow_with_the_root_of_the_way():
+    quiet = dict.fromkeys(
+        ("distance_bias", "heading_bias_deg", "turn_bias", "heading_drift_deg"), 0.0
+    )
+    here = simulator(room(), distance_drift=0.1, **quiet)
+    ends = []
+    for spacing in (0.05, 0.5):
+        x = np.arange(0, 4 + spacing / 2, spacing)
+        truth = np.column_stack([x, 0 * x, 0 * x])
+        random = np.random.default_rng(1)
+        ends.append(
+            [drives.odometry_along(random, truth, here.odometry)[-1, 0] for _ in range(800)]
+        )
+    assert np.std(ends, axis=1) == pytest.approx([0.2, 0.2], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "amcl",
+    [
+        Amcl(min_particles=15, max_particles=60, pf_err=0.2),
+        Amcl(
+            min_particles=40,
+            max_particles=40,
+            laser_model_type="likelihood_field_prob",
+            resample_interval=2,
+            update_min_d=0.1,
+        ),
+    ],
+)
+def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
+    grid, world = room(), room(4)
+    x = np.linspace(0.9, 1.7, 17)
+    truth = np.column_stack([x, 1.2 + 0.1 * np.sin(4 * x), 0.8 * (x - 0.9)])
+    reality = Reality(sensor=SMALL, occlusion=0.5)
+    here = simulator(grid, amcl, occlusion=0.5)
+    expected = naive.drive(
+        np.random.default_rng(6),
+        truth,
+        grid.cells,
+        world.cells,
+        RESOLUTION,
+        SMALL,
+        here.lidar.angles,
+        amcl,
+        reality,
+    )
+    errors = np.empty_like(truth)
+    drives.drive(
+        np.random.default_rng(6),
+        truth,
+        empty_squares(world.cells == OCCUPIED),
+        here.scores,
+        here.lidar,
+        here.disturbances,
+        here.odometry,
+        here.start,
+        here.filter,
+        errors,
+    )
+    assert errors == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_tie_of_costs_is_broken_at_random():
+    costs = np.array([3, 1, 2, 1, 1, 5], np.uint32)
+    random = np.random.default_rng(0)
+    found = np.bincount([matches.one_of_least(random, costs) for _ in range(3000)], minlength=6)
+    assert found[[0, 2, 5]].tolist() == [0, 0, 0]
+    assert found[[1, 3, 4]] / 3000 == pytest.approx(1 / 3, abs=0.04)

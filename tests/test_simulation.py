@@ -1,0 +1,457 @@
+"""Simulated drives: frames, physics, what AMCL is told, and what is said of the results."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+
+import naive
+import numpy as np
+import pytest
+from conftest import corridor
+
+import locplan
+from locplan import FieldConfig, LocplanError, OccupancyGrid, Path, Sensor, environments
+from locplan._kernels.matches import match
+from locplan._kernels.offsets import make_lattice
+from locplan.comparison import Query
+from locplan.estimators.scan import likelihood_field
+from locplan.grid import FREE, OCCUPIED
+from locplan.intervals import of_geometric_mean, of_mean, of_rms
+from locplan.simulation import (
+    Amcl,
+    Reality,
+    Simulator,
+    choose_points,
+    measure,
+    rmse_ratio,
+    simulate,
+    simulate_queries,
+)
+from locplan.simulation.motion import approaches, poses_along
+from locplan.simulation.nav2_files import read_amcl
+
+QUIET = {
+    "boundary_noise": 0.0,
+    "outliers": 0.0,
+    "occlusion": 0.0,
+    "distance_drift": 0.0,
+    "heading_drift_deg": 0.0,
+    "turn_drift_deg": 0.0,
+    "distance_bias": 0.0,
+    "heading_bias_deg": 0.0,
+    "turn_bias": 0.0,
+    "start_sigma": 0.0,
+    "start_sigma_deg": 0.0,
+}
+STILL = {"alpha1": 0.0, "alpha2": 0.0, "alpha3": 0.0, "alpha4": 0.0}
+FEW = {"min_particles": 300, "max_particles": 300}
+
+
+@pytest.fixture(scope="module")
+def two_corridors():
+    return environments.make("two_corridors", resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def in_room():
+    """A path in the well-marked room of two_corridors."""
+    return Path(np.array([[2.0, 3.0], [5.0, 3.0], [5.5, 9.5]]))
+
+
+def open_space(metres=40.0, resolution=0.1):
+    return OccupancyGrid(np.full((int(metres / resolution),) * 2, FREE), resolution)
+
+
+def test_poses_follow_the_path_and_face_ahead(two_corridors, in_room):
+    poses = poses_along(in_room, two_corridors)
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    assert steps.max() <= 0.05 + 1e-9
+    assert poses[0, :2].tolist() == [2.0, 3.0]
+    assert poses[-1, :2] == pytest.approx([5.5, 9.5])
+    assert poses[0, 2] == 0
+    assert poses[-1, 2] == pytest.approx(math.atan2(6.5, 0.5))
+    assert abs(np.diff(poses[:, 2])).max() < 0.5
+    headed = Path(in_room.xy, np.array([1.0, 2.0, 3.0]))
+    assert poses_along(headed, two_corridors)[[0, -1], 2].tolist() == [1.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("xy", "reason"),
+    [
+        ([[2.0, 3.0]], "one position"),
+        ([[2.0, 3.0], [2.0, 3.0]], "one position"),
+        ([[2.0, 3.0], [20.0, 8.0]], "leaves the free cells of two_corridors at"),
+        ([[2.0, 3.0], [-50.0, 3.0]], "leaves the free cells"),
+    ],
+)
+def test_paths_that_cannot_be_driven_are_refused(two_corridors, xy, reason):
+    with pytest.raises(LocplanError, match=reason):
+        poses_along(Path(np.array(xy)), two_corridors)
+
+
+def test_approaches_end_in_the_cell_from_as_far_as_wanted(two_corridors):
+    costs = locplan.Costmap.blank(two_corridors, robot_radius=0.25)
+    cell = two_corridors.world_to_cell(20.0, 3.0)
+    lines = approaches(costs, cell, 12, 10.0, np.random.default_rng(0))
+    assert len({line.shape for line in lines}) == 1
+    ends = np.array([line[-1, :2] for line in lines])
+    assert ends == pytest.approx(np.tile(two_corridors.cell_to_world(*cell), (12, 1)))
+    ways = [np.hypot(*np.diff(line[:, :2], axis=0).T).sum() for line in lines]
+    assert min(ways) > 9.4
+    assert max(ways) <= 10.0 + 1e-6
+    starts = np.array([line[0, 0] for line in lines])
+    assert starts.min() < 11 < 29 < starts.max()
+
+
+def test_approaches_in_a_small_room_are_as_long_as_there_is():
+    grid = open_space(3.0)
+    lines = approaches(locplan.Costmap.blank(grid), (2, 2), 4, 10.0, np.random.default_rng(0))
+    assert all(2.0 < math.dist(line[0, :2], line[-1, :2]) < 4.3 for line in lines)
+
+
+def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
+    grid = open_space()
+    path = Path(np.array([[10.0, 10.0], [30.0, 12.0], [30.0, 20.0]]))
+    result = simulate(
+        grid, {"a": path}, amcl=Amcl(**STILL, **FEW), reality=Reality(**QUIET), drives=2
+    )
+    assert abs(result.drives["a"].errors).max() < 1e-9
+
+
+def test_odometry_alone_drifts_where_nothing_is_seen():
+    grid = open_space()
+    path = Path(np.array([[10.0, 20.0], [30.0, 20.0]]))
+    reality = Reality(**{**QUIET, "distance_bias": 0.05})
+    result = simulate(grid, {"a": path}, amcl=Amcl(**STILL, **FEW), reality=reality, drives=200)
+    errors = result.drives["a"].errors
+    assert errors[:, -1, 0].std() == pytest.approx(20 * 0.05, rel=0.15)
+    assert abs(errors[..., 1]).max() < 1e-9
+    halfway = errors.shape[1] // 2
+    assert errors[:, halfway, 0] == pytest.approx(errors[:, -1, 0] / 2, rel=0.02)
+
+
+def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
+    reality = Reality(boundary_noise=0.0, distance_bias=0.1, heading_bias_deg=5.0)
+    blind = Reality(**{**dataclasses.asdict(reality), "sensor": Sensor(range=0.2)})
+    seeing, not_seeing = (
+        simulate(two_corridors, {"a": in_room}, reality=each, drives=20).drives["a"].rmse.value
+        for each in (reality, blind)
+    )
+    assert seeing < 0.25
+    assert not_seeing > 2 * seeing
+
+
+@pytest.mark.parametrize("angle", [0.0, math.pi / 6, math.pi / 2])
+def test_in_a_corridor_the_error_lies_along_it(angle):
+    grid = corridor(40.0, 2.0, angle=angle, resolution=0.1)
+    ahead = np.array([math.cos(angle), math.sin(angle)])
+    path = Path(np.array([-6.0 * ahead, 6.0 * ahead]))
+    amcl = Amcl(laser_model_type="likelihood_field_prob")
+    errors = simulate(grid, {"a": path}, amcl=amcl, drives=40).drives["a"].errors
+    along = errors[..., :2] @ ahead
+    across = errors[..., :2] @ np.array([-ahead[1], ahead[0]])
+    assert along[:, -1].std() > 4 * across[:, -1].std()
+
+
+def test_a_map_with_yaw_gives_the_same_errors_turned(two_corridors, in_room):
+    yaw, shift = 0.7, np.array([3.0, -5.0])
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    origin = np.array(two_corridors.origin[:2])
+    turned = dataclasses.replace(two_corridors, origin=(*(turn @ origin + shift), yaw))
+    plain = simulate(two_corridors, {"a": in_room}, drives=6).drives["a"]
+    other = simulate(turned, {"a": Path(in_room.xy @ turn.T + shift)}, drives=6).drives["a"]
+    assert other.errors[..., :2] == pytest.approx(plain.errors[..., :2] @ turn.T, abs=1e-6)
+    assert other.errors[..., 2] == pytest.approx(plain.errors[..., 2], abs=1e-6)
+
+
+def test_results_depend_on_the_seed_and_on_nothing_else(two_corridors, in_room):
+    other = Path(np.array([[2.0, 3.0], [4.0, 3.0]]))
+    every = {"in room": in_room, "other": other}
+    first = simulate(two_corridors, every, drives=6, threads=2).drives["other"].errors
+    again = simulate(two_corridors, {"alone": other}, drives=6, threads=1).drives["alone"].errors
+    fewer = simulate(two_corridors, {"alone": other}, drives=3).drives["alone"].errors
+    assert (first == again).all()
+    assert (first[:3] == fewer).all()
+    another = simulate(two_corridors, {"alone": other}, drives=6, seed=2).drives["alone"].errors
+    assert not (first == another).any(axis=(1, 2)).any()
+
+
+def test_worlds_differ_from_the_map_and_from_each_other(two_corridors):
+    simulator = Simulator(two_corridors, reality=Reality(worlds=3))
+    stops = [world[0, 1:-1, 1:-1] == 0 for world in simulator.worlds]
+    walls = two_corridors.cells == OCCUPIED
+    assert len(stops) == 3
+    assert all(0.03 < (each != walls).sum() / walls.sum() < 0.5 for each in stops)
+    assert (stops[0] != stops[1]).any()
+    assert len(Simulator(two_corridors, reality=Reality(boundary_noise=0.0)).worlds) == 1
+
+
+def test_lost_drives_and_their_intervals(two_corridors):
+    short = Path(np.array([[2.0, 3.0], [30.0, 3.0]]))
+    drives = simulate(two_corridors, {"a": short}, drives=30).drives["a"]
+    assert drives.lost.tolist() == (drives.position_error > 1).any(axis=1).tolist()
+    assert 0 < drives.lost_rate.low < drives.lost_rate.value < drives.lost_rate.high < 1
+    mean_square = (drives.errors[..., :2] ** 2).sum(axis=2).mean()
+    assert drives.rmse.value == pytest.approx(math.sqrt(mean_square))
+    assert drives.rmse.low < drives.rmse.value < drives.rmse.high
+    assert drives.profile().shape == (len(drives.poses), 8)
+    assert rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
+
+
+def at_places(name, ends, drives):
+    grid = environments.make(name)
+    costs = locplan.Costmap.from_field(
+        grid, locplan.covariance_field(grid), weight=4.0, robot_radius=0.25
+    )
+    marks = environments.landmarks(name)
+    query = Query(name, *(marks[end] for end in ends))
+    return simulate_queries(costs, [query], drives=drives)
+
+
+def test_the_aware_path_is_followed_better_in_two_corridors():
+    routes = at_places("two_corridors", ("start", "goal"), 40)
+    ratio = routes.simulations[0].summary()["rmse_ratio"]["localizability-aware"]
+    assert ratio[2] < 0.6
+    lost = [routes.lost_rate(name).value for name in ("shortest", "localizability-aware")]
+    assert lost[0] > 0.3
+    assert lost[1] <= lost[0] / 2
+
+
+def test_the_aware_path_is_followed_better_in_the_hall():
+    routes = at_places("hall", ("start", "goal"), 10)
+    assert routes.simulations[0].summary()["rmse_ratio"]["localizability-aware"][2] < 0.7
+
+
+def test_queries_without_a_path_are_left_out(two_corridors):
+    field = locplan.covariance_field(two_corridors, FieldConfig(sensor_range=1.0, stride=1.0))
+    costs = locplan.Costmap.from_field(two_corridors, field, robot_radius=0.25)
+    away = np.full(two_corridors.shape, False)
+    away[:, 150:160] = True
+    cut = costs.blocked_where(away)
+    near, far = Query("near", (2, 3), (6, 3)), Query("far", (2, 3), (38, 3))
+    routes = simulate_queries(cut, [near, far], drives=2)
+    assert [query.name for query in routes.queries] == ["near"]
+    with pytest.raises(LocplanError, match="no query has a path"):
+        simulate_queries(cut, [far], drives=2)
+
+
+def test_matches_are_those_of_the_plain_loop():
+    random = np.random.default_rng(1)
+    cells = np.full((40, 40), FREE, np.uint8)
+    cells[[4, 33], 5:36] = cells[5:33, [6, 35]] = OCCUPIED
+    cells[10:13, 20:24] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    reality = Reality(sensor=Sensor(range=3.0, beams=12), boundary_noise=0.0)
+    simulator, angles = Simulator(grid, reality=reality), np.linspace(-0.4, 0.4, 5)
+    field, lattice = likelihood_field(cells, 0.1, 2, 3), make_lattice(3, angles)
+    found = np.empty((3, 3))
+    where = angles, simulator.worlds[0], 0.1, 18, 21, simulator.lidar, simulator.disturbances
+    match(np.random.default_rng(2), field, lattice, *where, found)
+    random = np.random.default_rng(2)
+    for errors in found:
+        row, col = 18 + random.random(), 21 + random.random()
+        heading = (2 * random.random() - 1) * math.pi
+        aside = (random.random() - 0.5) * 0.2
+        pose = np.array([row, col, heading])
+        ends = naive.measured_ends(
+            random, cells, 0.1, pose, reality.sensor, simulator.lidar.angles, reality
+        )
+        cos, sin = math.cos(heading + aside), math.sin(heading + aside)
+        turned = ends @ np.array([[cos, sin], [-sin, cos]])
+        losses = naive.score(
+            cells, 18, 21, turned, 2, 3, angles, lambda d: naive.loss(d, 0.1, 0.1, 0.05)
+        )
+        random.integers(0, 1)  # to break a tie
+        theta, dy, dx = np.unravel_index(np.argmin(losses), losses.shape)
+        expected = (21.5 + 2 * (dx - 3) - col, 18.5 + 2 * (dy - 3) - row, angles[theta] + aside)
+        assert errors == pytest.approx(expected, abs=1e-9)
+
+
+def test_single_scans_fix_a_room_and_not_a_corridor(two_corridors):
+    simulator = Simulator(two_corridors)
+    cells = np.array([two_corridors.world_to_cell(*xy) for xy in ((3.0, 8.5), (20.0, 3.0))])
+    errors = simulator.match(cells, 24)
+    room, straight = np.sqrt((errors**2).mean(axis=1))
+    assert room[:2].max() < 0.15
+    assert straight[0] > 0.5 > 0.15 > straight[1]
+    assert (errors == simulator.match(cells, 24)).all()
+
+
+def test_places_are_apart_where_the_robot_fits(two_corridors):
+    points = choose_points(two_corridors, 30, robot_radius=0.25, seed=1)
+    cells = points * 2
+    assert len(points) == 30
+    assert (two_corridors.clearance[tuple(cells.T)] >= 0.25).all()
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2) * 0.2
+    assert apart[~np.eye(30, dtype=bool)].min() >= 1.0 - 1e-9
+    places = measure(Simulator(two_corridors), points[:3], robot_radius=0.25, drives=2, scans=2)
+    assert two_corridors.world_to_cell(*places.xy[0]) == tuple(cells[0])
+    assert (places.position_rmse("tracking") > 0).all()
+    assert (places.position_rmse("match") > 0).all()
+    with pytest.raises(LocplanError, match="no cell where the robot fits"):
+        choose_points(two_corridors, 5, robot_radius=9.0, seed=1)
+
+
+def test_a_root_mean_square_is_within_its_interval_as_often_as_it_says():
+    random = np.random.default_rng(0)
+    inside = ratios = 0
+    for _ in range(400):
+        a, b = random.lognormal(0.0, 1.0, (2, 60))
+        low, high = of_rms(a)[1:]
+        inside += low <= math.sqrt(math.exp(0.5)) <= high
+        low, high = of_rms(a, b)[1:]
+        ratios += low <= 1 <= high
+    assert 0.88 < inside / 400 < 0.98
+    assert 0.90 < ratios / 400 < 0.98
+
+
+def test_intervals_of_too_little():
+    assert np.isnan(of_mean(np.array([1.0]))[1:]).all()
+    assert np.isnan(of_mean(np.array([]))).all()
+    assert of_rms(np.array([4.0])).value == 2.0
+    assert of_rms(np.zeros(5)).value == 0.0
+    assert of_geometric_mean(np.array([2.0, 8.0])).value == pytest.approx(4.0)
+
+
+# What AMCL is told.
+
+NAV2 = {
+    "alpha1": 0.2,
+    "alpha2": 0.2,
+    "alpha3": 0.2,
+    "alpha4": 0.2,
+    "laser_likelihood_max_dist": 2.0,
+    "laser_max_range": 100.0,
+    "laser_model_type": "likelihood_field",
+    "max_beams": 60,
+    "max_particles": 2000,
+    "min_particles": 500,
+    "pf_err": 0.05,
+    "pf_z": 0.99,
+    "resample_interval": 1,
+    "sigma_hit": 0.2,
+    "update_min_a": 0.2,
+    "update_min_d": 0.25,
+    "z_hit": 0.5,
+    "z_rand": 0.5,
+}
+"""What nav2_amcl declares (amcl_node.cpp)."""
+
+
+def test_amcl_has_the_names_and_defaults_of_nav2():
+    assert dataclasses.asdict(Amcl()) == NAV2
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"laser_model_type": "beam"}, "laser_model_type must be one of likelihood_field,"),
+        ({"alpha1": -0.1}, "alpha1 must be at least 0, not -0.1"),
+        ({"sigma_hit": 0.0}, "sigma_hit must be positive"),
+        ({"z_hit": 1.5}, "z_hit must be 0 to 1"),
+        ({"z_hit": 0.0, "z_rand": 0.0}, "one of z_hit and z_rand"),
+        ({"max_beams": 1}, "max_beams must be a whole number of at least 2"),
+        ({"max_particles": 100}, "must not exceed max_particles"),
+        ({"min_particles": 2.5}, "min_particles must be a whole number"),
+        ({"pf_err": math.nan}, "pf_err must be a number"),
+        ({"update_min_d": "far"}, "update_min_d must be a number"),
+    ],
+)
+def test_impossible_filters_are_refused(changes, reason):
+    with pytest.raises(LocplanError, match=reason):
+        Amcl(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"boundary_noise": 1.5}, "boundary_noise must be 0 to 1"),
+        ({"worlds": 0}, "worlds must be a whole number of at least 1"),
+        ({"distance_drift": -1.0}, "distance_drift must be at least 0"),
+        ({"sensor": "lms291"}, "sensor must be a Sensor"),
+        ({"occlusion_deg": 400.0}, "occlusion_deg must be 0 to 360"),
+    ],
+)
+def test_impossible_realities_are_refused(changes, reason):
+    with pytest.raises(LocplanError, match=reason):
+        Reality(**changes)
+
+
+def test_beams_are_thinned_out_as_amcl_does():
+    grid = open_space(4.0)
+    for beams, expected in ((360, 60), (61, 61), (20, 20), (1081, 61)):
+        sensor = Sensor(range=6.0, field_of_view_deg=180.0, beams=beams)
+        assert Simulator(grid, reality=Reality(sensor=sensor)).lidar.angles.size == expected
+    near = Simulator(grid, Amcl(laser_max_range=3.0))
+    assert near.lidar.max_range == 3.0
+
+
+def test_amcl_is_read_from_nav2s_parameters(tmp_path):
+    file = tmp_path / "nav2.yaml"
+    file.write_text(
+        "amcl:\n  ros__parameters:\n    alpha1: 0.05\n    max_particles: 800\n"
+        "    base_frame_id: base\n    robot_model_type: nav2_amcl::OmniMotionModel\n"
+    )
+    with pytest.warns(UserWarning, match="robot_model_type is simulated as nav2_amcl::Diff"):
+        amcl = read_amcl(file)
+    assert amcl == Amcl(alpha1=0.05, max_particles=800)
+    file.write_text("amcl:\n  ros__parameters:\n    laser_model_type: beam\n")
+    with pytest.raises(LocplanError, match=r"nav2.yaml: amcl: laser_model_type must be"):
+        read_amcl(file)
+    file.write_text("planner_server:\n  ros__parameters:\n    a: 1\n")
+    with pytest.raises(LocplanError, match="has no parameters of amcl"):
+        read_amcl(file)
+
+
+def test_nothing_warns_and_bad_requests_are_refused(two_corridors, in_room):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(two_corridors, {"a": in_room}, drives=2)
+    for options, reason in (
+        ({"drives": 1}, "drives must be at least 2"),
+        ({"seed": -1}, "seed must be"),
+        ({"threads": 0}, "threads must be at least 1"),
+    ):
+        with pytest.raises(LocplanError, match=reason):
+            simulate(two_corridors, {"a": in_room}, **options)
+    with pytest.raises(LocplanError, match="at least one path"):
+        simulate(two_corridors, {})
+
+
+# Settings in files.
+
+
+def test_configs_come_back_from_their_files(tmp_path):
+    for n, config in enumerate(
+        (
+            FieldConfig(noise_level=0.3, tau=0.2),
+            FieldConfig.paper(sensor_range=8.0),
+            FieldConfig(estimator="scan", sensor=Sensor.preset("utm-30lx")),
+        )
+    ):
+        locplan.save_config(tmp_path / f"{n}.json", config, calibration={"factor": 1.2})
+        assert locplan.load_config(tmp_path / f"{n}.json") == config
+    (tmp_path / "bare.json").write_text('{"tau": 0.4}')
+    assert locplan.load_config(tmp_path / "bare.json") == FieldConfig(tau=0.4)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("no json", "is no JSON"),
+        ("[1]", "must hold settings of a field"),
+        ('{"config": {"tua": 1}}', "no setting of a field is called 'tua'"),
+        ('{"config": {"tau": -1}}', "tau must be a positive number"),
+        ('{"estimator": "scan", "sensor": {"reach": 3}}', "reach"),
+    ],
+)
+def test_configs_that_are_none_are_refused(tmp_path, text, reason):
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(LocplanError, match=reason):
+        locplan.load_config(tmp_path / "c.json")
+    with pytest.raises(LocplanError, match="cannot be read"):
+        locplan.load_config(tmp_path / "missing.json")
+    with pytest.raises(LocplanError, match="must end in"):
+        locplan.save_config(tmp_path / "c.yaml", FieldConfig())
