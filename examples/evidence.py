@@ -92,8 +92,8 @@ def paths(routes: dict[str, list[Routes]]) -> str:
     for every in zip(*routes.values(), strict=True):
         cells = [every[0].grid.name, f"{100 * (every[0].length_ratio.value - 1):+.1f} %"]
         for each in every:
-            lost = [each.lost_rate(name).value for name in ("shortest", "localizability-aware")]
-            cells += [told(each.rmse_ratio), f"{lost[0]:.0%} → {lost[1]:.0%}", each.verdict]
+            lost = f"{each.lost[0]:.0%} → {each.lost[1]:.0%}"
+            cells += [told(each.rmse_ratio), lost, each.verdict]
         rows.append(cells)
     heads = [f"{name}: {what}" for name in routes for what in ("RMSE ratio", "lost", "verdict")]
     return markdown(["map", "length", *heads], rows)

@@ -21,6 +21,8 @@ DISC = 6.0
 """The paper's template radius [m]."""
 HEADINGS = 8
 """Of a field, where the sensor sees something else in each."""
+MOST_STEPS = 1000
+"""Of the search window on either side."""
 WEIGHT_LAWS = ("exponential", "inverse-square")
 
 
@@ -122,6 +124,12 @@ class FieldConfig:
                 f"rotation_window_deg must lie in 0..180 deg, not {self.rotation_window_deg!r}"
             )
         self._keep("rotation_window_deg", float(self.rotation_window_deg))
+        for half, step in (
+            ("window", "step"),
+            ("rotation_window_deg", "rotation_step_deg"),
+        ):
+            if getattr(self, half) > MOST_STEPS * getattr(self, step):
+                raise ConfigError(f"{half} must be at most {MOST_STEPS} times {step}")
         if 0 < self.rotation_window_deg < self.rotation_step_deg:
             raise ConfigError(
                 f"rotation_step_deg ({self.rotation_step_deg}) must not exceed"

@@ -46,7 +46,7 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
         content = json.loads(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
     settings = _settings(content)
     if not isinstance(settings, dict):

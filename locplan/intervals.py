@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+FEWEST = 5
+"""Of fewer values nothing is said but their mean."""
+
 
 class Interval(NamedTuple):
     """A value with its 95 % interval; NaN where there is none."""
@@ -27,9 +30,9 @@ def wilson(share: float, trials: int) -> Interval:
 
 
 def of_mean(values: NDArray[np.float64]) -> Interval:
-    """Student's interval of the mean of values that are independent of each other."""
+    """Student's interval of the mean of values that are independent; none of too few."""
     values = np.asarray(values, float)
-    if values.size < 2:
+    if values.size < FEWEST:
         return Interval(float(values.mean()) if values.size else np.nan, np.nan, np.nan)
     half = stdtrit(values.size - 1, 0.975) * values.std(ddof=1) / np.sqrt(values.size)
     middle = float(values.mean())
@@ -55,7 +58,7 @@ def of_rms(squares: NDArray[np.float64], others: NDArray[np.float64] | None = No
     """
     below = np.ones_like(squares) if others is None else others
     total, total_below, count = squares.sum(), below.sum(), squares.size
-    if count < 2 or not total > 0 or not total_below > 0:
+    if count < FEWEST or not total > 0 or not total_below > 0:
         value = np.sqrt(total / total_below) if total_below > 0 else np.nan
         return Interval(float(value), np.nan, np.nan)
     whole = np.log(total / total_below)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 ProgressCallback = Callable[[int, int], None]
@@ -64,6 +64,19 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
         timer.join()
         if bar.live.is_started:
             bar.stop()
+
+
+def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:
+    """Callbacks for parts of one task, one after the other, of so many steps each."""
+
+    def part(before: int) -> ProgressCallback:
+        def update(done: int, _: int) -> None:
+            if progress:
+                progress(before + done, sum(sizes))
+
+        return update
+
+    return [part(sum(sizes[:n])) for n in range(len(sizes))]
 
 
 def in_turn(progress: ProgressCallback, runs: int) -> ProgressCallback:

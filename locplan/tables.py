@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,13 @@ def write_csv(target: Path, values: NDArray[np.float64], header: str, number: st
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
 
 
-def finite(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows neither NaN nor infinity: null stands for both."""
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in values.items()
-    }
+def finite(values: Any) -> Any:
+    """JSON knows neither NaN nor infinity: null stands for both, at any depth."""
+    if isinstance(values, Mapping):
+        return {key: finite(value) for key, value in values.items()}
+    if isinstance(values, (list, tuple)):
+        return [finite(value) for value in values]
+    return None if isinstance(values, float) and not math.isfinite(values) else values
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

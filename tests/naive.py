@@ -777,7 +777,7 @@ def measured_ends(random, cells, resolution, pose, sensor, angles, reality):
     lever_x = (math.cos(heading) * sensor.mount_x - math.sin(heading) * sensor.mount_y) / resolution
     lever_y = (math.sin(heading) * sensor.mount_x + math.cos(heading) * sensor.mount_y) / resolution
     occluded = random.random() < reality.occlusion
-    middle = (2 * random.random() - 1) * math.pi
+    middle = angles[0] + random.random() * (angles[-1] - angles[0])
     before = (0.5 + 1.5 * random.random()) / resolution
     ends = []
     for angle in angles:

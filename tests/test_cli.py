@@ -488,3 +488,10 @@ def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
     assert run("plot", tmp_path, "-o", tmp_path / "p.png", "--range", "2")[0] == 0
     save_map(load_map(room), tmp_path / "other.yaml")
     assert "holds 2 maps; name one" in refused(run("plot", tmp_path, "-o", tmp_path / "p.png"))
+
+
+@pytest.mark.parametrize("command", ["compare", "plan", "evaluate", "simulate"])
+def test_what_fails_leaves_no_folder(run, tmp_path, command):
+    ends = () if command in ("compare", "evaluate") else ("--start", "1,1", "--goal", "2,2")
+    refused(run(command, tmp_path / "none.yaml", *ends, "-o", tmp_path / "out"))
+    assert not (tmp_path / "out").exists()

@@ -184,7 +184,7 @@ def made_up_places(grid, config, level, *, noise=0.1):
     q = SearchWindow.from_config(config, grid.resolution).quantisation
     scatter = np.exp(noise * np.random.default_rng(1).standard_normal(120))[:, None, None]
     moments = scatter * (level * covariances_at(grid, plain, points) + config.quantisation * q)
-    return Places(grid, points, 2, moments, 4 * moments)
+    return Places(grid, points, moments, 4 * moments)
 
 
 @pytest.mark.parametrize(
@@ -193,12 +193,12 @@ def made_up_places(grid, config, level, *, noise=0.1):
 def test_a_calibration_finds_the_noise_level(grid, config):
     places = made_up_places(grid, config, 0.3)
     result = calibrate([places], config)
-    if config.estimator == "sad":
-        assert result.config.noise_level == pytest.approx(0.3, rel=0.1)
-        assert result.noise_level.low < 0.3 < result.noise_level.high
+    assert result.config.noise_level == pytest.approx(0.3, rel=0.1)
+    assert result.noise_level.low < 0.3 < result.noise_level.high
     assert result.factor < 1.1
     assert result.factor <= result.factor_before
     assert result.consistency == pytest.approx(1.0, abs=0.1)
+    assert not result.fitted_tau
     assert result.within_two == 1.0
     assert result.config == dataclasses.replace(config, noise_level=result.config.noise_level)
     if not config.quantisation:
@@ -213,7 +213,35 @@ def test_a_calibration_finds_tau_if_asked(grid):
     assert result.config.tau == pytest.approx(tau, rel=0.5)
     assert result.config.noise_level == pytest.approx(0.3, rel=0.4)
     assert result.factor < calibrate([places], FieldConfig()).factor
-    assert calibrate([places], FieldConfig.paper(), fit_tau=True).config.tau is None
+    assert result.fitted_tau
+    again = calibrate([places], result.config)
+    assert not again.fitted_tau
+    assert again.summary()["tau_m2"] is None
+    with pytest.raises(LocplanError, match="tau is of the exponential weights"):
+        calibrate([places], FieldConfig.paper(), fit_tau=True)
+
+
+def test_a_calibration_does_not_depend_on_the_stride_or_the_order_of_maps(grid):
+    fine = environments.make("two_corridors")
+    coarse = environments.make("places", resolution=0.1)
+    config = FieldConfig(step=0.25)  # of which Q differs between the maps
+    every = [
+        dataclasses.replace(made_up_places(each, config, 0.3), points=points)
+        for each in (fine, coarse)
+        for points in [made_up_places(each, config, 0.3).points]
+    ]
+    forwards, backwards = calibrate(every, config), calibrate(every[::-1], config)
+    assert forwards.config.noise_level == pytest.approx(backwards.config.noise_level, rel=1e-4)
+    assert forwards.consistency == pytest.approx(backwards.consistency, rel=1e-4)
+    other = calibrate(every, dataclasses.replace(config, stride=0.5))
+    assert other.config.noise_level == pytest.approx(forwards.config.noise_level, rel=1e-6)
+
+
+def test_errors_below_what_q_adds_do_not_calibrate(grid):
+    places = made_up_places(grid, FieldConfig(), 0.3)
+    tiny = dataclasses.replace(places, tracking=1e-6 * places.tracking)
+    with pytest.raises(LocplanError, match="do not determine k: they are below what Q adds"):
+        calibrate([tiny])
 
 
 def test_too_few_places_cannot_calibrate(grid):
@@ -221,8 +249,12 @@ def test_too_few_places_cannot_calibrate(grid):
     few = dataclasses.replace(
         places, points=places.points[:5], tracking=places.tracking[:5], match=places.match[:5]
     )
-    with pytest.raises(LocplanError, match="at least 10 places"):
-        calibrate([few])
+    undriven = dataclasses.replace(places, tracking=np.full_like(places.tracking, np.nan))
+    for each in ([few], [undriven], []):
+        with pytest.raises(LocplanError, match="at least 10 places, all with tracking errors"):
+            calibrate(each)
+    with pytest.raises(LocplanError, match="error must be one of tracking, match"):
+        calibrate([places], error="both")
 
 
 # Commands.
@@ -249,8 +281,10 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     assert set(about["paths"]) == {"shortest", "localizability-aware"}
     assert about["reality"]["sensor"]["range"] == 6.0
     assert about["weight"] == 4.0
-    head = (out / "shortest.csv").read_text().splitlines()[0]
-    assert head.startswith("distance_m,x_m,y_m")
+    with (out / "errors.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["path"] for row in rows} == set(about["paths"])
+    assert float(rows[0]["x_m"]) == 2.0
     assert (out / "simulation.png").stat().st_size > 10_000
 
 
@@ -274,14 +308,22 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     other = tmp_path / "b.yaml"
     locplan.save_map(environments.make("places", resolution=0.1), other)
-    code, table, _ = run(
-        "simulate", map_file, other, "--random", 2, "--drives", 2, "-o", tmp_path / "out"
-    )
+    asked = "--random", 5, "--drives", 2, "--least-distance", 4
+    code, table, _ = run("simulate", map_file, other, *asked, "-o", tmp_path / "out")
     assert code == 0
-    assert "no clear change" in table or "helps" in table or "harms" in table
+    assert "of 5 queries" in table
     assert len(list((tmp_path / "out").glob("*.png"))) == 2
     about = json.loads((tmp_path / "out" / "simulation.json").read_text())
-    assert len(about["maps"][0]["queries"]) == 2
+    first = about["maps"][0]
+    assert len(first["queries"]) == 5
+    ratios = [
+        q["paths"]["localizability-aware"]["rmse_m"][0] / q["paths"]["shortest"]["rmse_m"][0]
+        for q in first["queries"]
+    ]
+    assert first["rmse_ratio"][0] == pytest.approx(stats.gmean(ratios))
+    low, high = first["rmse_ratio"][1:]
+    expected = "helps" if high < 1 else "harms" if low > 1 else "no clear change"
+    assert first["verdict"] == expected
 
 
 def test_an_unreachable_goal_is_a_result(run, tmp_path):
@@ -290,6 +332,16 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
     locplan.save_map(locplan.OccupancyGrid(cells, 0.1), tmp_path / "cut.yaml")
     code, out, _ = run("simulate", tmp_path / "cut.yaml", "--start", "1,1", "--goal", "5,1")
     assert (code, out) == (0, "unreachable: no path leads to the goal\n")
+    asked = "--start", "1,1", "--goal", "5,1", "--json"
+    code, out, _ = run("simulate", tmp_path / "cut.yaml", *asked)
+    assert json.loads(out) == {"status": "unreachable"}
+
+
+def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
+    run("plan", map_file, *ENDS, "-o", tmp_path)
+    before = (tmp_path / "shortest.csv").read_bytes()
+    run("simulate", map_file, "--path", tmp_path / "shortest.csv", "--drives", 2, "-o", tmp_path)
+    assert (tmp_path / "shortest.csv").read_bytes() == before
 
 
 def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp_path):
@@ -318,6 +370,8 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     [
         ((), "give one of --path"),
         (("--start", "2,3"), "give one of --path"),
+        (("--start", "2,3", "--random", "3"), "give one of --path"),
+        (("--goal", "2,3", "--path", "a.csv"), "give one of --path"),
         ((*ENDS, "--random", "3"), "give one of --path"),
         ((*ENDS, "--set", "alpha9=1"), "nothing simulated is called 'alpha9'; there are alpha1,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE"),

@@ -54,7 +54,7 @@ FLOORS = (
     {"comparison.pairs", "comparison.convergence", "comparison.workers", "comparison.report.data"},
     {"comparison.engine", "comparison.ompl_log", "comparison.cases", "comparison.verdicts"},
     {"simulation.drives", "simulation.ranking", "simulation.settings"},
-    {"simulation.motion", "simulation.predictors"},
+    {"simulation.arguments", "simulation.motion", "simulation.predictors"},
     {"simulation.simulator"},
     {"simulation.places", "simulation.routes"},
     {"simulation.calibration", "simulation.evaluation"},

@@ -46,13 +46,13 @@ def test_weights_are_those_of_the_formula(model):
     ends[4] = np.nan
     weights = random.uniform(0.1, 1.0, 40)
     expected = naive.weigh(grid.cells, RESOLUTION, ends, poses, weights, amcl, SMALL.range)
-    particles.weigh(simulator(grid, amcl).scores, ends, poses, 40, weights)
+    particles.weigh(simulator(grid, amcl).arguments.scores, ends, poses, 40, weights)
     assert weights == pytest.approx(expected, rel=2e-6)
 
 
 def test_weights_are_equal_where_no_beam_returns():
     weights = np.array([0.2, 0.4, 0.0])
-    scores = simulator(room()).scores
+    scores = simulator(room()).arguments.scores
     particles.weigh(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, weights)
     assert weights == pytest.approx([1 / 3, 2 / 3, 0])
     particles.weigh(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, np.zeros(3))
@@ -66,14 +66,14 @@ def test_particles_move_like_the_plain_formula(dx, dy, turn):
     poses = cloud(np.random.default_rng(2), 30)
     amcl = Amcl(alpha1=0.1, alpha2=0.2, alpha3=0.3, alpha4=0.4)
     expected = naive.move(np.random.default_rng(5), poses, dx, dy, turn, 0.3, amcl)
-    settings = simulator(room(), amcl).filter
+    settings = simulator(room(), amcl).arguments.filter
     particles.move(np.random.default_rng(5), poses, 30, dx, dy, turn, 0.3, settings)
     assert poses == pytest.approx(expected, abs=1e-12)
 
 
 def test_without_noise_particles_follow_odometry():
     poses = np.array([[1.0, 2.0], [1.0, 1.0], [0.0, math.pi / 2]])
-    settings = simulator(room(), Amcl(alpha1=0, alpha2=0, alpha3=0, alpha4=0)).filter
+    settings = simulator(room(), Amcl(alpha1=0, alpha2=0, alpha3=0, alpha4=0)).arguments.filter
     particles.move(np.random.default_rng(0), poses, 2, 0.5, 0.0, 0.1, 0.0, settings)
     assert poses == pytest.approx(np.array([[1.5, 2.0], [1.0, 1.5], [0.1, math.pi / 2 + 0.1]]))
 
@@ -95,7 +95,7 @@ def test_clusters_are_those_of_touching_bins(count):
 
 def test_kld_sampling_wants_what_amcl_wants():
     amcl = Amcl(min_particles=20, max_particles=500)
-    settings = simulator(room(), amcl).filter
+    settings = simulator(room(), amcl).arguments.filter
     for bins in range(200):
         assert particles.wanted_particles(bins, settings) == naive.wanted_particles(bins, amcl)
     # AMCL's own quirk: a single bin asks for all.
@@ -120,7 +120,7 @@ def test_resampling_draws_the_same_particles(limits):
         poses,
         weights,
         count,
-        simulator(room(), amcl).filter,
+        simulator(room(), amcl).arguments.filter,
         histogram,
         bins,
         drawn,
@@ -134,7 +134,7 @@ def test_particles_are_drawn_as_often_as_they_weigh():
     poses, weights = np.zeros((3, 20_000)), np.zeros(20_000)
     poses[0, :4], weights[:4] = (0, 1, 2, 3), (0.1, 0.2, 0.3, 0.4)
     drawn, histogram = np.empty_like(poses), particles.make_histogram(20_000)
-    settings = simulator(room(), amcl).filter
+    settings = simulator(room(), amcl).arguments.filter
     random = np.random.default_rng(1)
     count, _ = particles.resample(random, poses, weights, 4, settings, histogram, 0, drawn)
     shares = np.bincount(drawn[0, :count].astype(int)) / count
@@ -150,7 +150,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
     for seed in range(12):
         pose = np.array([12.3, 13.7, 0.7 * seed])
         random = np.random.default_rng(seed)
-        lidar, disturbances = here.lidar, here.disturbances
+        lidar, disturbances = here.arguments.lidar, here.arguments.disturbances
         measured.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
         expected = naive.measured_ends(
             np.random.default_rng(seed), grid.cells, RESOLUTION, pose, SMALL, lidar.angles, reality
@@ -163,11 +163,11 @@ def test_outliers_and_occlusions_come_as_often_as_asked():
     sensor = Sensor(range=4.0, beams=72)
     here = simulator(free, sensor=sensor, outliers=0.1, occlusion=0.3, occlusion_deg=40.0)
     squares, ends = here.worlds[0], np.empty((72, 2))
-    lidar = here.lidar._replace(angles=sensor.angles)
+    lidar = here.arguments.lidar._replace(angles=sensor.angles)
     random, returned, blocked = np.random.default_rng(0), 0.0, 0
     for _ in range(2000):
         pose = np.array([45.0, 45.0, 0.0])
-        disturbances = here.disturbances
+        disturbances = here.arguments.disturbances
         measured.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
         at = np.hypot(*ends.T) * RESOLUTION
         returned += np.isfinite(at).mean() / 2000
@@ -187,7 +187,7 @@ def test_odometry_drifts_like_the_plain_formula():
     here = simulator(
         room(), distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
     )
-    told = drives.odometry_along(np.random.default_rng(3), truth, here.odometry)
+    told = drives.odometry_along(np.random.default_rng(3), truth, here.arguments.odometry)
     assert told == pytest.approx(naive.odometry_along(np.random.default_rng(3), truth, reality))
 
 
@@ -202,7 +202,10 @@ def test_drifts_grow_with_the_root_of_the_way():
         truth = np.column_stack([x, 0 * x, 0 * x])
         random = np.random.default_rng(1)
         ends.append(
-            [drives.odometry_along(random, truth, here.odometry)[-1, 0] for _ in range(800)]
+            [
+                drives.odometry_along(random, truth, here.arguments.odometry)[-1, 0]
+                for _ in range(800)
+            ]
         )
     assert np.std(ends, axis=1) == pytest.approx([0.2, 0.2], rel=0.1)
 
@@ -233,7 +236,7 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         world.cells,
         RESOLUTION,
         SMALL,
-        here.lidar.angles,
+        here.arguments.lidar.angles,
         amcl,
         reality,
     )
@@ -242,12 +245,12 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         np.random.default_rng(6),
         truth,
         empty_squares(world.cells == OCCUPIED),
-        here.scores,
-        here.lidar,
-        here.disturbances,
-        here.odometry,
-        here.start,
-        here.filter,
+        here.arguments.scores,
+        here.arguments.lidar,
+        here.arguments.disturbances,
+        here.arguments.odometry,
+        here.arguments.start,
+        here.arguments.filter,
         errors,
     )
     assert errors == pytest.approx(expected, abs=1e-9)

@@ -12,7 +12,7 @@ from locplan._kernels.lidar import Lidar, lever, scan_ends
 
 
 class Disturbances(NamedTuple):
-    """What a scan shows beside the walls."""
+    """What a scan shows beside the walls, which beams hit half way through a cell."""
 
     outliers: float  # share of the beams that end anywhere within the range
     occlusion: float  # probability that something stands before the lidar
@@ -53,7 +53,7 @@ def measured_ends(
     lever_x, lever_y = lever(lidar, heading, resolution)
     reach = lidar.max_range / resolution
     occluded = random.random() < disturbances.occlusion
-    middle = (2 * random.random() - 1) * np.pi
+    middle = lidar.angles[0] + random.random() * (lidar.angles[-1] - lidar.angles[0])
     between = disturbances.farthest - disturbances.nearest
     before = (disturbances.nearest + random.random() * between) / resolution
     cos, sin = np.cos(heading), np.sin(heading)

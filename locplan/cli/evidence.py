@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -32,6 +32,7 @@ from locplan.cli.simulated import (
     Params,
     PlaceCount,
     Radius,
+    ScanCount,
     Seed,
     Set,
     simulated,
@@ -46,7 +47,7 @@ def evaluate(
     maps: MapFiles,
     places: PlaceCount = 100,
     drives: DriveCount = 16,
-    scans: Annotated[int, typer.Option(min=1, help="Matched at each place.")] = 16,
+    scans: ScanCount = 16,
     seed: Seed = 1,
     lidar: Lidar = None,
     sensor_range: Range = None,
@@ -76,6 +77,7 @@ def evaluate(
             places=places,
             drives=drives,
             scans=scans,
+            disc=config.sensor_range,
             robot_radius=robot_radius,
             seed=seed,
             threads=threads,
@@ -103,6 +105,7 @@ def calibrate(
     ] = False,
     places: PlaceCount = 100,
     drives: DriveCount = 16,
+    scans: ScanCount = 16,
     seed: Seed = 1,
     lidar: Lidar = None,
     params: Params = None,
@@ -126,10 +129,12 @@ def calibrate(
     from locplan.progress import progress_bar
     from locplan.simulation import reports
     from locplan.simulation.calibration import calibrate as fit
+    from locplan.simulation.evaluation import KINDS
     from locplan.simulation.places import places_of
 
-    if error not in ("tracking", "match"):
-        raise ConfigError(f"--error must be tracking or match, not {error!r}")
+    if error not in KINDS:
+        raise ConfigError(f"--error must be {' or '.join(KINDS)}, not {error!r}")
+    kind: Any = error
     check_target(output, ".json")
     config = config_of(
         preset,
@@ -149,7 +154,8 @@ def calibrate(
             amcl=amcl,
             reality=reality,
             places=places,
-            drives=drives,
+            drives=drives if error == "tracking" else 0,
+            scans=scans if error == "match" else 0,
             robot_radius=robot_radius,
             seed=seed,
             threads=threads,
@@ -159,7 +165,7 @@ def calibrate(
         result = fit(
             measured,
             config,
-            error="match" if error == "match" else "tracking",
+            error=kind,
             fit_tau=fit_tau,
             threads=threads,
             progress=progress,

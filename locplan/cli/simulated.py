@@ -44,13 +44,14 @@ Folder = Annotated[
     Path | None, typer.Option("--output", "-o", help="Folder for the picture, JSON and CSV.")
 ]
 PlaceCount = Annotated[int, typer.Option(min=2, help="On each map.")]
+ScanCount = Annotated[int, typer.Option(min=1, help="Matched at each place.")]
 DriveCount = Annotated[int, typer.Option(min=1, help="To each place, of 10 m.")]
 
 
 def simulated(
     config: FieldConfig, lidar: str | None, params: Path | None, settings: Sequence[str] | None
 ) -> tuple[Amcl, Reality]:
-    """The filter and what it is up against; the lidar is that of the field unless one is named."""
+    """The filter and what it is up against; the lidar is the field's unless one is named."""
     from locplan.sensor import Sensor
     from locplan.simulation.nav2_files import read_amcl
     from locplan.simulation.settings import Amcl, Reality, changed

@@ -95,13 +95,16 @@ def simulate(
     as_json: AsJson = False,
 ) -> None:
     """Drive paths with AMCL in simulated worlds: how far off it is, and how often it gets lost."""
+    from locplan.costmap import check_weight
     from locplan.files import check_folder
     from locplan.map_files import find_maps, load_map
     from locplan.progress import progress_bar
     from locplan.simulation import reports, routes
 
-    if [bool(path), bool(start and goal), random is not None].count(True) != 1:
+    ends = start is not None, goal is not None
+    if [bool(path), any(ends), random is not None].count(True) != 1 or any(ends) != all(ends):
         raise ConfigError("give one of --path, --start with --goal, and --random")
+    check_weight(weight)
     config = config_of(
         preset,
         sensor_range,
@@ -133,8 +136,9 @@ def simulate(
             costs = (_costs(grid, compute, weight, robot_radius) for grid in grids)
             every = [_at_random(each, random, least_distance, shared) for each in costs]
             written = reports.write_routes(output, every) if output else []
-            summary: Any = [each.summary() for each in every]
-            print(to_json(summary) if as_json else reports.routes_table(every))
+            print(
+                to_json(reports.routes_summary(every)) if as_json else reports.routes_table(every)
+            )
             say_written(*written)
             return
         if path:
@@ -142,10 +146,11 @@ def simulate(
         else:
             assert start is not None
             assert goal is not None
-            ends = numbers("start", start, 2), numbers("goal", goal, 2)
-            paths, made_of = _planned(grids[0], compute, ends, weight, robot_radius)
+            query = numbers("start", start, 2), numbers("goal", goal, 2)
+            paths, made_of = _planned(grids[0], compute, query, weight, robot_radius)
     if not paths:
-        print("unreachable: no path leads to the goal")
+        said = "unreachable: no path leads to the goal"
+        print(to_json({"status": "unreachable"}) if as_json else said)
         return
     with progress_bar("simulating", "drives") as progress:
         result = routes.simulate(grids[0], paths, made_of=made_of, progress=progress, **shared)
@@ -165,9 +170,8 @@ def _read(files: Sequence[Path]) -> dict[str, Route]:
 
 
 def _costs(grid: OccupancyGrid, compute: Compute, weight: float, robot_radius: float) -> Costmap:
-    from locplan.costmap import Costmap, check_weight
+    from locplan.costmap import Costmap
 
-    check_weight(weight)
     return Costmap.from_field(grid, compute(grid), weight=weight, robot_radius=robot_radius)
 
 

@@ -7,6 +7,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -43,6 +44,7 @@ class Journal:
 
     def __init__(self, file: str | os.PathLike[str], *, resume: bool = False) -> None:
         self.path = Path(file)
+        self._made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
         try:
             self._file = self.path.open("a+", encoding="ascii")
@@ -71,6 +73,9 @@ class Journal:
         self._file.close()
         if error is not None and not self.runs:  # nothing was run: leave nothing behind
             self.path.unlink(missing_ok=True)
+            if self._made_folder:
+                with suppress(OSError):  # somebody else has written into it
+                    self.path.parent.rmdir()
 
     def add(self, run: Run, digest: str) -> None:
         """Write a run down."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from locplan.simulation.drives import LOST, contrasts
 from locplan.simulation.evaluation import KINDS, Evaluation, best
 from locplan.simulation.places import ErrorKind
 from locplan.simulation.predictors import Predictor
-from locplan.simulation.routes import AWARE, SHORTEST, Routes, Simulation
+from locplan.simulation.routes import Routes, Simulation
 
 ERROR_COLOURS = "viridis"
 LEAST_ERROR = 0.02
@@ -46,7 +47,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     Parameters
     ----------
     simulation : Simulation
-        Of at most four paths.
+        Of at most four paths, or colours repeat.
     """
     grid = simulation.grid
     width, height = map_size(grid)
@@ -58,7 +59,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     low = max(LEAST_ERROR, float(every.min()))
     norm = LogNorm(low, max(float(every.max()), 2 * low), clip=True)
     ratios, handles, image = contrasts(simulation.drives), [], None
-    for (name, profile), style in zip(profiles.items(), PATH_STYLES, strict=False):
+    for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
         colour = style["color"]
         draw_path(upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[])
@@ -80,7 +81,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
         draw_ends(upper, xy[0], xy[-1])
     assert image is not None
-    figure.colorbar(image, ax=upper, label="mean position error [m]", shrink=0.9)
+    bar = figure.colorbar(image, ax=upper, label="mean position error [m]", shrink=0.9)
+    _plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     _logarithmic(lower.yaxis)
@@ -103,12 +105,8 @@ def routes_figure(routes: Routes) -> Figure:
     """Errors and lost drives of both paths of each query, and lengths."""
     figure = Figure(figsize=(9.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    rmse = np.array(
-        [[s.drives[name].rmse.value for name in (SHORTEST, AWARE)] for s in routes.simulations]
-    )
-    lost = np.array(
-        [[s.drives[name].lost_rate.value for name in (SHORTEST, AWARE)] for s in routes.simulations]
-    )
+    rmse = np.array([each.rmse for each in routes.routes])
+    lost = np.array([each.lost for each in routes.routes])
     ends = rmse.min() * 0.8, rmse.max() * 1.25
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
     left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
@@ -131,7 +129,7 @@ def routes_figure(routes: Routes) -> Figure:
         ylabel="lost on the aware path",
     )
     figure.suptitle(
-        f"{routes.grid.name or 'map'}, {len(routes.queries)} queries: {routes.verdict}\n"
+        f"{routes.grid.name or 'map'}, {len(routes.routes)} queries: {routes.verdict}\n"
         f"aware over shortest: RMSE {_told(routes.rmse_ratio)},"
         f" length {_told(routes.length_ratio)}",
         fontsize="medium",
@@ -226,6 +224,11 @@ def calibration_figure(calibration: Calibration) -> Figure:
 def _logarithmic(axis: Any) -> None:
     """A scale with plain numbers."""
     getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
+    _plainly(axis)
+
+
+def _plainly(axis: Any) -> None:
+    """Plain numbers on a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,19 @@ from locplan.progress import ProgressCallback
 from locplan.search_window import SearchWindow
 from locplan.simulation.places import ErrorKind, Places
 from locplan.simulation.predictors import covariances_at
-from locplan.simulation.ranking import RESAMPLES, spearman
+from locplan.simulation.ranking import spearman
+from locplan.tables import finite
 
 Array = NDArray[np.float64]
 TAUS = tuple(np.geomspace(0.03, 3.0, 13).tolist())
 """That are tried [m^2]."""
 LEVELS = 1e-6, 1e4
 """Between which the noise level is looked for."""
+FEWEST = 10
+"""Places that a calibration needs."""
+RESAMPLES = 200
+LEAST_VARIANCE = 1e-12
+"""Added, so that no covariance is singular [m^2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,24 +39,25 @@ class Calibration:
     """A field's noise level, and tau, that fit the errors, and how well they do."""
 
     config: FieldConfig
-    """With `noise_level`, and `tau` where it was free."""
+    """With `noise_level`, and `tau` where it was fitted."""
     noise_level: Interval
     """k, with the 95 % interval of a bootstrap over the places, at this tau."""
+    fitted_tau: bool
     factor: float
-    """By which a place's error typically differs from Sigma's: exp of the rms difference of the
-    logarithms."""
+    """By which a place's rms error typically differs from Sigma's: exp of the rms difference of
+    their logarithms."""
     factor_before: float
     """The same as the config was."""
     within_two: float
-    """Share of the places whose error is within a factor 2 of Sigma's."""
+    """Share of the places whose rms error is within a factor 2 of Sigma's."""
     r_squared: float
     """Share of the variance of the errors' logarithm that Sigma explains; below 0 it is worse than
     one value for all places."""
     spearman: float
     """Rank correlation of Sigma's deviation with the error."""
     consistency: float
-    """Mean of e' inv(Sigma) e / d over the d-dimensional position errors; 1 if Sigma is neither
-    too small nor too large."""
+    """Mean of e' inv(Sigma) e / 2 over all position errors e; 1 where Sigma is neither too small
+    nor too large."""
     floor_share: float
     """Share of the places with errors below what Q alone adds, which no k can reach."""
     predicted: Array
@@ -59,12 +66,11 @@ class Calibration:
     """Rms position error of each place, (n,) [m]."""
     maps: Sequence[str]
     error: ErrorKind
-    fitted_tau: bool
 
     def summary(self) -> dict[str, Any]:
         """In numbers, fit for JSON."""
         numbers = ("factor", "factor_before", "within_two", "r_squared", "spearman")
-        return {
+        about: dict[str, Any] = {
             "error": self.error,
             "maps": list(self.maps),
             "places": len(self.measured),
@@ -72,6 +78,7 @@ class Calibration:
             "tau_m2": self.config.mismatch_scale if self.fitted_tau else None,
             **{name: getattr(self, name) for name in (*numbers, "consistency", "floor_share")},
         }
+        return finite(about)
 
 
 def calibrate(
@@ -83,14 +90,14 @@ def calibrate(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Calibration:
-    """Fit the noise level, and tau where the config has one, to errors at places.
+    """Fit the noise level, and if wanted tau, to errors at places.
 
-    The least squares of the logarithms of the rms position deviation and error.
+    The most likely k if position errors are Gaussian with covariance k Sigma_1 + Q.
 
     Parameters
     ----------
     places : sequence of Places
-        As `locplan.simulation.places.measure` or an `Evaluation` has them.
+        As `locplan.simulation.measure` or an `Evaluation` has them.
     config : FieldConfig, optional
         What to calibrate.
     error : str
@@ -103,116 +110,127 @@ def calibrate(
     progress : callable, optional
         Called with (done, total) values of tau.
 
+    Returns
+    -------
+    Calibration
+
     Raises
     ------
     ConfigError
-        If there are too few places, or errors of none.
+        If there are too few places with errors, if tau shall be fitted and there is none, or if
+        the errors do not determine k.
     """
     config = config or FieldConfig()
-    moments = np.concatenate([each.moments(error) for each in places])[:, :2, :2]
-    measured = np.sqrt(np.trace(moments, axis1=1, axis2=2))
-    if len(measured) < 10 or not (measured > 0).all():
-        raise ConfigError(
-            f"a calibration needs at least 10 places with errors, not {len(measured)}"
-        )
-    tried = TAUS if fit_tau and _has_tau(config) else (None,)
+    if error not in get_args(ErrorKind):
+        raise ConfigError(f"error must be one of {', '.join(get_args(ErrorKind))}, not {error!r}")
+    if fit_tau and not (config.estimator == "sad" and config.weight_law == "exponential"):
+        raise ConfigError("tau is of the exponential weights of estimator sad; fit k alone")
+    errors = _errors(places, error)
+    q = np.concatenate([_q(each, config) for each in places])
+    before = _bare(places, config, threads)
     fits = []
-    for n, tau in enumerate(tried):
+    for n, tau in enumerate(TAUS if fit_tau else (None,)):
         trial = config if tau is None else dataclasses.replace(config, tau=tau)
-        bare = _bare(places, trial, threads)
-        level, loss = _fit(bare, _q(places[0], trial), measured)
-        fits.append((loss, level, trial, bare))
+        bare = before if tau is None else _bare(places, trial, threads)
+        level, loss = _fit(bare, q, errors)
+        fits.append((loss, n, dataclasses.replace(trial, noise_level=level), bare))
         if progress:
-            progress(n + 1, len(tried))
-    _, level, chosen, bare = min(fits, key=lambda fit: fit[0])
-    before = bare if len(tried) == 1 else _bare(places, config, threads)
-    return _calibration(
-        places,
-        dataclasses.replace(chosen, noise_level=level),
-        error,
-        bare,
-        moments,
-        _factor(_predicted(before, _q(places[0], config), config.noise_level), measured),
-    )
-
-
-def _calibration(
-    places: Sequence[Places],
-    config: FieldConfig,
-    error: ErrorKind,
-    bare: Array,
-    moments: Array,
-    factor_before: float,
-) -> Calibration:
-    q = _q(places[0], config)
-    measured = np.sqrt(np.trace(moments, axis1=1, axis2=2))
-    covariance = config.noise_level * bare + q
-    predicted = _predicted(bare, q, config.noise_level)
-    difference = np.log(predicted / measured)
-    spread = np.log(measured)
-    random = np.random.default_rng(0)
-    levels = []
-    for _ in range(RESAMPLES // 5):
-        drawn = random.integers(0, len(measured), len(measured))
-        levels.append(_fit(bare[drawn], q, measured[drawn])[0])
-    low, high = np.quantile(levels, (0.025, 0.975)).tolist()
-    normalised = np.einsum("nij,nji->n", np.linalg.inv(covariance), moments) / 2
+            progress(n + 1, len(TAUS) if fit_tau else 1)
+    _, _, fitted, bare = min(fits, key=lambda fit: fit[:2])
+    _check_determined(fitted.noise_level)
+    covariance = fitted.noise_level * bare + q
+    predicted, measured = _rms(covariance), _rms(errors)
+    difference, spread = np.log(predicted / measured), np.log(measured).var()
     return Calibration(
-        config=config,
-        noise_level=Interval(config.noise_level, low, high),
+        config=fitted,
+        noise_level=Interval(fitted.noise_level, *_bootstrapped(bare, q, errors)),
+        fitted_tau=fit_tau,
         factor=_factor(predicted, measured),
-        factor_before=factor_before,
+        factor_before=_factor(_rms(config.noise_level * before + q), measured),
         within_two=float(np.mean(np.abs(difference) <= math.log(2))),
-        r_squared=float(1 - np.mean(difference**2) / spread.var()) if spread.var() > 0 else 0.0,
+        r_squared=float(1 - np.mean(difference**2) / spread) if spread > 0 else 0.0,
         spearman=spearman(predicted, measured),
-        consistency=float(normalised.mean()),
-        floor_share=float(np.mean(measured**2 < np.trace(q))),
+        consistency=float(_normalised(covariance, errors).mean() / 2),
+        floor_share=float(np.mean(measured < _rms(q))),
         predicted=predicted,
         measured=measured,
         maps=[each.grid.name for each in places],
         error=error,
-        fitted_tau=config.tau is not None and _has_tau(config),
     )
 
 
-def _has_tau(config: FieldConfig) -> bool:
-    return config.estimator == "sad" and config.weight_law == "exponential"
+def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
+    """Second moments of the position errors of all places, (n, 2, 2) [m^2]."""
+    found = [each.moments(error)[:, :2, :2] for each in places]
+    moments = np.concatenate([np.empty((0, 2, 2)), *found])
+    known = int(np.isfinite(moments).all(axis=(1, 2)).sum())
+    if known < max(FEWEST, len(moments)):
+        raise ConfigError(
+            f"a calibration needs at least {FEWEST} places, all with {error} errors;"
+            f" there are {known} of {len(moments)}"
+        )
+    return moments + LEAST_VARIANCE * np.eye(2)
 
 
 def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
     plain = dataclasses.replace(config, noise_level=1.0, quantisation=False)
-    return np.concatenate(
-        [covariances_at(each.grid, plain, each.points, threads=threads) for each in places]
-    )[:, :2, :2]
+    found = [covariances_at(each.grid, plain, each.points, threads=threads) for each in places]
+    return np.concatenate([each[:, :2, :2] for each in found])
 
 
 def _q(places: Places, config: FieldConfig) -> Array:
-    """What the config adds to positions, (2, 2) [m^2]."""
-    if not config.quantisation:
-        return np.zeros((2, 2))
-    return SearchWindow.from_config(config, places.grid.resolution).quantisation[:2, :2]
+    """What the config adds to the positions of a map's places, (n, 2, 2) [m^2]."""
+    added = np.full((2, 2), 0.0)
+    if config.quantisation:
+        added = SearchWindow.from_config(config, places.grid.resolution).quantisation[:2, :2]
+    return np.tile(added + LEAST_VARIANCE * np.eye(2), (len(places.points), 1, 1))
 
 
-def _predicted(bare: Array, q: Array, level: float) -> Array:
-    """Rms position deviation, (n,) [m]; never quite 0."""
-    variance = level * np.trace(bare, axis1=1, axis2=2) + np.trace(q)
-    return np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+def _rms(covariance: Array) -> Array:
+    """Deviation of positions, (n,) [m]."""
+    return np.sqrt(np.trace(covariance, axis1=1, axis2=2))
 
 
-def _fit(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
-    """The level of least loss, and the loss."""
+def _normalised(covariance: Array, errors: Array) -> Array:
+    """Mean of e' inv(Sigma) e at each place, (n,)."""
+    return np.einsum("nij,nji->n", np.linalg.inv(covariance), errors)
+
+
+def _fit(bare: Array, q: Array, errors: Array) -> tuple[float, float]:
+    """The noise level of least loss, and that: minus twice the mean log-likelihood."""
 
     def loss(log_level: float) -> float:
-        predicted = _predicted(bare, q, math.exp(log_level))
-        return float(np.mean(np.log(predicted / measured) ** 2))
+        covariance = math.exp(log_level) * bare + q
+        logarithms = np.log(np.linalg.det(covariance))
+        return float(np.mean(logarithms + _normalised(covariance, errors)))
 
     low, high = map(math.log, LEVELS)
     coarse = np.linspace(low, high, 60)
     nearest = coarse[int(np.argmin([loss(each) for each in coarse]))]
     step = coarse[1] - coarse[0]
-    found = minimize_scalar(loss, bounds=(nearest - step, nearest + step), method="bounded")
+    bounds = max(low, nearest - step), min(high, nearest + step)
+    found = minimize_scalar(loss, bounds=bounds, method="bounded")
     return math.exp(found.x), float(found.fun)
+
+
+def _bootstrapped(bare: Array, q: Array, errors: Array) -> tuple[float, float]:
+    """The ends of the noise level's 95 % interval."""
+    random = np.random.default_rng(0)
+    draws = random.integers(0, len(bare), (RESAMPLES, len(bare)))
+    low, high = np.quantile([_fit(bare[n], q[n], errors[n])[0] for n in draws], (0.025, 0.975))
+    return float(low), float(high)
+
+
+def _check_determined(level: float) -> None:
+    low, high = LEVELS
+    if level < 2 * low:
+        raise ConfigError(
+            "the errors do not determine k: they are below what Q adds, or Sigma says nothing of"
+            " them; calibrate with quantisation false, or on other maps"
+        )
+    if level > high / 2:
+        raise ConfigError(f"the errors do not determine k: it would be above {high:g}")
 
 
 def _factor(predicted: Array, measured: Array) -> float:

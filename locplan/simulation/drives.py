@@ -81,8 +81,8 @@ class Drives:
             ("heading_rmse_rad", self.heading_rmse),
             ("lost_rate", self.lost_rate),
         ):
-            about[name] = list(finite(interval._asdict()).values())
-        return about
+            about[name] = list(interval)
+        return finite(about)
 
     def profile(self) -> NDArray[np.float64]:
         """Along the way, (n, 8), by the names of `PROFILE`."""
@@ -91,7 +91,16 @@ class Drives:
         return np.column_stack([self.distance, self.poses, error.mean(axis=0), median, low, high])
 
 
-PROFILE = "distance_m,x_m,y_m,heading_rad,mean_m,median_m,percentile_10_m,percentile_90_m"
+PROFILE = (
+    "distance_m",
+    "x_m",
+    "y_m",
+    "heading_rad",
+    "mean_m",
+    "median_m",
+    "percentile_10_m",
+    "percentile_90_m",
+)
 """Columns of `Drives.profile`."""
 
 

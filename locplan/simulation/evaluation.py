@@ -11,13 +11,15 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan.config import DISC
 from locplan.grid import OccupancyGrid
 from locplan.intervals import Interval
-from locplan.progress import ProgressCallback
+from locplan.progress import ProgressCallback, parts
 from locplan.simulation.places import DRIVES, PLACES, SCANS, ErrorKind, Places, places_of
 from locplan.simulation.predictors import Predictor, configs, predictions
 from locplan.simulation.ranking import Rank, Resamples, rank
-from locplan.simulation.settings import Amcl, Reality
+from locplan.simulation.settings import Amcl, Reality, check_whole
+from locplan.tables import finite
 
 KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
 
@@ -71,7 +73,7 @@ class Evaluation:
 
     def summary(self) -> dict[str, Any]:
         """All ranks and settings, fit for JSON."""
-        return {
+        about: dict[str, Any] = {
             "maps": [
                 {"name": each.grid.name, "digest": each.grid.digest, "places": len(each.points)}
                 | {f"{kind}_rmse_m_10_50_90": self.quantiles(n, kind) for kind in KINDS}
@@ -93,6 +95,7 @@ class Evaluation:
             "amcl": dataclasses.asdict(self.amcl),
             "reality": dataclasses.asdict(self.reality),
         }
+        return finite(about)
 
     def rows(self) -> Iterator[tuple[str, NDArray[np.float64]]]:
         """Map's name, and x, y, then all errors and predictions of each place, as `columns`."""
@@ -120,6 +123,7 @@ def evaluate(
     places: int = PLACES,
     drives: int = DRIVES,
     scans: int = SCANS,
+    disc: float = DISC,
     robot_radius: float = 0.25,
     seed: int = 1,
     threads: int | None = None,
@@ -137,6 +141,8 @@ def evaluate(
         On each map, at random, at least 1 m apart; as many as there are.
     drives, scans : int
         To each place.
+    disc : float
+        Radius of the templates of "sad" [m].
     robot_radius : float
         Of where drives may go [m].
     seed : int
@@ -144,7 +150,7 @@ def evaluate(
     threads : int, optional
         All cores by default.
     progress : callable, optional
-        Called with (done, total) drives of one map after the other.
+        Called with (done, total) drives, places and fields of all maps.
 
     Returns
     -------
@@ -156,6 +162,11 @@ def evaluate(
         If there is no map, a number is out of its range, or a robot has no room on a map.
     """
     amcl, reality = amcl or Amcl(), reality or Reality()
+    for name, value in (("drives", drives), ("scans", scans)):
+        check_whole(name, value, 1)
+    fields = configs(reality.sensor, disc)
+    effort = len(grids) * places * (drives + 1)
+    told = parts(progress, [effort, *[max(1, effort // 50)] * len(grids)])
     measured = places_of(
         grids,
         amcl=amcl,
@@ -166,10 +177,12 @@ def evaluate(
         robot_radius=robot_radius,
         seed=seed,
         threads=threads,
-        progress=progress,
+        progress=told[0],
     )
-    fields = configs(reality.sensor)
-    found = [predictions(each.grid, fields, each.points, threads=threads) for each in measured]
+    found = []
+    for each, part in zip(measured, told[1:], strict=True):
+        found.append(predictions(each.grid, fields, each.points, threads=threads))
+        part(max(1, effort // 50), 0)
     return Evaluation(measured, found, amcl, reality, drives, scans, seed)
 
 

@@ -15,6 +15,8 @@ SPACING = 0.05
 """Of the poses, at most [m]."""
 AHEAD = 0.3
 """A robot on a path without headings faces what is so far ahead of it [m]."""
+TURN = 0.1
+"""Between poses, at most [rad]."""
 BAND = 0.5
 """Ways that differ by less than this are of one length [m]."""
 
@@ -43,8 +45,8 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
             " drive a path that was planned on this map"
         )
     if fine.heading is not None:
-        return np.column_stack([fine.xy, fine.heading])
-    return _facing_ahead(fine, fine.distance)
+        return _turning(np.column_stack([fine.xy, fine.heading]))
+    return _turning(_facing_ahead(fine, fine.distance))
 
 
 def approaches(
@@ -97,6 +99,15 @@ def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
         last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
         heading = heading[moving[np.maximum(last, 0)]]
     return np.column_stack([here, np.unwrap(heading)])
+
+
+def _turning(poses: Poses) -> Poses:
+    """With poses in between where the robot turns faster than it could be watched."""
+    turns = np.abs(np.diff(poses[:, 2]))
+    steps = np.maximum(1, np.ceil(turns / TURN)).astype(np.int64)
+    at = np.concatenate([[0], np.cumsum(steps)])
+    every = np.arange(at[-1] + 1)
+    return np.column_stack([np.interp(every, at, v) for v in poses.T])
 
 
 def _cut_out(

@@ -5,19 +5,15 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from locplan.errors import LocplanError
 from locplan.export.parameters import read_parameters
 from locplan.simulation.settings import Amcl
 
-NOT_SIMULATED = {
-    "recovery_alpha_slow": 0.0,
-    "recovery_alpha_fast": 0.0,
-    "do_beamskip": False,
-    "robot_model_type": "nav2_amcl::DifferentialMotionModel",
-}
-"""What would matter, and the only value that is simulated."""
+DIFFERENTIAL = "nav2_amcl::DifferentialMotionModel"
 
 
 def read_amcl(path: str | os.PathLike[str]) -> Amcl:
@@ -34,11 +30,24 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     given = own.get("ros__parameters") if isinstance(own, dict) else None
     if not isinstance(given, dict):
         raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
-    for name, simulated in NOT_SIMULATED.items():
-        if given.get(name, simulated) != simulated:
-            warnings.warn(f"{path}: {name} is simulated as {simulated}", stacklevel=2)
+    for name in _not_simulated(given):
+        warnings.warn(f"{path}: amcl's {name} is not simulated", stacklevel=2)
     known = {each.name for each in dataclasses.fields(Amcl)}
     try:
         return Amcl(**{name: value for name, value in given.items() if name in known})
     except LocplanError as error:
         raise LocplanError(f"{path}: amcl: {error}") from None
+
+
+def _not_simulated(given: Mapping[str, Any]) -> Iterator[str]:
+    """What the parameters set that would matter."""
+    for name in ("recovery_alpha_slow", "recovery_alpha_fast"):
+        if given.get(name):
+            yield name
+    if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
+        yield "do_beamskip"
+    if given.get("robot_model_type", DIFFERENTIAL) != DIFFERENTIAL:
+        yield "robot_model_type"
+    least = given.get("laser_min_range", -1.0)
+    if isinstance(least, (int, float)) and least > 0:
+        yield "laser_min_range"

@@ -14,10 +14,10 @@ from locplan.costmap import Costmap
 from locplan.errors import ConfigError
 from locplan.grid import OccupancyGrid
 from locplan.lattice import spread_out, stride_cells
-from locplan.progress import ProgressCallback, in_turn
+from locplan.progress import ProgressCallback, parts
 from locplan.simulation.motion import approaches
-from locplan.simulation.settings import Amcl, Reality
-from locplan.simulation.simulator import Simulator
+from locplan.simulation.settings import Amcl, Reality, check_whole
+from locplan.simulation.simulator import APPROACH, POINTS, Simulator, random_of
 
 APART = 1.0
 """Least distance between places [m]."""
@@ -38,14 +38,14 @@ class Places:
     """Places of a map and the errors there, as second moments of (x, y, heading).
 
     "tracking" is that of the particle filter over the last metre of drives of 10 m that end at the
-    place, along shortest paths from all around; "match" that of the likeliest pose of single scans.
+    place, along shortest paths from all around (on a smaller map over the last tenth of drives as
+    long as there are); "match" that of the likeliest pose of single scans. Without drives or scans
+    they are NaN.
     """
 
     grid: OccupancyGrid
     points: NDArray[np.int64]
-    """(n, 2): rows and columns of the lattice."""
-    stride: int
-    """Spacing of the lattice [cells]."""
+    """(n, 2): rows and columns of the lattice of a field's default stride."""
     tracking: NDArray[np.float64]
     """(n, 3, 3), in the world [m, m, rad]."""
     match: NDArray[np.float64]
@@ -54,7 +54,7 @@ class Places:
     @property
     def xy(self) -> NDArray[np.float64]:
         """Where they are, (n, 2) [m]."""
-        rows, cols = (self.points * self.stride + 0.5).T
+        rows, cols = (_cells(self.grid, self.points) + 0.5).T
         return np.column_stack(self.grid.grid_to_world(rows, cols))
 
     def moments(self, kind: ErrorKind) -> NDArray[np.float64]:
@@ -73,31 +73,47 @@ class Places:
 def choose_points(
     grid: OccupancyGrid, count: int, *, robot_radius: float, seed: int
 ) -> NDArray[np.int64]:
-    """Lattice points at random where a robot can stand, none of them close together.
+    """Lattice points at random where a robot can stand, at least 1 m apart.
 
     Of the largest part of the map that holds together for a robot of this radius.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    count : int
+        How many at most; as many as there are.
+    robot_radius : float
+        [m]
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    (n, 2) array of int
+        Rows and columns of the lattice of a field's default stride.
 
     Raises
     ------
     ConfigError
-        If there is none.
+        If there are fewer than two.
     """
     import cv2
 
-    if count < 2:
-        raise ConfigError(f"there must be at least 2 places, not {count}")
-    stride = stride_cells(FieldConfig(), grid.resolution)
+    check_whole("places", count, 2)
     wide = grid.free & (grid.clearance >= robot_radius)
     _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)
     if len(about) < 2:
         raise ConfigError(f"{grid.name or 'the map'}: has no cell where the robot fits")
     largest = 1 + int(np.argmax(about[1:, cv2.CC_STAT_AREA]))
-    points = np.argwhere(labels[::stride, ::stride] == largest)
-    if len(points) < 2:
-        raise ConfigError(f"{grid.name or 'the map'}: is too small to evaluate")
-    priority = np.random.default_rng([seed, 2]).random(len(points))
+    stride = _stride(grid)
+    points = np.argwhere(labels[::stride, ::stride] == largest).reshape(-1, 2)
+    priority = random_of(seed, POINTS).random(len(points))
     spacing = APART / (stride * grid.resolution)
-    return points[spread_out(points.astype(float), priority, spacing)[:count]]
+    chosen = spread_out(points.astype(float), priority, spacing)[:count]
+    if len(chosen) < 2:
+        raise ConfigError(f"{grid.name or 'the map'}: is too small for two places 1 m apart")
+    return points[chosen]
 
 
 def measure(
@@ -109,20 +125,42 @@ def measure(
     scans: int = SCANS,
     progress: ProgressCallback | None = None,
 ) -> Places:
-    """Drive to each place, and match scans there."""
+    """Drive to each place, and match scans there.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Of the map.
+    points : (n, 2) array of int
+        As `choose_points` has them.
+    robot_radius : float
+        Of where drives may go [m].
+    drives, scans : int
+        To and at each; 0 leaves them out.
+    progress : callable, optional
+        Called with (done, total) drives and places.
+
+    Returns
+    -------
+    Places
+    """
     grid = simulator.grid
-    stride = stride_cells(FieldConfig(), grid.resolution)
     costs = Costmap.blank(grid, robot_radius=robot_radius)
-    random = np.random.default_rng([simulator.seed, 3])
-    lines = [
-        line
-        for row, col in points * stride
-        for line in approaches(costs, (int(row), int(col)), drives, LENGTH, random)
-    ]
-    errors = simulator.drive(lines, progress=progress)
-    at_last = errors[:, -round(LAST * errors.shape[1]) :].reshape(len(points), -1, 3)
-    matched = simulator.match(points * stride, scans)
-    return Places(grid, points, stride, _moments(at_last), _moments(matched))
+    random = random_of(simulator.seed, APPROACH)
+    told = parts(progress, [drives * len(points), len(points)])
+    tracking = matching = np.full((len(points), 1, 3), np.nan)
+    if drives:
+        lines = [
+            line
+            for row, col in _cells(grid, points)
+            for line in approaches(costs, (int(row), int(col)), drives, LENGTH, random)
+        ]
+        errors = simulator.drive(lines, progress=told[0])
+        last = errors[:, -round(LAST * errors.shape[1]) :]
+        tracking = last.reshape(len(points), -1, 3)
+    if scans:
+        matching = simulator.match(_cells(grid, points), scans, progress=told[1])
+    return Places(grid, points, _moments(tracking), _moments(matching))
 
 
 def places_of(
@@ -142,10 +180,9 @@ def places_of(
     if not grids:
         raise ConfigError("there must be at least one map")
     for name, value in (("drives", drives), ("scans", scans)):
-        if value < 1:
-            raise ConfigError(f"{name} must be at least 1, not {value}")
+        check_whole(name, value, 0)
     chosen = [choose_points(grid, places, robot_radius=robot_radius, seed=seed) for grid in grids]
-    told = in_turn(progress, len(grids)) if progress else None
+    told = parts(progress, [(drives + 1) * len(points) for points in chosen])
     return [
         measure(
             Simulator(grid, amcl, reality, seed=seed, threads=threads),
@@ -153,10 +190,19 @@ def places_of(
             robot_radius=robot_radius,
             drives=drives,
             scans=scans,
-            progress=told,
+            progress=part,
         )
-        for grid, points in zip(grids, chosen, strict=True)
+        for grid, points, part in zip(grids, chosen, told, strict=True)
     ]
+
+
+def _stride(grid: OccupancyGrid) -> int:
+    return stride_cells(FieldConfig(), grid.resolution)
+
+
+def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row and column of lattice points."""
+    return points * _stride(grid)
 
 
 def _moments(errors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan import tiles
-from locplan.config import FieldConfig
+from locplan.config import DISC, FieldConfig
+from locplan.covariance import scalar
 from locplan.field import CovarianceField
 from locplan.grid import OCCUPIED, OccupancyGrid
 from locplan.lattice import stride_cells
-from locplan.progress import ProgressCallback
 from locplan.sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -46,45 +46,22 @@ class Predictor(NamedTuple):
         return "_".join(filter(None, (self.source, self.scalar))).replace(" ", "_")
 
 
-def configs(sensor: Sensor, stride: float = 0.2) -> dict[str, FieldConfig]:
+def configs(sensor: Sensor, disc: float = DISC) -> dict[str, FieldConfig]:
     """The fields that are tried, by name; those that know a sensor know this one.
 
-    "sad" is the default preset, "paper" the paper's, with discs or templates of what is visible.
+    "sad" is the default preset, "paper" the paper's, with discs of this radius [m] or templates of
+    what is visible within it.
     """
-    reach = sensor.range
-    stride = min(stride, reach)
-    default = FieldConfig(sensor_range=reach, stride=stride)
-    paper = dataclasses.replace(FieldConfig.paper(sensor_range=reach), stride=stride)
+    default = FieldConfig(sensor_range=disc)
+    paper = FieldConfig.paper(sensor_range=disc)
     return {
         "sad": default,
         "sad visible": dataclasses.replace(default, template="visible"),
         "paper": paper,
         "paper visible": dataclasses.replace(paper, template="visible"),
-        "fisher": FieldConfig(estimator="fisher", sensor=sensor, stride=stride),
-        "scan": FieldConfig(estimator="scan", sensor=sensor, stride=stride),
+        "fisher": FieldConfig(estimator="fisher", sensor=sensor),
+        "scan": FieldConfig(estimator="scan", sensor=sensor),
     }
-
-
-def field_at(
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    points: NDArray[np.int64],
-    *,
-    threads: int | None = None,
-    progress: ProgressCallback | None = None,
-) -> CovarianceField:
-    """A field of nothing but some of its lattice points.
-
-    Parameters
-    ----------
-    points : (n, 2) array
-        Rows and columns of the lattice.
-    """
-    values = tiles.nothing_known(grid, config)
-    wanted = np.zeros(values["covariance"].shape[:2], bool)
-    wanted[tuple(points.T)] = True
-    tiles.complete(values, grid, config, threads, None, progress, wanted)
-    return CovarianceField.of(values, grid, config)
 
 
 def covariances_at(
@@ -94,9 +71,25 @@ def covariances_at(
     *,
     threads: int | None = None,
 ) -> Array:
-    """Covariances at lattice points, (n, d, d); of several headings the mean information's."""
-    field = field_at(grid, config, points, threads=threads)
-    return field.mean_covariance[tuple(points.T)]
+    """Covariances at some points of the default lattice, whatever the config's own, (n, d, d).
+
+    Of several headings that of the mean information.
+
+    Parameters
+    ----------
+    grid, config
+        The map, and the field's settings.
+    points : (n, 2) array
+        Rows and columns of the lattice of the default stride.
+    threads : int, optional
+        All cores by default.
+    """
+    config = dataclasses.replace(config, stride=FieldConfig.stride)
+    values = tiles.nothing_known(grid, config)
+    wanted = np.zeros(values["covariance"].shape[:2], bool)
+    wanted[tuple(points.T)] = True
+    tiles.complete(values, grid, config, threads, None, None, wanted)
+    return CovarianceField.of(values, grid, config).mean_covariance[tuple(points.T)]
 
 
 def predictions(
@@ -105,21 +98,25 @@ def predictions(
     points: NDArray[np.int64],
     *,
     threads: int | None = None,
-    progress: ProgressCallback | None = None,
 ) -> dict[Predictor, Array]:
-    """What each predictor says at lattice points, (n,).
+    """What each predictor says at points of the default lattice, (n,).
 
-    Fisher's and the scan's deviations together are the geometric mean of both.
+    Fisher's and the scan's together are the geometric mean of both.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    fields : mapping of str to FieldConfig
+        As `configs` has them.
+    points, threads
+        As for `covariances_at`.
     """
-    from locplan.covariance import scalar
-
     found: dict[Predictor, Array] = {}
-    for n, (name, config) in enumerate(fields.items()):
+    for name, config in fields.items():
         covariance = covariances_at(grid, config, points, threads=threads)
         for each in SCALARS:
             found[Predictor(name, each)] = scalar(covariance, each)
-        if progress:
-            progress(n + 1, len(fields))
     if {"fisher", "scan"} <= set(fields):
         for each in SCALARS:
             both = found[Predictor("fisher", each)] * found[Predictor("scan", each)]

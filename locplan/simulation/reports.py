@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan import __version__, plotting
 from locplan.config_files import save_config
@@ -20,8 +20,8 @@ from locplan.plotting.simulations import KIND_LABELS
 from locplan.simulation.calibration import Calibration
 from locplan.simulation.drives import PROFILE, contrasts
 from locplan.simulation.evaluation import KINDS, Evaluation
-from locplan.simulation.routes import AWARE, SHORTEST, Routes, Simulation
-from locplan.tables import finite, table, write_csv
+from locplan.simulation.routes import Routes, Simulation
+from locplan.tables import table
 
 
 def simulation_table(simulation: Simulation) -> str:
@@ -46,15 +46,15 @@ def routes_table(every: Sequence[Routes]) -> str:
         [
             routes.grid.name,
             f"{100 * (routes.length_ratio.value - 1):+.1f} %",
-            f"{routes.rmse(SHORTEST):.2f} m",
+            f"{routes.rmse[0]:.2f} m",
             _short(routes.rmse_ratio),
-            f"{routes.lost_rate(SHORTEST).value:.0%} -> {routes.lost_rate(AWARE).value:.0%}",
+            f"{routes.lost[0]:.0%} -> {routes.lost[1]:.0%}",
             routes.verdict,
         ]
         for routes in every
     ]
     columns = ["map", "length", "RMSE", "RMSE ratio", "lost", "aware paths"]
-    counts = sorted({len(routes.queries) for routes in every})
+    counts = sorted({len(routes.routes) for routes in every})
     queries = " to ".join(str(count) for count in {counts[0]: 0, counts[-1]: 0})
     return (
         f"{table(columns, rows)}\naware path over shortest, of {queries} queries: geometric means"
@@ -119,11 +119,14 @@ def calibration_table(calibration: Calibration) -> str:
     ]
     if calibration.floor_share > 0:
         rows.append(["below what Q adds", f"{calibration.floor_share:.0%} of the places"])
-    return table([], rows)
+    text = table([], rows)
+    if calibration.r_squared < 0:
+        text += "\nSigma tells less of these errors than one value for all places would"
+    return text
 
 
 def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
-    """Write simulation.json, simulation.png, and a CSV of the error along each path.
+    """Write simulation.json, simulation.png, and errors.csv with the error along each path.
 
     Raises
     ------
@@ -131,14 +134,12 @@ def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
         If the folder cannot be made or written.
     """
     make_folder(folder)
-    written = []
-    for name, drives in simulation.drives.items():
-        file = folder / f"{_file_name(name)}.csv"
-        write_csv(file, drives.profile(), PROFILE)
-        written.append(file)
-    _write_json(folder / "simulation.json", simulation.summary())
-    plotting.save_figure(pictures.simulation_figure(simulation), folder / "simulation.png")
-    return [folder / "simulation.png", folder / "simulation.json", *written]
+    files = [folder / name for name in ("simulation.png", "simulation.json", "errors.csv")]
+    plotting.save_figure(pictures.simulation_figure(simulation), files[0])
+    _write_json(files[1], simulation.summary())
+    profiles = ((name, each.profile()) for name, each in simulation.drives.items())
+    _write_rows(files[2], ["path", *PROFILE], profiles)
+    return files
 
 
 def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
@@ -150,8 +151,7 @@ def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
         If the folder cannot be made or written.
     """
     make_folder(folder)
-    about = {"maps": [routes.summary() for routes in every]}
-    _write_json(folder / "simulation.json", about)
+    _write_json(folder / "simulation.json", routes_summary(every))
     written = [folder / "simulation.json"]
     for number, routes in enumerate(every, 1):
         file = folder / f"{number:02}-{_file_name(routes.grid.name or 'map')}.png"
@@ -173,11 +173,7 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
     plotting.save_figure(pictures.evaluation_figure(evaluation), files[0])
     _write_json(files[1], evaluation.summary())
     rows = folder / "places.csv"
-    with replacing(rows) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["map", *evaluation.columns])
-        for name, values in evaluation.rows():
-            writer.writerows([name, *(f"{v:.9g}" for v in each)] for each in values)
+    _write_rows(rows, ["map", *evaluation.columns], evaluation.rows())
     return [*files, rows]
 
 
@@ -195,19 +191,26 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     return [target, picture]
 
 
+def routes_summary(every: Sequence[Routes]) -> dict[str, Any]:
+    """All maps' queries, fit for JSON."""
+    return {"maps": [routes.summary() for routes in every]}
+
+
 def _write_json(file: Path, about: Mapping[str, Any]) -> None:
     with replacing(file) as temporary:
-        text = json.dumps(_plain({"locplan": __version__, **about}), indent=2)
+        text = json.dumps({"locplan": __version__, **about}, indent=2)
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def _plain(value: Any) -> Any:
-    """JSON knows neither NaN nor infinity."""
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in finite(dict(value)).items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _write_rows(
+    target: Path, columns: Sequence[str], groups: Iterable[tuple[str, NDArray[np.float64]]]
+) -> None:
+    """Rows of numbers, those of each group with its name before them."""
+    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        for name, rows in groups:
+            writer.writerows([name, *(f"{value:.9g}" for value in row)] for row in rows)
 
 
 def _file_name(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,11 +18,12 @@ from locplan.grid import OccupancyGrid
 from locplan.intervals import Interval, of_geometric_mean, of_mean
 from locplan.path import Path
 from locplan.planners import plan_beside_shortest
-from locplan.progress import ProgressCallback, in_turn
+from locplan.progress import ProgressCallback, parts
 from locplan.simulation.drives import Drives, contrasts
 from locplan.simulation.motion import poses_along
-from locplan.simulation.settings import Amcl, Reality
+from locplan.simulation.settings import Amcl, Reality, check_whole
 from locplan.simulation.simulator import Simulator
+from locplan.tables import finite
 
 DRIVES = 100
 """Along each path."""
@@ -46,7 +48,7 @@ class Simulation:
 
     def summary(self) -> dict[str, Any]:
         """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
-        return {
+        about: dict[str, Any] = {
             **(self.made_of or {"map": {"name": self.grid.name, "digest": self.grid.digest}}),
             "paths": {name: each.summary() for name, each in self.drives.items()},
             "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
@@ -54,6 +56,7 @@ class Simulation:
             "amcl": dataclasses.asdict(self.amcl),
             "reality": dataclasses.asdict(self.reality),
         }
+        return finite(about)
 
 
 def simulate(
@@ -91,6 +94,10 @@ def simulate(
     progress : callable, optional
         Called with (done, total) drives.
 
+    Returns
+    -------
+    Simulation
+
     Raises
     ------
     LocplanError
@@ -105,19 +112,30 @@ def simulate(
     >>> result.drives["straight"].lost_rate.value
     0.0
     """
-    if drives < 2:
-        raise ConfigError(f"drives must be at least 2, not {drives}")
+    check_whole("drives", drives, 2)
     if not paths:
         raise ConfigError("there must be at least one path to drive")
     simulator = Simulator(grid, amcl, reality, seed=seed, threads=threads)
-    lines = {name: poses_along(path, grid) for name, path in paths.items()}
-    told = in_turn(progress, len(lines)) if progress else None
-    driven = {
-        name: simulator.drive_along(poses, drives, progress=told) for name, poses in lines.items()
-    }
+    driven = _driven(simulator, paths, drives, 0, progress)
     return Simulation(
         grid, paths, driven, simulator.amcl, simulator.reality, seed, dict(made_of or {})
     )
+
+
+def _driven(
+    simulator: Simulator,
+    paths: Mapping[str, Path],
+    drives: int,
+    stream: int,
+    progress: ProgressCallback | None,
+) -> dict[str, Drives]:
+    """Drives of each path, the n-th of all with the same random numbers."""
+    lines = {name: poses_along(path, simulator.grid) for name, path in paths.items()}
+    told = parts(progress, [drives] * len(lines))
+    return {
+        name: simulator.drive_along(poses, drives, stream=stream, progress=part)
+        for (name, poses), part in zip(lines.items(), told, strict=True)
+    }
 
 
 def planned(costs: Costmap, query: Query) -> dict[str, Path]:
@@ -126,78 +144,90 @@ def planned(costs: Costmap, query: Query) -> dict[str, Path]:
     return {name: plan.path for name, plan in plans.items() if plan.path is not None}
 
 
+@dataclass(frozen=True)
+class Route:
+    """Both paths of one query, driven."""
+
+    query: Query
+    lengths: tuple[float, float]
+    """Of the shortest and of the aware path [m]."""
+    rmse: tuple[float, float]
+    """Of the position along each [m]."""
+    lost: tuple[float, float]
+    """Share of the drives of each that were lost at any time."""
+    summary: Mapping[str, Any]
+    """Of each path's drives, fit for JSON."""
+
+
 @dataclass(frozen=True, eq=False)
 class Routes:
-    """Both paths of many queries on one map, driven."""
+    """Both paths of many queries on one map, driven. Queries are the samples of all intervals."""
 
     grid: OccupancyGrid
-    queries: Sequence[Query]
-    simulations: Sequence[Simulation]
-    """One of each query."""
+    routes: Sequence[Route]
+    about: Mapping[str, Any]
+    """Of the costs, the filter and the worlds, fit for JSON."""
 
     @property
     def length_ratio(self) -> Interval:
         """Length of the aware over that of the shortest path: geometric mean over the queries."""
-        return of_geometric_mean(self._ratios(lambda s, name: s.paths[name].length))
+        return of_geometric_mean(
+            np.array([each.lengths[1] / each.lengths[0] for each in self.routes])
+        )
 
     @property
     def rmse_ratio(self) -> Interval:
         """The same of the RMSE of the position."""
-        return of_geometric_mean(self._ratios(lambda s, name: s.drives[name].rmse.value))
+        return of_geometric_mean(np.array([each.rmse[1] / each.rmse[0] for each in self.routes]))
 
-    def rmse(self, name: str) -> float:
-        """Geometric mean over the queries [m]."""
-        values = [each.drives[name].rmse.value for each in self.simulations]
-        return float(np.exp(np.mean(np.log(values))))
+    @property
+    def rmse(self) -> tuple[float, float]:
+        """Of the shortest and of the aware paths: geometric means over the queries [m]."""
+        shortest, aware = np.exp(np.log([each.rmse for each in self.routes]).mean(axis=0)).tolist()
+        return shortest, aware
 
-    def lost_rate(self, name: str) -> Interval:
-        """Share of the drives that were lost: mean over the queries, with Student's interval."""
-        interval = of_mean(
-            np.array([each.drives[name].lost_rate.value for each in self.simulations])
-        )
-        return Interval(interval.value, max(0.0, interval.low), min(1.0, interval.high))
+    @property
+    def lost(self) -> tuple[float, float]:
+        """Share of the drives of the shortest and of the aware paths that were lost."""
+        shortest, aware = np.mean([each.lost for each in self.routes], axis=0).tolist()
+        return shortest, aware
 
     @property
     def lost_difference(self) -> Interval:
-        """Of the shares lost, the aware path's less the shortest's: mean over the queries."""
-        return of_mean(
-            np.array(
-                [
-                    each.drives[AWARE].lost_rate.value - each.drives[SHORTEST].lost_rate.value
-                    for each in self.simulations
-                ]
-            )
-        )
-
-    def _ratios(self, measure: Any) -> np.ndarray:
-        return np.array([measure(s, AWARE) / measure(s, SHORTEST) for s in self.simulations])
+        """The latter less the former: mean over the queries."""
+        return of_mean(np.array([each.lost[1] - each.lost[0] for each in self.routes]))
 
     @property
     def verdict(self) -> str:
-        """Whether the aware paths help here."""
-        ratio, lost = self.rmse_ratio, self.lost_difference
-        if ratio.high < 1 or lost.high < 0:
-            mixed = ratio.low > 1 or lost.low > 0
-            return "mixed" if mixed else "helps"
-        if ratio.low > 1 or lost.low > 0:
-            return "harms"
-        return "no clear change"
+        """Whether the RMSE along the aware paths is lower, by its 95 % interval."""
+        ratio = self.rmse_ratio
+        if math.isnan(ratio.low):
+            return "too few queries"
+        if ratio.high < 1:
+            return "helps"
+        return "harms" if ratio.low > 1 else "no clear change"
 
     def summary(self) -> dict[str, Any]:
-        """In numbers, fit for JSON."""
-        return {
-            "map": {"name": self.grid.name, "digest": self.grid.digest},
+        """In numbers, fit for JSON; pairs are of the shortest and of the aware path."""
+        about: dict[str, Any] = {
+            **self.about,
             "verdict": self.verdict,
             "length_ratio": list(self.length_ratio),
             "rmse_ratio": list(self.rmse_ratio),
-            "lost_rate": {name: list(self.lost_rate(name)) for name in (SHORTEST, AWARE)},
+            "rmse_m": list(self.rmse),
+            "lost": list(self.lost),
             "lost_difference": list(self.lost_difference),
             "queries": [
-                {"name": query.name, "start": list(query.start), "goal": list(query.goal)}
-                | each.summary()
-                for query, each in zip(self.queries, self.simulations, strict=True)
+                {
+                    "name": each.query.name,
+                    "start": list(each.query.start),
+                    "goal": list(each.query.goal),
+                    **each.summary,
+                }
+                for each in self.routes
             ],
         }
+        return finite(about)
 
 
 def simulate_queries(
@@ -216,34 +246,50 @@ def simulate_queries(
     Parameters
     ----------
     costs : Costmap
-        What the aware paths are planned on; the planner is any-angle.
+        Of a field, with the weight of the aware paths; the planner is any-angle.
     queries : sequence of Query
         Those without a path are left out.
+    amcl, reality, drives, seed, threads, progress
+        As for `simulate`.
 
-    The others are those of `simulate`.
+    Returns
+    -------
+    Routes
 
     Raises
     ------
     LocplanError
         If no query has a path, or a number is out of its range.
     """
+    check_whole("drives", drives, 2)
+    simulator = Simulator(costs.grid, amcl, reality, seed=seed, threads=threads)
     ways = {query: planned(costs, query) for query in queries}
     found = {query: paths for query, paths in ways.items() if len(paths) == 2}
     if not found:
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
-    told = in_turn(progress, len(found)) if progress else None
-    simulations = [
-        simulate(
-            costs.grid,
-            paths,
-            amcl=amcl,
-            reality=reality,
-            drives=drives,
-            seed=seed,
-            threads=threads,
-            made_of=about_costs(costs),
-            progress=told,
-        )
-        for paths in found.values()
+    told = parts(progress, [2 * drives] * len(found))
+    routes = [
+        _route(query, _driven(simulator, paths, drives, n, part))
+        for n, ((query, paths), part) in enumerate(zip(found.items(), told, strict=True))
     ]
-    return Routes(costs.grid, list(found), simulations)
+    about = {
+        **about_costs(costs),
+        "drives": drives,
+        "seed": seed,
+        "amcl": dataclasses.asdict(simulator.amcl),
+        "reality": dataclasses.asdict(simulator.reality),
+    }
+    return Routes(costs.grid, routes, about)
+
+
+def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
+    shortest, aware = drives[SHORTEST], drives[AWARE]
+    ratio = contrasts({SHORTEST: shortest, AWARE: aware})[AWARE]
+    summary = {name: each.summary() for name, each in drives.items()}
+    return Route(
+        query,
+        (float(shortest.distance[-1]), float(aware.distance[-1])),
+        (shortest.rmse.value, aware.rmse.value),
+        (shortest.lost_rate.value, aware.lost_rate.value),
+        {"paths": summary, "rmse_ratio": list(ratio)},
+    )

@@ -21,7 +21,8 @@ class Amcl:
     """Parameters of Nav2's AMCL, by its names and with its defaults.
 
     Those of its differential motion model and its likelihood fields; `recovery_alpha_fast` and
-    `_slow` are 0 as there: no particles at random.
+    `_slow` are 0 as there: no particles at random. Unlike here, Nav2 reads its likelihood field
+    half a cell aside, and takes no account of a map's yaw.
 
     Raises
     ------
@@ -35,27 +36,27 @@ class Amcl:
     """
 
     alpha1: float = 0.2
-    """Noise of turns from turning [1]."""
+    """Variance that a turn adds to turns, by its square [1]."""
     alpha2: float = 0.2
-    """Noise of turns from driving [rad^2 / m^2]."""
+    """Variance that driving adds to turns, by the square of each update's way [rad^2 / m^2]."""
     alpha3: float = 0.2
-    """Noise of the way from driving [1]."""
+    """Variance that driving adds to the way, by its square [1]."""
     alpha4: float = 0.2
-    """Noise of the way from turning [m^2 / rad^2]."""
+    """Variance that a turn adds to the way, by its square [m^2 / rad^2]."""
     laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = "likelihood_field"
     """How beams combine: 1 plus the sum of their cubes, or their product."""
     laser_likelihood_max_dist: float = 2.0
     """Beyond, all distances from a wall are this [m]."""
     laser_max_range: float = 100.0
-    """Longer beams say nothing, as those without a return [m]."""
+    """Longer beams say nothing, as those without a return [m]; 0 or less is the sensor's own."""
     max_beams: int = 60
-    """So many of a scan's beams, evenly spaced, are compared, or a few more."""
+    """About so many of a scan's beams, evenly spaced, are compared."""
     max_particles: int = 2000
     """Equal to `min_particles`: always so many."""
     min_particles: int = 500
     """KLD sampling takes at least so many."""
     pf_err: float = 0.05
-    """KLD sampling's greatest error."""
+    """KLD sampling's greatest error: less takes more particles."""
     pf_z: float = 0.99
     """Its quantile of the normal distribution, as AMCL takes it: not the probability."""
     resample_interval: int = 1
@@ -77,10 +78,11 @@ class Amcl:
                 f"laser_model_type must be one of {', '.join(MODELS)},"
                 f" not {self.laser_model_type!r}"
             )
-        for name in ("laser_likelihood_max_dist", "laser_max_range", "sigma_hit", "pf_err", "pf_z"):
+        for name in ("laser_likelihood_max_dist", "sigma_hit", "pf_err", "pf_z"):
             _keep_positive(self, name)
         for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
             _keep(self, name, 0.0, math.inf)
+        _keep(self, "laser_max_range", -math.inf, math.inf)
         for name in ("update_min_a", "update_min_d"):
             _keep(self, name, 0.0, math.inf)
         for name in ("z_hit", "z_rand"):
@@ -124,7 +126,7 @@ class Reality:
     outliers: float = 0.04
     """Share of the beams that end anywhere within the range."""
     occlusion: float = 0.2
-    """Share of the scans in which something stands before the lidar, 0.5 to 2 m away."""
+    """Share of the scans in which something stands in view of the lidar, 0.5 to 2 m away."""
     occlusion_deg: float = 20.0
     """How much of the view it takes [deg]."""
     distance_drift: float = 0.02
@@ -203,7 +205,11 @@ def _keep_positive(owner: Any, name: str) -> None:
 
 
 def _keep_whole(owner: Any, name: str, least: int) -> None:
-    value = getattr(owner, name)
+    check_whole(name, getattr(owner, name), least)
+    object.__setattr__(owner, name, int(getattr(owner, name)))
+
+
+def check_whole(name: str, value: Any, least: int) -> None:
+    """Raise a ConfigError unless a value is a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise ConfigError(f"{name} must be a whole number of at least {least}, not {value!r}")
-    object.__setattr__(owner, name, int(value))

@@ -7,18 +7,17 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.environments import with_boundary_noise
-from locplan.errors import ConfigError
 from locplan.grid import OCCUPIED, OccupancyGrid
 from locplan.progress import ProgressCallback
+from locplan.simulation.arguments import Arguments, arguments_of
 from locplan.simulation.drives import Drives
 from locplan.simulation.motion import Poses
-from locplan.simulation.settings import Amcl, Reality
+from locplan.simulation.settings import Amcl, Reality, check_whole
 
 MATCH_WINDOW = 2.0
 """Half width of the window in which single scans are matched [m]."""
@@ -30,10 +29,8 @@ MATCH_SIGMA, MATCH_Z_RAND = 0.1, 0.05
 """Of the likelihood field on which they are matched: sigma_hit [m] and z_rand."""
 
 
-NEAREST, FARTHEST = 0.5, 2.0
-"""How far from the lidar something may stand before it [m]."""
-FOR_KERNELS = ("scores", "lidar", "disturbances", "odometry", "start", "filter")
-"""What kernels take of a simulator."""
+DRIVE, MATCH, WORLD, POINTS, APPROACH = range(5)
+"""Streams of random numbers, see `random_of`."""
 
 
 class Simulator:
@@ -67,10 +64,9 @@ class Simulator:
         seed: int = 1,
         threads: int | None = None,
     ) -> None:
-        if seed < 0:
-            raise ConfigError(f"seed must be an integer of at least 0, not {seed!r}")
-        if threads is not None and threads < 1:
-            raise ConfigError(f"threads must be at least 1, not {threads}")
+        check_whole("seed", seed, 0)
+        if threads is not None:
+            check_whole("threads", threads, 1)
         self.grid, self.seed, self.threads = grid, seed, threads
         self.amcl, self.reality = amcl or Amcl(), reality or Reality()
 
@@ -83,7 +79,7 @@ class Simulator:
         count = self.reality.worlds if noise else 1
         return [
             empty_squares(
-                with_boundary_noise(self.grid, noise, seed=_seed(self.seed, n)).cells == OCCUPIED
+                with_boundary_noise(self.grid, noise, seed=self._world_seed(n)).cells == OCCUPIED
             )
             for n in range(count)
         ]
@@ -92,6 +88,7 @@ class Simulator:
         self,
         lines: Sequence[Poses],
         *,
+        stream: int = 0,
         progress: ProgressCallback | None = None,
     ) -> NDArray[np.float64]:
         """Drive each line once, all with as many poses.
@@ -101,6 +98,8 @@ class Simulator:
         lines : sequence of (n, 3) arrays
             True poses in the world [m, m, rad]; the k-th is driven in the k-th world, and over
             again.
+        stream : int
+            Of random numbers: those of another one are independent.
         progress : callable, optional
             Called with (done, total) drives.
 
@@ -116,15 +115,10 @@ class Simulator:
 
         def run(n: int) -> None:
             kernel.drive(
-                self._random(n),
+                random_of(self.seed, DRIVE, stream, n),
                 own[n],
                 self.worlds[n % len(self.worlds)],
-                self.scores,
-                self.lidar,
-                self.disturbances,
-                self.odometry,
-                self.start,
-                self.filter,
+                *self.arguments,
                 errors[n],
             )
 
@@ -132,10 +126,15 @@ class Simulator:
         return _turned(errors, self.grid.origin[2])
 
     def drive_along(
-        self, poses: Poses, drives: int, *, progress: ProgressCallback | None = None
+        self,
+        poses: Poses,
+        drives: int,
+        *,
+        stream: int = 0,
+        progress: ProgressCallback | None = None,
     ) -> Drives:
-        """Drive one line so many times."""
-        return Drives(poses, self.drive([poses] * drives, progress=progress))
+        """Drive one line so many times; see `drive`."""
+        return Drives(poses, self.drive([poses] * drives, stream=stream, progress=progress))
 
     def match(
         self,
@@ -145,6 +144,8 @@ class Simulator:
         progress: ProgressCallback | None = None,
     ) -> NDArray[np.float64]:
         """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
+
+        Of each scan as many beams are compared as AMCL does, on a likelihood field of its own.
 
         Parameters
         ----------
@@ -181,7 +182,7 @@ class Simulator:
         errors = np.empty((len(cells), scans, 3))
 
         def run(n: int) -> None:
-            random = self._random(n)
+            random = random_of(self.seed, MATCH, n)
             for scan in range(scans):
                 match(
                     random,
@@ -192,8 +193,8 @@ class Simulator:
                     resolution,
                     int(cells[n, 0]),
                     int(cells[n, 1]),
-                    self.lidar,
-                    self.disturbances,
+                    self.arguments.lidar,
+                    self.arguments.disturbances,
                     errors[n, scan : scan + 1],
                 )
 
@@ -207,83 +208,18 @@ class Simulator:
         heading = poses[:, 2] - self.grid.origin[2]
         return np.column_stack([cols * self.grid.resolution, rows * self.grid.resolution, heading])
 
-    def _random(self, n: int) -> np.random.Generator:
-        return np.random.default_rng([self.seed, n])
+    def _world_seed(self, world: int) -> int:
+        return int(random_of(self.seed, WORLD, world).integers(2**63))
 
     @cached_property
-    def scores(self) -> Any:
-        """What a beam's end scores on the map, for the kernels."""
-        from locplan._kernels.particles import BeamScores
-
-        values = beam_scores(self.grid, self.amcl, self.reality.sensor.range)
-        product = self.amcl.laser_model_type == "likelihood_field_prob"
-        rows, cols = values.shape
-        return BeamScores(values.ravel(), rows, cols, self.grid.resolution, product)
-
-    @cached_property
-    def lidar(self) -> Any:
-        """The sensor for the kernels, with the beams that AMCL compares."""
-        from locplan._kernels.lidar import Lidar
-
-        sensor = self.reality.sensor
-        angles = sensor.angles
-        every = (len(angles) - 1) // (self.amcl.max_beams - 1)
-        return Lidar(
-            angles=np.ascontiguousarray(angles[:: max(1, every)]),
-            forward=sensor.mount_x,
-            left=sensor.mount_y,
-            yaw=sensor.mount_yaw,
-            sigma=sensor.range_sigma,
-            max_range=min(sensor.range, self.amcl.laser_max_range),
-        )
-
-    @cached_property
-    def disturbances(self) -> Any:
-        """What scans show beside the walls, for the kernels."""
-        from locplan._kernels.measured import Disturbances
-
-        return Disturbances(
-            outliers=self.reality.outliers,
-            occlusion=self.reality.occlusion,
-            width=math.radians(self.reality.occlusion_deg),
-            nearest=NEAREST,
-            farthest=FARTHEST,
-        )
-
-    @cached_property
-    def odometry(self) -> Any:
-        """The wheels for the kernels."""
-        from locplan._kernels.drives import Odometry
-
-        reality = self.reality
-        return Odometry(
-            distance_drift=reality.distance_drift,
-            heading_drift=math.radians(reality.heading_drift_deg),
-            turn_drift=math.radians(reality.turn_drift_deg),
-            distance_bias=reality.distance_bias,
-            heading_bias=math.radians(reality.heading_bias_deg),
-            turn_bias=reality.turn_bias,
-        )
-
-    @cached_property
-    def start(self) -> Any:
-        """How well the filter knows where it begins, for the kernels."""
-        from locplan._kernels.drives import Start
-
-        return Start(self.reality.start_sigma, math.radians(self.reality.start_sigma_deg))
-
-    @cached_property
-    def filter(self) -> Any:
-        """AMCL's parameters for the kernels."""
-        from locplan._kernels.particles import Filter
-
-        return Filter(*(getattr(self.amcl, name) for name in Filter._fields))
+    def arguments(self) -> Arguments:
+        """What the kernels take of the map, the filter and what it is up against."""
+        return arguments_of(self.grid, self.amcl, self.reality)
 
     def _in_threads(
         self, run: Callable[[int], None], count: int, progress: ProgressCallback | None
     ) -> None:
-        for name in ("worlds", *FOR_KERNELS):  # made once, not by every thread
-            getattr(self, name)
+        _ = self.worlds, self.arguments  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads or os.cpu_count())
         try:
             tasks = [pool.submit(run, n) for n in range(count)]
@@ -295,42 +231,9 @@ class Simulator:
             pool.shutdown(cancel_futures=True)
 
 
-def beam_scores(grid: OccupancyGrid, amcl: Amcl, sensor_range: float) -> NDArray[np.float32]:
-    """What a beam that ends in each cell adds to a particle's score, as AMCL's models have it.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    amcl : Amcl
-        The filter.
-    sensor_range : float
-        [m]
-
-    Returns
-    -------
-    (H + 2, W + 2) array of float32
-        In a ring of what lies outside: the cube of the beam's likelihood, or for
-        "likelihood_field_prob" its logarithm.
-    """
-    import cv2
-
-    occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
-    furthest = amcl.laser_likelihood_max_dist
-    distance = np.full((grid.shape[0] + 2, grid.shape[1] + 2), furthest)
-    if occupied.any():
-        cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        distance[1:-1, 1:-1] = np.minimum(cells * grid.resolution, furthest)
-    hit = amcl.z_hit * np.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
-    likelihood = hit + amcl.z_rand / min(sensor_range, amcl.laser_max_range)
-    if amcl.laser_model_type == "likelihood_field_prob":
-        tiny = np.finfo(np.float32).tiny
-        return np.log(np.maximum(likelihood, tiny)).astype(np.float32)
-    return (likelihood**3).astype(np.float32)
-
-
-def _seed(seed: int, world: int) -> int:
-    return int(np.random.SeedSequence([seed, 1, world]).generate_state(1)[0])
+def random_of(seed: int, *stream: int) -> np.random.Generator:
+    """Random numbers that are independent of those of any other stream."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream))
 
 
 def _turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

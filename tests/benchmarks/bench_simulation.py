@@ -32,7 +32,7 @@ def ten_metres(simulator):
 
 
 def test_a_thousand_drives(benchmark, simulator, ten_metres):
-    assert simulator.lidar.angles.size == 60
+    assert simulator.arguments.lidar.angles.size == 60
     simulator.drive([ten_metres] * 4)
     errors = benchmark.pedantic(
         simulator.drive, args=([ten_metres] * DRIVES,), rounds=3, iterations=1
@@ -61,7 +61,7 @@ def weighed_by_numpy(scores, ends, poses):
 
 @pytest.mark.parametrize("who", ["locplan", "numpy"])
 def test_one_scan(benchmark, simulator, who):
-    random, scores = np.random.default_rng(0), simulator.scores
+    random, scores = np.random.default_rng(0), simulator.arguments.scores
     poses = np.array([[20.0], [5.5], [0.0]]) + 0.3 * random.standard_normal((3, 500))
     bearing, at = np.linspace(0, 2 * np.pi, 60), random.uniform(10, 120, 60)
     ends = np.column_stack([at * np.cos(bearing), at * np.sin(bearing)])
