@@ -356,8 +356,8 @@ def test_other_files_are_no_journals(tmp_path):
     with pytest.raises(LocplanError, match="is no journal"):
         run_all([job()], ["grid"], journal=file, resume=True)
     assert file.read_text() == "dear diary\n"
-    with pytest.raises(LocplanError, match="cannot be written"):
-        run_all([job()], ["grid"], journal=tmp_path / "no" / "such.jsonl")
+    with pytest.raises(LocplanError, match="is a file, not a folder"):
+        run_all([job()], ["grid"], journal=file / "such.jsonl")
     run_all([job()], ["grid"], journal=tmp_path / "runs.jsonl", workers=1)
     with (tmp_path / "runs.jsonl").open("a") as journal:
         journal.write("{}\n")

@@ -13,8 +13,7 @@ from conftest import SHARED_DATA, refused
 from scipy import stats
 
 import locplan
-from locplan import FieldConfig, LocplanError, environments
-from locplan.plotting import simulations as pictures
+from locplan import FieldConfig, LocplanError, environments, plotting
 from locplan.search_window import SearchWindow
 from locplan.simulation import Amcl, Places, Reality, calibrate, evaluate, reports
 from locplan.simulation.predictors import (
@@ -167,8 +166,14 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     many = dataclasses.replace(
         evaluation, places=[*evaluation.places] * 4, predictions=[*evaluation.predictions] * 4
     )
-    assert "8 maps" in pictures.evaluation_figure(many).subfigs[0].get_suptitle()
-    assert "paper visible, heading *" in reports.evaluation_table(evaluation)
+    assert "8 maps" in plotting.evaluation_figure(many).subfigs[0].get_suptitle()
+    table = reports.evaluation_table(evaluation)
+    assert "paper visible, heading *" in table
+    assert "match: the default field's e ranks better than chance" in table
+    few = dataclasses.replace(
+        evaluation, places=evaluation.places[:1], predictions=evaluation.predictions[:1]
+    )
+    assert "14 places are too few to tell" in reports.evaluation_table(few)
 
 
 # Calibrations.
@@ -198,6 +203,7 @@ def test_a_calibration_finds_the_noise_level(grid, config):
     assert result.factor < 1.1
     assert result.factor <= result.factor_before
     assert result.consistency == pytest.approx(1.0, abs=0.1)
+    assert result.useful
     assert not result.fitted_tau
     assert result.within_two == 1.0
     assert result.config == dataclasses.replace(config, noise_level=result.config.noise_level)
@@ -244,6 +250,27 @@ def test_errors_below_what_q_adds_do_not_calibrate(grid):
         calibrate([tiny])
 
 
+def test_a_few_large_errors_do_not_make_sigma_large(grid):
+    places = made_up_places(grid, FieldConfig(), 0.3)
+    factors = np.ones(len(places.points))
+    factors[np.argsort(places.position_rmse("tracking"))[:6]] = 1e4  # where Sigma is least
+    wild = dataclasses.replace(places, tracking=places.tracking * factors[:, None, None])
+    result = calibrate([wild])
+    assert result.config.noise_level < 3
+    assert result.factor <= result.factor_before
+
+
+def test_a_calibration_that_says_nothing_says_so(grid):
+    places = made_up_places(grid, FieldConfig(), 0.3)
+    order = np.argsort(places.position_rmse("tracking"))
+    backwards = np.empty_like(places.tracking)
+    backwards[order] = places.tracking[order[::-1]]
+    with pytest.raises(LocplanError, match="do not determine k"):
+        calibrate([dataclasses.replace(places, tracking=backwards)])
+    poor = dataclasses.replace(calibrate([places]), r_squared=-0.1)
+    assert "NOT IN METRES" in reports.calibration_table(poor)
+
+
 def test_too_few_places_cannot_calibrate(grid):
     places = made_up_places(grid, FieldConfig(), 0.3)
     few = dataclasses.replace(
@@ -285,6 +312,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
         rows = list(csv.DictReader(file))
     assert {row["path"] for row in rows} == set(about["paths"])
     assert float(rows[0]["x_m"]) == 2.0
+    assert all(float(row["error_mean_m"]) > 0 for row in rows)
     assert (out / "simulation.png").stat().st_size > 10_000
 
 
@@ -313,7 +341,7 @@ def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     assert code == 0
     assert "of 5 queries" in table
     assert len(list((tmp_path / "out").glob("*.png"))) == 2
-    about = json.loads((tmp_path / "out" / "simulation.json").read_text())
+    about = json.loads((tmp_path / "out" / "queries.json").read_text())
     first = about["maps"][0]
     assert len(first["queries"]) == 5
     ratios = [
@@ -322,7 +350,7 @@ def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     ]
     assert first["rmse_ratio"][0] == pytest.approx(stats.gmean(ratios))
     low, high = first["rmse_ratio"][1:]
-    expected = "helps" if high < 1 else "harms" if low > 1 else "no clear change"
+    expected = "helps" if high < 1 else "harms" if low > 1 else "unclear"
     assert first["verdict"] == expected
 
 
@@ -362,7 +390,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     code, out, _ = run("field", map_file, "--config", target, "--range", 4, "--json")
     assert json.loads(out)["config"]["sensor_range"] == 4.0
     err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))
-    assert "--config has all settings" in err
+    assert "--config has all settings of the field; besides it only --range" in err
 
 
 @pytest.mark.parametrize(
@@ -374,10 +402,10 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
         (("--goal", "2,3", "--path", "a.csv"), "give one of --path"),
         ((*ENDS, "--random", "3"), "give one of --path"),
         ((*ENDS, "--set", "alpha9=1"), "nothing simulated is called 'alpha9'; there are alpha1,"),
-        ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE"),
+        ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be a number"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
-        ((*ENDS, "--lidar", "sonar"), "sensor must be one of"),
+        ((*ENDS, "--lidar", "sonar"), "--lidar: sensor must be one of"),
         ((*ENDS, "--params", "none.yaml"), "none.yaml: cannot be read"),
         ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
         ((*ENDS, "--weight", "-1"), "weight"),
@@ -398,7 +426,7 @@ def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
     assert "robot fits" in refused(run("evaluate", map_file, "--robot-radius", 20))
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
     several = map_file, tmp_path / "other.yaml"
-    assert "of these 2 name one" in refused(run("simulate", *several, *ENDS))
+    assert "name one of these 2, or give --random" in refused(run("simulate", *several, *ENDS))
 
 
 def test_a_real_map_is_evaluated_with_other_settings(real_maps):

@@ -5,7 +5,8 @@ import pytest
 
 EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.py"))
 
-QUICKLY = {"paper": (0.1, 1, ("paper",)), "compare": (0.05,)}
+MAP = str(EXAMPLES[0].parent.parent / "maps" / "two_corridors.yaml")
+QUICKLY = {"paper": (0.1, 1, ("paper",)), "compare": (0.05,), "evidence": ((MAP,), 4, 2, 2)}
 """Arguments with which a program is done soon."""
 
 

@@ -92,8 +92,8 @@ def test_turns_on_the_spot_take_their_time(two_corridors):
 @pytest.mark.parametrize(
     ("xy", "reason"),
     [
-        ([[2.0, 3.0]], "one position"),
-        ([[2.0, 3.0], [2.0, 3.0]], "one position"),
+        ([[2.0, 3.0]], "has no length"),
+        ([[2.0, 3.0], [2.0, 3.0]], "has no length"),
         ([[2.0, 3.0], [20.0, 8.0]], "leaves the free cells of two_corridors at"),
         ([[2.0, 3.0], [-50.0, 3.0]], "leaves the free cells"),
     ],
@@ -208,7 +208,7 @@ def test_lost_drives_and_their_intervals(two_corridors):
     mean_square = (drives.errors[..., :2] ** 2).sum(axis=2).mean()
     assert drives.rmse.value == pytest.approx(math.sqrt(mean_square))
     assert drives.rmse.low < drives.rmse.value < drives.rmse.high
-    assert drives.profile().shape == (len(drives.poses), 8)
+    assert drives.profile().shape == (len(drives.poses), 9)
     assert rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
 
 
@@ -428,8 +428,9 @@ def test_amcl_is_read_from_nav2s_parameters(tmp_path):
     file.write_text(
         "amcl:\n  ros__parameters:\n    alpha1: 0.05\n    max_particles: 800\n"
         "    base_frame_id: base\n    robot_model_type: nav2_amcl::OmniMotionModel\n"
+        "    alfa2: 0.1\n    do_beamskip: true\n"
     )
-    with pytest.warns(UserWarning, match="amcl's robot_model_type is not simulated"):
+    with pytest.warns(UserWarning, match=r"nav2.yaml: not simulated: robot_model_type, alfa2$"):
         amcl = read_amcl(file)
     assert amcl == Amcl(alpha1=0.05, max_particles=800)
     file.write_text("amcl:\n  ros__parameters:\n    laser_model_type: beam\n")

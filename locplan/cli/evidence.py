@@ -94,7 +94,9 @@ def calibrate(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Settings for --config of other commands; a picture beside it."
+            "--output",
+            "-o",
+            help="Settings for --config of other commands, and beside them a picture of that name.",
         ),
     ] = Path("calibrated.json"),
     error: Annotated[
@@ -103,7 +105,7 @@ def calibrate(
     fit_tau: Annotated[
         bool, typer.Option("--fit-tau", help="Fit tau, too, of sad's exponential weights.")
     ] = False,
-    places: PlaceCount = 100,
+    places: Annotated[int, typer.Option(min=10, help="On each map.")] = 100,
     drives: DriveCount = 16,
     scans: ScanCount = 16,
     seed: Seed = 1,

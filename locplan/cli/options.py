@@ -33,7 +33,9 @@ MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML 
 ConfigFile = Annotated[
     Path | None,
     typer.Option(
-        "--config", metavar="FILE.json", help="All settings of the field, as calibrate writes them."
+        "--config",
+        metavar="FILE.json",
+        help="All settings of the field, as calibrate wrote them; only --range may differ.",
     ),
 ]
 Preset = Annotated[str, typer.Option(help="default | paper (Eq. 8-10 as printed).")]
@@ -102,7 +104,11 @@ def config_of(
     if config_file is not None:
         given = preset, template, stride, estimator, sensor_name, field_of_view, headings
         if given != ("default", "disc", 0.2, "sad", None, None, 0):
-            raise ConfigError("--config has all settings of the field; of its options give --range")
+            raise ConfigError(
+                "--config has all settings of the field; besides it only --range may be given, none"
+                " of --preset, --estimator, --template, --sensor, --field-of-view, --headings and"
+                " --stride"
+            )
         return _with_range(config_file, sensor_range)
     presets = {"default": FieldConfig, "paper": FieldConfig.paper}
     if preset not in presets:
@@ -191,7 +197,13 @@ def numbers(name: str, text: str, count: int | None = None) -> list[float]:
     return values
 
 
-def settings_of(texts: Sequence[str], option: str = "setting", *, words: bool = False) -> Any:
+def settings_of(
+    texts: Sequence[str],
+    option: str = "setting",
+    example: str = "range=2.0",
+    *,
+    words: bool = False,
+) -> Any:
     """Settings by name, such as range=2.0 or k_nearest=false, and perhaps name=word."""
     settings: dict[str, Any] = {}
     for text in texts:
@@ -201,7 +213,7 @@ def settings_of(texts: Sequence[str], option: str = "setting", *, words: bool = 
         except json.JSONDecodeError:
             if not (words and equals and value):
                 raise LocplanError(
-                    f"--{option} must be NAME=VALUE, such as range=2.0, not {text!r}"
+                    f"--{option} must be NAME=VALUE, such as {example}, not {text!r}"
                 ) from None
             settings[name] = value
     return settings

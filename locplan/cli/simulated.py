@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from locplan.cli.options import settings_of
+from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.config import FieldConfig
@@ -35,16 +36,16 @@ Set = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="Of AMCL (alpha1, max_particles, laser_model_type, ...) or of what it is up against"
-        " (boundary_noise, outliers, occlusion, heading_bias_deg, ...); repeatable.",
+        " (boundary_noise, outliers, heading_bias_deg, ...); examples/README.md lists all.",
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Of all random numbers.")]
 Radius = Annotated[float, typer.Option(help="Robot's radius [m].")]
 Folder = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Folder for the picture, JSON and CSV.")
+    Path | None, typer.Option("--output", "-o", help="Folder for pictures, JSON and CSV.")
 ]
 PlaceCount = Annotated[int, typer.Option(min=2, help="On each map.")]
-ScanCount = Annotated[int, typer.Option(min=1, help="Matched at each place.")]
+ScanCount = Annotated[int, typer.Option(min=1, help="Single scans matched at each place.")]
 DriveCount = Annotated[int, typer.Option(min=1, help="To each place, of 10 m.")]
 
 
@@ -58,10 +59,13 @@ def simulated(
 
     amcl, reality = read_amcl(params) if params else Amcl(), Reality()
     if lidar:
-        sensor = Sensor.preset(lidar)
+        try:
+            sensor = Sensor.preset(lidar.lower())
+        except ConfigError as error:
+            raise ConfigError(f"--lidar: {error}") from None
     elif config.sensor is not None:
         sensor = config.sensor
     else:
         sensor = dataclasses.replace(reality.sensor, range=config.sensor_range)
     reality = dataclasses.replace(reality, sensor=sensor)
-    return changed(amcl, reality, settings_of(settings or (), "set", words=True))
+    return changed(amcl, reality, settings_of(settings or (), "set", "alpha1=0.05", words=True))

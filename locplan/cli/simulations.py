@@ -58,19 +58,24 @@ def simulate(
     maps: MapFiles,
     path: Annotated[
         list[Path] | None,
-        typer.Option(metavar="CSV", help="Drive this (x_m,y_m), as plan writes it; repeatable."),
+        typer.Option(metavar="CSV", help="One of: paths (x_m,y_m) that plan wrote; repeatable."),
     ] = None,
     start: Annotated[
-        str | None, typer.Option(metavar="X,Y", help="Or the shortest and the aware path from ...")
+        str | None,
+        typer.Option(metavar="X,Y", help="Or from here the shortest and the aware path ..."),
     ] = None,
     goal: Annotated[str | None, typer.Option(metavar="X,Y", help="... to here [m].")] = None,
     random: Annotated[
-        int | None, typer.Option(min=2, help="Or both of so many queries at random on each map.")
+        int | None,
+        typer.Option(
+            min=2,
+            help="Or both paths of so many queries at random on each map; 5 or more for intervals.",
+        ),
     ] = None,
     least_distance: Annotated[
         float, typer.Option(help="Of random queries, from start to goal [m].")
     ] = 10.0,
-    drives: Annotated[int, typer.Option(min=2, help="Along each path.")] = 100,
+    drives: Annotated[int, typer.Option(min=2, help="Simulated drives along each path.")] = 100,
     seed: Seed = 1,
     lidar: Lidar = None,
     params: Params = None,
@@ -94,7 +99,7 @@ def simulate(
     cache_dir: CacheDir = None,
     as_json: AsJson = False,
 ) -> None:
-    """Drive paths with AMCL in simulated worlds: how far off it is, and how often it gets lost."""
+    """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m)."""
     from locplan.costmap import check_weight
     from locplan.files import check_folder
     from locplan.map_files import find_maps, load_map
@@ -126,7 +131,9 @@ def simulate(
     }
     files = find_maps(*maps)
     if random is None and len(files) > 1:
-        raise ConfigError(f"--random is for several maps; of these {len(files)} name one")
+        raise ConfigError(
+            f"one path is of one map: name one of these {len(files)}, or give --random"
+        )
     grids = [load_map(file) for file in files]
     if output:
         check_folder(output)

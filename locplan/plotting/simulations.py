@@ -77,13 +77,16 @@ def simulation_figure(simulation: Simulation) -> Figure:
             f" lost {drives.lost_rate.value:.0%}"
         )
         if name in ratios:
-            text += f"; {_told(ratios[name], 'times the first')}"
+            text += f"; RMSE {_told(ratios[name])} of {next(iter(profiles))}'s"
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
         draw_ends(upper, xy[0], xy[-1])
     assert image is not None
     bar = figure.colorbar(image, ax=upper, label="mean position error [m]", shrink=0.9)
     _plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+    lower.annotate(
+        "lost", (1, LOST), (-4, 3), ("axes fraction", "data"), "offset points", ha="right"
+    )
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     _logarithmic(lower.yaxis)
     lower.margins(x=0.01)
@@ -95,13 +98,13 @@ def simulation_figure(simulation: Simulation) -> Figure:
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
         f"{grid.name or 'map'}: {count} simulated drives of each path\n"
-        f"below: mean error, and where 80 % of the drives are; grey: {LOST:g} m, lost",
+        "below: mean error of the position, and where 80 % of the drives are",
         fontsize="medium",
     )
     return figure
 
 
-def routes_figure(routes: Routes) -> Figure:
+def queries_figure(routes: Routes) -> Figure:
     """Errors and lost drives of both paths of each query, and lengths."""
     figure = Figure(figsize=(9.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -139,7 +142,7 @@ def routes_figure(routes: Routes) -> Figure:
 
 def evaluation_figure(evaluation: Evaluation) -> Figure:
     """How well each predictor ranks places by either kind of error; and two predictors' places."""
-    predictors = list(evaluation.predictions[0])
+    predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
     rows = np.arange(len(predictors))[::-1]
     figure = Figure(figsize=(11, 5.2 + 0.24 * len(predictors)), layout="constrained")
     parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
@@ -148,14 +151,12 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     for axes, kind in zip(panels, KINDS, strict=True):
         for row, predictor in zip(rows, predictors, strict=True):
             found = evaluation.ranks[predictor, kind]
-            for interval, colour, aside, fill in (
-                (found.spearman, POOLED, 0.12, POOLED),
-                (found.within, WITHIN, -0.12, "white"),
-            ):
+            shown = [(found.spearman, POOLED, 0.12, POOLED), (found.within, WITHIN, -0.12, "white")]
+            for interval, colour, aside, fill in shown[: 2 if several else 1]:
                 axes.plot(interval[1:], [row + aside] * 2, color=colour, linewidth=1.5)
                 axes.plot(interval.value, row + aside, "o", color=colour, markerfacecolor=fill)
         axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-        axes.set(xlim=(-1.02, 1.02), xlabel="Spearman's rank correlation, 95 %")
+        axes.set(xlim=(-1.1, 1.1), xlabel="Spearman's rank correlation, 95 %")
         axes.set_title(KIND_LABELS[kind], fontsize="medium")
         axes.grid(axis="y", color="0.92")
         axes.set_yticks(rows, [_label(predictor) for predictor in predictors])
@@ -163,14 +164,15 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         Line2D([], [], color=POOLED, marker="o", label="all places together"),
         Line2D([], [], color=WITHIN, marker="o", markerfacecolor="white", label="mean over maps"),
     ]
-    upper.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False)
+    if several:
+        upper.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False)
     names = ", ".join(each.grid.name for each in evaluation.places)
     title = names if len(names) < 60 else f"{len(evaluation.places)} maps"
     count = sum(len(each.points) for each in evaluation.places)
     upper.suptitle(f"{title}: {count} places", x=0.02, ha="left", fontsize="medium")
-    shown = Predictor("sad", "e"), best(evaluation, "tracking")[0]
+    examples = Predictor("sad", "e"), best(evaluation, "tracking")[0]
     few = len(evaluation.places) <= len(MAP_MARKS)
-    for axes, predictor in zip(lower.subplots(1, 2, sharey=True), shown, strict=True):
+    for axes, predictor in zip(lower.subplots(1, 2, sharey=True), examples, strict=True):
         for n, (places, values) in enumerate(
             zip(evaluation.places, evaluation.predictions, strict=True)
         ):
@@ -178,7 +180,9 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
             error = places.position_rmse("tracking")
             style: dict[str, Any] = {"color": colour, "ms": 4, "alpha": 0.6}
             axes.plot(np.abs(values[predictor]), error, mark, label=places.grid.name, **style)
-        axes.set(xscale="log", xlabel=str(predictor))
+        unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
+        axes.set(xscale="log", xlabel=f"{predictor} [{unit}]" if unit else str(predictor))
+        axes.set_title("default" if predictor == examples[0] else "best", fontsize="medium")
         _logarithmic(axes.yaxis)
     if few:
         lower.legend(
@@ -213,8 +217,8 @@ def calibration_figure(calibration: Calibration) -> Figure:
     tau = f", τ = {config.mismatch_scale:.3g} m²" if calibration.fitted_tau else ""
     axes.set_title(
         f"{config.estimator}, k = {_told(calibration.noise_level)}{tau}\n"
-        f"typically off by a factor of {calibration.factor:.2f},"
-        f" {calibration.within_two:.0%} within 2",
+        f"typically off by a factor of {calibration.factor:.2f}"
+        f" ({calibration.factor_before:.2f} before), {calibration.within_two:.0%} within 2",
         fontsize="medium",
     )
     axes.legend(loc="upper left", frameon=False)

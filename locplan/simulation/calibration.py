@@ -10,7 +10,6 @@ from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from locplan.config import FieldConfig
 from locplan.errors import ConfigError
@@ -67,6 +66,11 @@ class Calibration:
     maps: Sequence[str]
     error: ErrorKind
 
+    @property
+    def useful(self) -> bool:
+        """Whether Sigma tells more of the errors than one value for all places would."""
+        return self.r_squared > 0
+
     def summary(self) -> dict[str, Any]:
         """In numbers, fit for JSON."""
         numbers = ("factor", "factor_before", "within_two", "r_squared", "spearman")
@@ -92,12 +96,14 @@ def calibrate(
 ) -> Calibration:
     """Fit the noise level, and if wanted tau, to errors at places.
 
-    The most likely k if position errors are Gaussian with covariance k Sigma_1 + Q.
+    The least squares of the logarithms of the rms position deviation and error, so that no place
+    counts more than another however large its error is. A likelihood of Gaussian errors instead
+    follows the few places where Sigma is far too small, and makes it far too large elsewhere.
 
     Parameters
     ----------
     places : sequence of Places
-        As `locplan.simulation.measure` or an `Evaluation` has them.
+        As `locplan.simulation.measure` makes them; those of an evaluation are its `places`.
     config : FieldConfig, optional
         What to calibrate.
     error : str
@@ -126,31 +132,32 @@ def calibrate(
     if fit_tau and not (config.estimator == "sad" and config.weight_law == "exponential"):
         raise ConfigError("tau is of the exponential weights of estimator sad; fit k alone")
     errors = _errors(places, error)
+    measured = _rms(errors)
     q = np.concatenate([_q(each, config) for each in places])
     before = _bare(places, config, threads)
     fits = []
     for n, tau in enumerate(TAUS if fit_tau else (None,)):
         trial = config if tau is None else dataclasses.replace(config, tau=tau)
         bare = before if tau is None else _bare(places, trial, threads)
-        level, loss = _fit(bare, q, errors)
+        level, loss = _fit(bare, q, measured)
         fits.append((loss, n, dataclasses.replace(trial, noise_level=level), bare))
         if progress:
             progress(n + 1, len(TAUS) if fit_tau else 1)
     _, _, fitted, bare = min(fits, key=lambda fit: fit[:2])
     _check_determined(fitted.noise_level)
     covariance = fitted.noise_level * bare + q
-    predicted, measured = _rms(covariance), _rms(errors)
+    predicted = _rms(covariance)
     difference, spread = np.log(predicted / measured), np.log(measured).var()
     return Calibration(
         config=fitted,
-        noise_level=Interval(fitted.noise_level, *_bootstrapped(bare, q, errors)),
+        noise_level=Interval(fitted.noise_level, *_bootstrapped(bare, q, measured)),
         fitted_tau=fit_tau,
         factor=_factor(predicted, measured),
         factor_before=_factor(_rms(config.noise_level * before + q), measured),
         within_two=float(np.mean(np.abs(difference) <= math.log(2))),
         r_squared=float(1 - np.mean(difference**2) / spread) if spread > 0 else 0.0,
         spearman=spearman(predicted, measured),
-        consistency=float(_normalised(covariance, errors).mean() / 2),
+        consistency=_consistency(covariance, errors),
         floor_share=float(np.mean(measured < _rms(q))),
         predicted=predicted,
         measured=measured,
@@ -192,18 +199,20 @@ def _rms(covariance: Array) -> Array:
     return np.sqrt(np.trace(covariance, axis1=1, axis2=2))
 
 
-def _normalised(covariance: Array, errors: Array) -> Array:
-    """Mean of e' inv(Sigma) e at each place, (n,)."""
-    return np.einsum("nij,nji->n", np.linalg.inv(covariance), errors)
+def _consistency(covariance: Array, errors: Array) -> float:
+    """Mean of e' inv(Sigma) e / 2 over the errors of all places."""
+    return float(np.einsum("nij,nji->n", np.linalg.inv(covariance), errors).mean() / 2)
 
 
-def _fit(bare: Array, q: Array, errors: Array) -> tuple[float, float]:
-    """The noise level of least loss, and that: minus twice the mean log-likelihood."""
+def _fit(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
+    """The noise level of least loss, and that: the mean squared difference of logarithms."""
+    from scipy.optimize import minimize_scalar
+
+    variance, added = np.trace(bare, axis1=1, axis2=2), np.trace(q, axis1=1, axis2=2)
 
     def loss(log_level: float) -> float:
-        covariance = math.exp(log_level) * bare + q
-        logarithms = np.log(np.linalg.det(covariance))
-        return float(np.mean(logarithms + _normalised(covariance, errors)))
+        predicted = np.sqrt(math.exp(log_level) * variance + added)
+        return float(np.mean(np.log(predicted / measured) ** 2))
 
     low, high = map(math.log, LEVELS)
     coarse = np.linspace(low, high, 60)
@@ -214,11 +223,11 @@ def _fit(bare: Array, q: Array, errors: Array) -> tuple[float, float]:
     return math.exp(found.x), float(found.fun)
 
 
-def _bootstrapped(bare: Array, q: Array, errors: Array) -> tuple[float, float]:
+def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
     """The ends of the noise level's 95 % interval."""
     random = np.random.default_rng(0)
     draws = random.integers(0, len(bare), (RESAMPLES, len(bare)))
-    low, high = np.quantile([_fit(bare[n], q[n], errors[n])[0] for n in draws], (0.025, 0.975))
+    low, high = np.quantile([_fit(bare[n], q[n], measured[n])[0] for n in draws], (0.025, 0.975))
     return float(low), float(high)
 
 

@@ -85,10 +85,12 @@ class Drives:
         return finite(about)
 
     def profile(self) -> NDArray[np.float64]:
-        """Along the way, (n, 8), by the names of `PROFILE`."""
+        """Poses and errors along the way, (n, 9), by the names of `PROFILE`."""
         error = self.position_error
         low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
-        return np.column_stack([self.distance, self.poses, error.mean(axis=0), median, low, high])
+        heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
+        columns = self.distance, self.poses, error.mean(axis=0), median, low, high, heading
+        return np.column_stack(columns)
 
 
 PROFILE = (
@@ -96,10 +98,11 @@ PROFILE = (
     "x_m",
     "y_m",
     "heading_rad",
-    "mean_m",
-    "median_m",
-    "percentile_10_m",
-    "percentile_90_m",
+    "error_mean_m",
+    "error_median_m",
+    "error_percentile_10_m",
+    "error_percentile_90_m",
+    "heading_error_rms_rad",
 )
 """Columns of `Drives.profile`."""
 

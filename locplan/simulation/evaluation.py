@@ -105,7 +105,8 @@ class Evaluation:
                 for kind in KINDS
                 for each in (places.position_rmse(kind), places.heading_rmse(kind))
             ]
-            yield places.grid.name, np.column_stack([places.xy, *errors, *found.values()])
+            counts = [np.abs(each) for each in found.values()]
+            yield places.grid.name, np.column_stack([places.xy, *errors, *counts])
 
     @property
     def columns(self) -> list[str]:
@@ -116,7 +117,7 @@ class Evaluation:
 
 
 def evaluate(
-    grids: Sequence[OccupancyGrid],
+    grids: Sequence[OccupancyGrid] | OccupancyGrid,
     *,
     amcl: Amcl | None = None,
     reality: Reality | None = None,
@@ -134,7 +135,7 @@ def evaluate(
     Parameters
     ----------
     grids : sequence of OccupancyGrid
-        The maps.
+        The maps, or one.
     amcl, reality : optional
         The filter, and what it is up against.
     places : int
@@ -161,6 +162,7 @@ def evaluate(
     ConfigError
         If there is no map, a number is out of its range, or a robot has no room on a map.
     """
+    grids = [grids] if isinstance(grids, OccupancyGrid) else list(grids)
     amcl, reality = amcl or Amcl(), reality or Reality()
     for name, value in (("drives", drives), ("scans", scans)):
         check_whole(name, value, 1)

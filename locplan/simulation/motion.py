@@ -33,7 +33,7 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
         If the path has no length, leaves the map, or crosses cells that are not free.
     """
     if path.length <= 0:
-        raise LocplanError("a path to drive must have a length; it has one position only")
+        raise LocplanError("has no length; a path to drive must lead somewhere")
     fine = path.resampled(SPACING)
     rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
@@ -41,7 +41,7 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
     if not free.all():
         x, y = fine.xy[np.argmin(free)]
         raise LocplanError(
-            f"the path leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
+            f"leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
             " drive a path that was planned on this map"
         )
     if fine.heading is not None:

@@ -14,6 +14,39 @@ from locplan.export.parameters import read_parameters
 from locplan.simulation.settings import Amcl
 
 DIFFERENTIAL = "nav2_amcl::DifferentialMotionModel"
+NO_MATTER = {
+    "allow_parameter_qos_overrides",
+    "alpha5",
+    "always_reset_initial_pose",
+    "base_frame_id",
+    "beam_skip_distance",
+    "beam_skip_error_threshold",
+    "beam_skip_threshold",
+    "do_beamskip",
+    "first_map_only",
+    "freespace_downsampling",
+    "global_frame_id",
+    "initial_pose",
+    "initialize_at_saved_pose",
+    "lambda_short",
+    "laser_min_range",
+    "map_topic",
+    "odom_frame_id",
+    "random_seed",
+    "recovery_alpha_fast",
+    "recovery_alpha_slow",
+    "robot_model_type",
+    "save_pose_rate",
+    "saved_pose_filepath",
+    "scan_topic",
+    "set_initial_pose",
+    "tf_broadcast",
+    "transform_tolerance",
+    "use_sim_time",
+    "z_max",
+    "z_short",
+}
+"""AMCL's other parameters; for what is simulated most of them do not matter."""
 
 
 def read_amcl(path: str | os.PathLike[str]) -> Amcl:
@@ -30,17 +63,19 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     given = own.get("ros__parameters") if isinstance(own, dict) else None
     if not isinstance(given, dict):
         raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
-    for name in _not_simulated(given):
-        warnings.warn(f"{path}: amcl's {name} is not simulated", stacklevel=2)
     known = {each.name for each in dataclasses.fields(Amcl)}
     try:
-        return Amcl(**{name: value for name, value in given.items() if name in known})
+        amcl = Amcl(**{name: value for name, value in given.items() if name in known})
     except LocplanError as error:
         raise LocplanError(f"{path}: amcl: {error}") from None
+    left_out = [*_not_simulated(given), *sorted(set(given) - known - NO_MATTER)]
+    if left_out:
+        warnings.warn(f"{path}: not simulated: {', '.join(left_out)}", stacklevel=2)
+    return amcl
 
 
 def _not_simulated(given: Mapping[str, Any]) -> Iterator[str]:
-    """What the parameters set that would matter."""
+    """Of the parameters in `NO_MATTER` those that do matter as they are set."""
     for name in ("recovery_alpha_slow", "recovery_alpha_fast"):
         if given.get(name):
             yield name

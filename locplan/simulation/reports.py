@@ -15,13 +15,16 @@ from locplan import __version__, plotting
 from locplan.config_files import save_config
 from locplan.files import make_folder, replacing
 from locplan.intervals import Interval
-from locplan.plotting import simulations as pictures
 from locplan.plotting.simulations import KIND_LABELS
 from locplan.simulation.calibration import Calibration
 from locplan.simulation.drives import PROFILE, contrasts
-from locplan.simulation.evaluation import KINDS, Evaluation
+from locplan.simulation.evaluation import KINDS, Evaluation, best
+from locplan.simulation.predictors import CLEARANCE, Predictor
 from locplan.simulation.routes import Routes, Simulation
 from locplan.tables import table
+
+FEW_PLACES = 20
+"""Below, nothing is said of predictors."""
 
 
 def simulation_table(simulation: Simulation) -> str:
@@ -35,9 +38,14 @@ def simulation_table(simulation: Simulation) -> str:
         ["lost (> 1 m at any time)", *(_share(each.lost_rate) for each in drives.values())],
     ]
     if ratios:
-        rows.append(["RMSE over the first's", "", *map(_told, ratios.values())])
+        rows.append([f"RMSE over {next(iter(drives))}'s", "", *map(_told, ratios.values())])
     count = len(next(iter(drives.values())).errors)
-    return f"{table(['', *drives], rows)}\n{count} drives each; [95 % intervals]"
+    lidar = simulation.reality.sensor
+    return (
+        f"{table(['', *drives], rows)}\n{count} drives each, [95 % intervals]; lidar of"
+        f" {lidar.range:g} m, {lidar.field_of_view_deg:g} deg; AMCL of"
+        f" {simulation.amcl.min_particles}-{simulation.amcl.max_particles} particles"
+    )
 
 
 def routes_table(every: Sequence[Routes]) -> str:
@@ -78,11 +86,33 @@ def evaluation_table(evaluation: Evaluation) -> str:
     parts += [
         "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
         "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
+        *_verdicts(evaluation),
         table(
             ["map", "places", *(f"{kind} RMSE, 10/50/90 %" for kind in KINDS)], _sizes(evaluation)
         ),
     ]
     return "\n".join(parts)
+
+
+def _verdicts(evaluation: Evaluation) -> list[str]:
+    """Of each error, whether e ranks it better than chance, and what ranks it best."""
+    count = sum(len(each.points) for each in evaluation.places)
+    if count < FEW_PLACES:
+        return [f"{count} places are too few to tell: take at least {FEW_PLACES}"]
+    lines = []
+    for kind in KINDS:
+        default, simple = Predictor("sad", "e"), Predictor(CLEARANCE, "")
+        found = evaluation.ranks[default, kind].spearman
+        said = "better than chance" if found.low > 0 else "no better than chance"
+        if found.high < 0:
+            said = "WRONG WAY ROUND"
+        chosen, value = best(evaluation, kind)
+        other = evaluation.ranks[simple, kind].spearman.value
+        lines.append(
+            f"{kind}: the default field's e ranks {said} ({found.value:.2f}; {simple}"
+            f" {other:.2f}), best is {chosen} ({value.value:.2f})"
+        )
+    return lines
 
 
 def _sizes(evaluation: Evaluation) -> list[list[str]]:
@@ -103,7 +133,7 @@ def calibration_table(calibration: Calibration) -> str:
         ["maps", ", ".join(calibration.maps)],
         ["places", str(len(calibration.measured))],
         ["error", f"{calibration.error}, RMSE of the position"],
-        ["noise level k", _told(calibration.noise_level)],
+        ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*calibration.noise_level)],
     ]
     if calibration.fitted_tau:
         rows.append(["tau", f"{calibration.config.mismatch_scale:.3g} m²"])
@@ -113,16 +143,20 @@ def calibration_table(calibration: Calibration) -> str:
             f"{calibration.factor:.2f}; as it was {calibration.factor_before:.2f}",
         ],
         ["within a factor 2", f"{calibration.within_two:.0%} of the places"],
-        ["variance of ln error explained", f"{calibration.r_squared:.0%}"],
+        [
+            "variance of ln error explained",
+            f"{calibration.r_squared:.0%}" if calibration.useful else "none",
+        ],
         ["rank correlation", f"{calibration.spearman:.2f}"],
-        ["consistency (1 is right)", f"{calibration.consistency:.2f}"],
+        ["consistency, 1 if Σ fits", f"{calibration.consistency:.2f}"],
+        ["errors below the steps' own, Q", f"{calibration.floor_share:.0%} of the places"],
     ]
-    if calibration.floor_share > 0:
-        rows.append(["below what Q adds", f"{calibration.floor_share:.0%} of the places"])
-    text = table([], rows)
-    if calibration.r_squared < 0:
-        text += "\nSigma tells less of these errors than one value for all places would"
-    return text
+    verdict = (
+        "Σ follows the errors, within the factor above"
+        if calibration.useful
+        else "NOT IN METRES: Σ follows these errors less than one value for all places would"
+    )
+    return f"{table([], rows)}\n{verdict}"
 
 
 def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
@@ -135,7 +169,7 @@ def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
     """
     make_folder(folder)
     files = [folder / name for name in ("simulation.png", "simulation.json", "errors.csv")]
-    plotting.save_figure(pictures.simulation_figure(simulation), files[0])
+    plotting.save_figure(plotting.simulation_figure(simulation), files[0])
     _write_json(files[1], simulation.summary())
     profiles = ((name, each.profile()) for name, each in simulation.drives.items())
     _write_rows(files[2], ["path", *PROFILE], profiles)
@@ -143,7 +177,7 @@ def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
 
 
 def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
-    """Write simulation.json and a picture of each map.
+    """Write queries.json and a picture of each map.
 
     Raises
     ------
@@ -151,11 +185,11 @@ def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
         If the folder cannot be made or written.
     """
     make_folder(folder)
-    _write_json(folder / "simulation.json", routes_summary(every))
-    written = [folder / "simulation.json"]
+    _write_json(folder / "queries.json", routes_summary(every))
+    written = [folder / "queries.json"]
     for number, routes in enumerate(every, 1):
         file = folder / f"{number:02}-{_file_name(routes.grid.name or 'map')}.png"
-        plotting.save_figure(pictures.routes_figure(routes), file)
+        plotting.save_figure(plotting.queries_figure(routes), file)
         written.append(file)
     return written
 
@@ -170,7 +204,7 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
     """
     make_folder(folder)
     files = [folder / f"evaluation{suffix}" for suffix in (".png", ".json")]
-    plotting.save_figure(pictures.evaluation_figure(evaluation), files[0])
+    plotting.save_figure(plotting.evaluation_figure(evaluation), files[0])
     _write_json(files[1], evaluation.summary())
     rows = folder / "places.csv"
     _write_rows(rows, ["map", *evaluation.columns], evaluation.rows())
@@ -187,7 +221,7 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     """
     save_config(target, calibration.config, calibration=calibration.summary())
     picture = target.with_suffix(".png")
-    plotting.save_figure(pictures.calibration_figure(calibration), picture)
+    plotting.save_figure(plotting.calibration_figure(calibration), picture)
     return [target, picture]
 
 
@@ -227,7 +261,7 @@ def _share(interval: Interval) -> str:
 
 def _short(interval: Interval) -> str:
     value, low, high = (f"{v:.2f}".replace("0.", ".", 1) for v in interval)
-    return f"{value} [{low} {high}]"
+    return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
 
 
 def _told(interval: Interval, unit: str = "") -> str:

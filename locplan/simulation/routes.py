@@ -13,7 +13,7 @@ import numpy as np
 from locplan.about import about_costs
 from locplan.comparison.queries import Query
 from locplan.costmap import Costmap
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, LocplanError
 from locplan.grid import OccupancyGrid
 from locplan.intervals import Interval, of_geometric_mean, of_mean
 from locplan.path import Path
@@ -80,7 +80,7 @@ def simulate(
     grid : OccupancyGrid
         The map.
     paths : mapping of str to Path
-        By name, each within the free cells.
+        By name, each within the free cells; the others are compared with the first.
     amcl, reality : optional
         The filter, and what it is up against.
     drives : int
@@ -130,7 +130,12 @@ def _driven(
     progress: ProgressCallback | None,
 ) -> dict[str, Drives]:
     """Drives of each path, the n-th of all with the same random numbers."""
-    lines = {name: poses_along(path, simulator.grid) for name, path in paths.items()}
+    lines = {}
+    for name, path in paths.items():
+        try:
+            lines[name] = poses_along(path, simulator.grid)
+        except LocplanError as error:
+            raise LocplanError(f"path {name}: {error}") from None
     told = parts(progress, [drives] * len(lines))
     return {
         name: simulator.drive_along(poses, drives, stream=stream, progress=part)
@@ -205,7 +210,7 @@ class Routes:
             return "too few queries"
         if ratio.high < 1:
             return "helps"
-        return "harms" if ratio.low > 1 else "no clear change"
+        return "harms" if ratio.low > 1 else "unclear"
 
     def summary(self) -> dict[str, Any]:
         """In numbers, fit for JSON; pairs are of the shortest and of the aware path."""

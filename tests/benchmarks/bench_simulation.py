@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from locplan import Costmap, Path, environments
+from locplan import Path, environments
 from locplan._kernels import particles
 from locplan.simulation import Amcl, Reality, Simulator
 from locplan.simulation.motion import poses_along
@@ -27,7 +27,6 @@ def simulator():
 def ten_metres(simulator):
     path = Path(np.array([[13.0, 5.5], [23.0, 5.5]]))
     assert path.length == 10.0
-    assert np.isfinite(Costmap.blank(simulator.grid, robot_radius=0.25).density).any()
     return poses_along(path, simulator.grid)
 
 
