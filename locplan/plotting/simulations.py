@@ -17,18 +17,13 @@ from locplan.plotting.maps import END_STYLE, draw_ends, draw_map, draw_path, map
 from locplan.plotting.plans import PATH_STYLES
 from locplan.simulation.calibration import Calibration
 from locplan.simulation.drives import LOST, contrasts
-from locplan.simulation.evaluation import KINDS, Evaluation, best
-from locplan.simulation.places import ErrorKind
+from locplan.simulation.evaluation import KIND_LABELS, KINDS, Evaluation, best
 from locplan.simulation.predictors import Predictor
 from locplan.simulation.routes import Routes, Simulation
 
 ERROR_COLOURS = "viridis"
 LEAST_ERROR = 0.02
 """Below, errors are drawn alike [m]."""
-KIND_LABELS: dict[ErrorKind, str] = {
-    "tracking": "error of a particle filter, 10 m drives",
-    "match": "error of single-scan matches",
-}
 POOLED, WITHIN = "#0072b2", "#d55e00"
 MAP_MARKS = (
     ("#0072b2", "o"),
@@ -156,7 +151,11 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
                 axes.plot(interval[1:], [row + aside] * 2, color=colour, linewidth=1.5)
                 axes.plot(interval.value, row + aside, "o", color=colour, markerfacecolor=fill)
         axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-        axes.set(xlim=(-1.1, 1.1), xlabel="Spearman's rank correlation, 95 %")
+        axes.set(
+            xlim=(-1.1, 1.1),
+            xticks=(-1, -0.5, 0, 0.5, 1),
+            xlabel="Spearman's rank correlation, 95 %",
+        )
         axes.set_title(KIND_LABELS[kind], fontsize="medium")
         axes.grid(axis="y", color="0.92")
         axes.set_yticks(rows, [_label(predictor) for predictor in predictors])

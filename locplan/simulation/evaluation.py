@@ -22,6 +22,10 @@ from locplan.simulation.settings import Amcl, Reality, check_whole
 from locplan.tables import finite
 
 KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
+KIND_LABELS: dict[ErrorKind, str] = {
+    "tracking": "error of a particle filter, 10 m drives",
+    "match": "error of single-scan matches",
+}
 
 
 @dataclass(frozen=True, eq=False)

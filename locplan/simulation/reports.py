@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan import __version__, plotting
+from locplan import __version__
 from locplan.config_files import save_config
 from locplan.files import make_folder, replacing
 from locplan.intervals import Interval
-from locplan.plotting.simulations import KIND_LABELS
 from locplan.simulation.calibration import Calibration
 from locplan.simulation.drives import PROFILE, contrasts
-from locplan.simulation.evaluation import KINDS, Evaluation, best
+from locplan.simulation.evaluation import KIND_LABELS, KINDS, Evaluation, best
 from locplan.simulation.predictors import CLEARANCE, Predictor
 from locplan.simulation.routes import Routes, Simulation
 from locplan.tables import table
@@ -109,8 +108,8 @@ def _verdicts(evaluation: Evaluation) -> list[str]:
         chosen, value = best(evaluation, kind)
         other = evaluation.ranks[simple, kind].spearman.value
         lines.append(
-            f"{kind}: the default field's e ranks {said} ({found.value:.2f}; {simple}"
-            f" {other:.2f}), best is {chosen} ({value.value:.2f})"
+            f"{kind}: the default field's e {_plain(found.value)}, {said};"
+            f" best {chosen} {_plain(value.value)}; {simple} {_plain(other)}"
         )
     return lines
 
@@ -167,6 +166,8 @@ def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
     LocplanError
         If the folder cannot be made or written.
     """
+    from locplan import plotting
+
     make_folder(folder)
     files = [folder / name for name in ("simulation.png", "simulation.json", "errors.csv")]
     plotting.save_figure(plotting.simulation_figure(simulation), files[0])
@@ -184,6 +185,8 @@ def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
     LocplanError
         If the folder cannot be made or written.
     """
+    from locplan import plotting
+
     make_folder(folder)
     _write_json(folder / "queries.json", routes_summary(every))
     written = [folder / "queries.json"]
@@ -202,6 +205,8 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
     LocplanError
         If the folder cannot be made or written.
     """
+    from locplan import plotting
+
     make_folder(folder)
     files = [folder / f"evaluation{suffix}" for suffix in (".png", ".json")]
     plotting.save_figure(plotting.evaluation_figure(evaluation), files[0])
@@ -219,6 +224,8 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     LocplanError
         If a file cannot be written.
     """
+    from locplan import plotting
+
     save_config(target, calibration.config, calibration=calibration.summary())
     picture = target.with_suffix(".png")
     plotting.save_figure(plotting.calibration_figure(calibration), picture)
@@ -259,8 +266,12 @@ def _share(interval: Interval) -> str:
     return f"{interval.value:.0%} [{interval.low:.0%}, {interval.high:.0%}]"
 
 
+def _plain(value: float) -> str:
+    return f"{value:.2f}".replace("0.", ".", 1)
+
+
 def _short(interval: Interval) -> str:
-    value, low, high = (f"{v:.2f}".replace("0.", ".", 1) for v in interval)
+    value, low, high = map(_plain, interval)
     return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
 
 
