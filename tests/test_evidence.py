@@ -344,6 +344,11 @@ def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     about = json.loads((tmp_path / "out" / "queries.json").read_text())
     first = about["maps"][0]
     assert len(first["queries"]) == 5
+    with (tmp_path / "out" / "queries.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["map"] for row in rows] == ["corridors"] * 5 + ["b"] * 5
+    one = first["queries"][0]["paths"]["shortest"]
+    assert float(rows[0]["rmse_shortest_m"]) == pytest.approx(one["rmse_m"][0])
     ratios = [
         q["paths"]["localizability-aware"]["rmse_m"][0] / q["paths"]["shortest"]["rmse_m"][0]
         for q in first["queries"]

@@ -190,6 +190,14 @@ def test_results_depend_on_the_seed_and_on_nothing_else(two_corridors, in_room):
     assert not (first == another).any(axis=(1, 2)).any()
 
 
+def test_paths_may_be_arrays(two_corridors, in_room):
+    one, other = (
+        simulate(two_corridors, {"a": path}, drives=2).drives["a"].errors
+        for path in (in_room, in_room.xy.tolist())
+    )
+    assert (one == other).all()
+
+
 def test_worlds_differ_from_the_map_and_from_each_other(two_corridors):
     simulator = Simulator(two_corridors, reality=Reality(worlds=3))
     stops = [world[0, 1:-1, 1:-1] == 0 for world in simulator.worlds]

@@ -126,6 +126,8 @@ def queries_figure(routes: Routes) -> Figure:
         xlabel="lost on the shortest path, share of drives",
         ylabel="lost on the aware path",
     )
+    for number, xy in enumerate(rmse, 1):
+        left.annotate(str(number), xy, (4, 4), textcoords="offset points", fontsize="x-small")
     figure.suptitle(
         f"{routes.grid.name or 'map'}, {len(routes.routes)} queries: {routes.verdict}\n"
         f"aware over shortest: RMSE {_told(routes.rmse_ratio)},"

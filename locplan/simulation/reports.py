@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan.config_files import save_config
@@ -19,7 +18,7 @@ from locplan.simulation.calibration import Calibration
 from locplan.simulation.drives import PROFILE, contrasts
 from locplan.simulation.evaluation import KIND_LABELS, KINDS, Evaluation, best
 from locplan.simulation.predictors import CLEARANCE, Predictor
-from locplan.simulation.routes import Routes, Simulation
+from locplan.simulation.routes import COLUMNS, Routes, Simulation
 from locplan.tables import table
 
 FEW_PLACES = 20
@@ -172,13 +171,13 @@ def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
     files = [folder / name for name in ("simulation.png", "simulation.json", "errors.csv")]
     plotting.save_figure(plotting.simulation_figure(simulation), files[0])
     _write_json(files[1], simulation.summary())
-    profiles = ((name, each.profile()) for name, each in simulation.drives.items())
-    _write_rows(files[2], ["path", *PROFILE], profiles)
+    rows = ([name, *row] for name, each in simulation.drives.items() for row in each.profile())
+    _write_rows(files[2], ["path", *PROFILE], rows)
     return files
 
 
 def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
-    """Write queries.json and a picture of each map.
+    """Write queries.json, queries.csv, and a picture of each map.
 
     Raises
     ------
@@ -189,7 +188,10 @@ def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
 
     make_folder(folder)
     _write_json(folder / "queries.json", routes_summary(every))
-    written = [folder / "queries.json"]
+    table_file = folder / "queries.csv"
+    rows = ([routes.grid.name, *row] for routes in every for row in routes.rows())
+    _write_rows(table_file, ["map", *COLUMNS], rows)
+    written = [folder / "queries.json", table_file]
     for number, routes in enumerate(every, 1):
         file = folder / f"{number:02}-{_file_name(routes.grid.name or 'map')}.png"
         plotting.save_figure(plotting.queries_figure(routes), file)
@@ -212,7 +214,8 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
     plotting.save_figure(plotting.evaluation_figure(evaluation), files[0])
     _write_json(files[1], evaluation.summary())
     rows = folder / "places.csv"
-    _write_rows(rows, ["map", *evaluation.columns], evaluation.rows())
+    each = ([name, *row] for name, values in evaluation.rows() for row in values)
+    _write_rows(rows, ["map", *evaluation.columns], each)
     return [*files, rows]
 
 
@@ -243,15 +246,14 @@ def _write_json(file: Path, about: Mapping[str, Any]) -> None:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def _write_rows(
-    target: Path, columns: Sequence[str], groups: Iterable[tuple[str, NDArray[np.float64]]]
-) -> None:
-    """Rows of numbers, those of each group with its name before them."""
+def _write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Rows of names and numbers, whole or not at all."""
     with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        for name, rows in groups:
-            writer.writerows([name, *(f"{value:.9g}" for value in row)] for row in rows)
+        writer.writerows(
+            [value if isinstance(value, str) else f"{value:.9g}" for value in row] for row in rows
+        )
 
 
 def _file_name(name: str) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from locplan.about import about_costs
 from locplan.comparison.queries import Query
@@ -61,7 +62,7 @@ class Simulation:
 
 def simulate(
     grid: OccupancyGrid,
-    paths: Mapping[str, Path],
+    paths: Mapping[str, Path | ArrayLike],
     *,
     amcl: Amcl | None = None,
     reality: Reality | None = None,
@@ -79,8 +80,9 @@ def simulate(
     ----------
     grid : OccupancyGrid
         The map.
-    paths : mapping of str to Path
-        By name, each within the free cells; the others are compared with the first.
+    paths : mapping of str to Path, or to (n, 2) array
+        By name, each within the free cells; the others are compared with the first. Arrays are
+        positions in the world [m].
     amcl, reality : optional
         The filter, and what it is up against.
     drives : int
@@ -116,9 +118,13 @@ def simulate(
     if not paths:
         raise ConfigError("there must be at least one path to drive")
     simulator = Simulator(grid, amcl, reality, seed=seed, threads=threads)
-    driven = _driven(simulator, paths, drives, 0, progress)
+    routes = {
+        name: path if isinstance(path, Path) else Path(np.asarray(path))
+        for name, path in paths.items()
+    }
+    driven = _driven(simulator, routes, drives, 0, progress)
     return Simulation(
-        grid, paths, driven, simulator.amcl, simulator.reality, seed, dict(made_of or {})
+        grid, routes, driven, simulator.amcl, simulator.reality, seed, dict(made_of or {})
     )
 
 
@@ -162,6 +168,22 @@ class Route:
     """Share of the drives of each that were lost at any time."""
     summary: Mapping[str, Any]
     """Of each path's drives, fit for JSON."""
+
+
+COLUMNS = (
+    "query",
+    "start_x_m",
+    "start_y_m",
+    "goal_x_m",
+    "goal_y_m",
+    "length_shortest_m",
+    "length_aware_m",
+    "rmse_shortest_m",
+    "rmse_aware_m",
+    "lost_shortest",
+    "lost_aware",
+)
+"""Of `Routes.rows`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +233,20 @@ class Routes:
         if ratio.high < 1:
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
+
+    def rows(self) -> list[list[Any]]:
+        """A row for each query, by the names of `COLUMNS`."""
+        return [
+            [
+                each.query.name,
+                *each.query.start[:2],
+                *each.query.goal[:2],
+                *each.lengths,
+                *each.rmse,
+                *each.lost,
+            ]
+            for each in self.routes
+        ]
 
     def summary(self) -> dict[str, Any]:
         """In numbers, fit for JSON; pairs are of the shortest and of the aware path."""
