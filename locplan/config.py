@@ -124,10 +124,7 @@ class FieldConfig:
                 f"rotation_window_deg must lie in 0..180 deg, not {self.rotation_window_deg!r}"
             )
         self._keep("rotation_window_deg", float(self.rotation_window_deg))
-        for half, step in (
-            ("window", "step"),
-            ("rotation_window_deg", "rotation_step_deg"),
-        ):
+        for half, step in (("window", "step"), ("rotation_window_deg", "rotation_step_deg")):
             if getattr(self, half) > MOST_STEPS * getattr(self, step):
                 raise ConfigError(f"{half} must be at most {MOST_STEPS} times {step}")
         if 0 < self.rotation_window_deg < self.rotation_step_deg:

@@ -489,6 +489,7 @@ def test_configs_come_back_from_their_files(tmp_path):
         ("[1]", "must hold settings of a field"),
         ('{"config": {"tua": 1}}', "no setting of a field is called 'tua'"),
         ('{"config": {"tau": -1}}', "tau must be a positive number"),
+        ('{"window": 1e9}', "window must be at most 1000 times step"),
         ('{"estimator": "scan", "sensor": {"reach": 3}}', "reach"),
     ],
 )

@@ -182,7 +182,8 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
             style: dict[str, Any] = {"color": colour, "ms": 4, "alpha": 0.6}
             axes.plot(np.abs(values[predictor]), error, mark, label=places.grid.name, **style)
         unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
-        axes.set(xscale="log", xlabel=f"{predictor} [{unit}]" if unit else str(predictor))
+        axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
+        _logarithmic(axes.xaxis)
         axes.set_title("default" if predictor == examples[0] else "best", fontsize="medium")
         _logarithmic(axes.yaxis)
     if few:

@@ -35,7 +35,10 @@ LEAST_VARIANCE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A field's noise level, and tau, that fit the errors, and how well they do."""
+    """A field's noise level, and tau, that fit the errors, and how well they do.
+
+    How well is measured at the places that they were fitted to.
+    """
 
     config: FieldConfig
     """With `noise_level`, and `tau` where it was fitted."""

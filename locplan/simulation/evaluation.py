@@ -109,8 +109,8 @@ class Evaluation:
                 for kind in KINDS
                 for each in (places.position_rmse(kind), places.heading_rmse(kind))
             ]
-            counts = [np.abs(each) for each in found.values()]
-            yield places.grid.name, np.column_stack([places.xy, *errors, *counts])
+            said = [np.abs(each) for each in found.values()]  # a count that predicts is negated
+            yield places.grid.name, np.column_stack([places.xy, *errors, *said])
 
     @property
     def columns(self) -> list[str]:
