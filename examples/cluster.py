@@ -14,7 +14,7 @@ import locplan
 
 
 def main(folder: str = "cluster") -> None:
-    grid = locplan.environments.make("places", resolution=0.1)
+    grid = locplan.maps.environments.make("places", resolution=0.1)
     # On machines of your own: Client("tcp://HOST:8786"), with locplan installed on the workers.
     with LocalCluster(n_workers=2, dashboard_address=":0") as cluster, Client(cluster) as client:
         field = locplan.load_or_compute(grid, executor=client.get_executor())

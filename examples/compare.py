@@ -12,7 +12,7 @@ import locplan
 
 def main(folder: str = "comparison", seconds: float = 1.0, *maps: str) -> None:
     result = locplan.compare(
-        maps or [locplan.environments.make("two_corridors", resolution=0.1)],
+        maps or [locplan.maps.environments.make("two_corridors", resolution=0.1)],
         ["grid", "any-angle", "InformedRRTstar", "BITstar", "RRTConnect"],
         queries=6,
         least_distance=15.0,

@@ -14,9 +14,9 @@ import locplan
 
 def main(folder: str = "estimators", *maps: str) -> None:
     grids = [locplan.load_map(path) for path in maps] or [
-        locplan.environments.make(name, resolution=0.1) for name in ("places", "warehouse")
+        locplan.maps.environments.make(name, resolution=0.1) for name in ("places", "warehouse")
     ]
-    lidar = locplan.Sensor(range=30.0)
+    lidar = locplan.Lidar(range=30.0)
     configs = {
         "sad, 6 m": locplan.FieldConfig(),
         "fisher, 30 m": locplan.FieldConfig(estimator="fisher", sensor=lidar),

@@ -10,16 +10,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import locplan
-from locplan.comparison import random_queries
-from locplan.intervals import Interval
-from locplan.simulation import Amcl, Evaluation, Routes, evaluate, reports, simulate_queries
+from locplan._util.intervals import Interval
+from locplan.planners import random_queries
+from locplan.simulation import Amcl, Evaluation, Routes, evaluate, simulate_queries
+from locplan.simulation import _reports as reports
 
 FILTERS = {
     "Nav2's defaults": Amcl(),
     "beams multiplied": Amcl(laser_model_type="likelihood_field_prob"),
 }
 OWN = Path(__file__).resolve().parent.parent / "maps"
-LEAST_DISTANCE = 8.0
+MIN_DISTANCE = 8.0
 RADIUS = 0.25
 
 
@@ -49,7 +50,7 @@ def main(
 def driven(grid: locplan.OccupancyGrid, amcl: Amcl, queries: int, drives: int) -> Routes:
     field = locplan.load_or_compute(grid)
     costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=RADIUS)
-    chosen = random_queries(costs, queries, 1, least_distance=LEAST_DISTANCE)
+    chosen = random_queries(costs, queries, 1, least_distance=MIN_DISTANCE)
     return simulate_queries(costs, chosen, amcl=amcl, drives=drives)
 
 

@@ -13,7 +13,9 @@ from locplan import export
 
 
 def main(folder: str = "navigation", map_file: str | None = None) -> None:
-    grid = locplan.load_map(map_file) if map_file else locplan.environments.make("two_corridors")
+    grid = (
+        locplan.load_map(map_file) if map_file else locplan.maps.environments.make("two_corridors")
+    )
     field = locplan.load_or_compute(grid, locplan.FieldConfig())
     costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
     target = Path(folder)

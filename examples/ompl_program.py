@@ -11,13 +11,13 @@ from pathlib import Path
 from ompl import base, geometric, tools, util
 
 import locplan
-from locplan.planners import sampling
+from locplan.planners import ompl as sampling
 
 
 def main(folder: str = "ompl_program") -> None:
     util.setLogLevel(util.LogLevel.LOG_WARN)
-    grid = locplan.environments.make("two_corridors", resolution=0.1)
-    ends = locplan.environments.landmarks("two_corridors")
+    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    ends = locplan.maps.environments.landmarks("two_corridors")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
     costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
     motions = sampling.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car

@@ -14,8 +14,8 @@ import locplan
 
 
 def main(folder: str = "own_cost") -> None:
-    grid = locplan.environments.make("office", resolution=0.1)
-    ends = locplan.environments.landmarks("office")
+    grid = locplan.maps.environments.make("office", resolution=0.1)
+    ends = locplan.maps.environments.landmarks("office")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
     aware = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
     near_walls = np.clip(1.0 - grid.clearance / 0.8, 0.0, 1.0)

@@ -60,7 +60,7 @@ def figures(
     yield (
         "figs_04-11_models.png",
         "Figs. 4-11: the seven models in one dimension. Templates of 6 m x 6 m slide by 9 m.",
-        plotting.slides_figure(paper.one_dimensional()),
+        paper.slides_figure(paper.one_dimensional()),
     )
     window = locplan.SearchWindow.from_config(FieldConfig(), maps["places"].resolution)
     for place in paper.PLACES:
@@ -68,7 +68,7 @@ def figures(
         yield (
             f"figs_18-28_{place}.png",
             f"Figs. 18-28: correlation at {place} over x-y, x-θ and y-θ; 0 is a perfect match.",
-            plotting.distribution_figure({title_of(place): mismatch}, window),
+            paper.distribution_figure({title_of(place): mismatch}, window),
         )
     for preset in presets:
         for name, grid in maps.items():
@@ -91,7 +91,7 @@ def figures(
 
 
 def title_of(place: str) -> str:
-    x, y = locplan.environments.landmarks(paper.PLACES[place])[place]
+    x, y = locplan.maps.environments.landmarks(paper.PLACES[place])[place]
     return f"{place}, at {x:g}, {y:g} m of {paper.PLACES[place]}, range 6 m"
 
 
@@ -102,7 +102,7 @@ def labelled(figure: Figure, name: str) -> Figure:
             if where == name and axes.get_xlabel() == "x [m]":
                 axes.annotate(
                     place,
-                    locplan.environments.landmarks(name)[place],
+                    locplan.maps.environments.landmarks(name)[place],
                     (0, 9),
                     textcoords="offset points",
                     ha="center",

@@ -23,7 +23,9 @@ def main(folder: str = "two_corridors") -> None:
         plans[f"weight {weight:g}"] = locplan.plan(costs.with_weight(weight), start, goal)
     for label, plan in plans.items():
         metrics = plan.metrics
-        print(f"{label:>10}: {metrics.length:5.1f} m long, {metrics.integrated_u:4.1f} m blind")
+        print(
+            f"{label:>10}: {metrics.length:5.1f} m long, {metrics.integrated_u:4.1f} m degenerate"
+        )
 
     picture = Path(folder) / "plan.png"
     picture.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from locplan.cli import main
-from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from locplan.comparison.runs import Run, Task
+from locplan.comparison._runs import Run, Task
 
 
 def made_up(
@@ -28,7 +28,7 @@ def made_up(
 
 def solved(task: Task, cost: float, anytime: bool = False, **measures) -> Run:
     values = {"cost": cost, "length": 0.8 * cost, "integrated_u": 0.05 * cost, "turning": 0.0}
-    values |= {"degraded_share": 0.2, "clearance": 0.3, **measures}
+    values |= {"degenerate_share": 0.2, "clearance": 0.3, **measures}
     seconds = 2.0 if anytime else 0.03
     history = ((0.1, 1.5 * cost), (0.5, 1.2 * cost), (1.0, cost)) if anytime else ()
     return Run(task, "solved", seconds, seconds + 0.1, values, history)

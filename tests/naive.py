@@ -732,7 +732,7 @@ def bins_of(poses):
     ]
 
 
-def likeliest(poses):
+def heaviest_cluster_mean(poses):
     """Mean of the largest group of particles whose bins touch."""
     bins = bins_of(poses)
     left, groups = set(bins), []
@@ -749,7 +749,7 @@ def likeliest(poses):
     return x.mean(), y.mean(), math.atan2(np.sin(heading).mean(), np.cos(heading).mean())
 
 
-def wanted_particles(bins, amcl):
+def kld_sample_size(bins, amcl):
     """Fox's bound on the number of particles, with AMCL's limits."""
     if bins <= 1:
         return amcl.max_particles
@@ -766,17 +766,17 @@ def resample(random, poses, weights, amcl):
         at = random.random() * shares[-1]
         drawn.append(poses[:, next(n for n, share in enumerate(shares) if share > at)])
         bins |= set(bins_of(drawn[-1][:, None]))
-        if len(drawn) > wanted_particles(len(bins), amcl):
+        if len(drawn) > kld_sample_size(len(bins), amcl):
             break
     return np.array(drawn).T
 
 
-def measured_ends(random, cells, resolution, pose, sensor, angles, reality):
+def measured_ends(random, cells, resolution, pose, sensor, angles, disturbances):
     """Ends of a real scan's beams, ahead and left of the robot [cells]."""
     row, col, heading = pose
     lever_x = (math.cos(heading) * sensor.mount_x - math.sin(heading) * sensor.mount_y) / resolution
     lever_y = (math.sin(heading) * sensor.mount_x + math.cos(heading) * sensor.mount_y) / resolution
-    occluded = random.random() < reality.occlusion
+    occluded = random.random() < disturbances.occlusion
     middle = angles[0] + random.random() * (angles[-1] - angles[0])
     before = (0.5 + 1.5 * random.random()) / resolution
     ends = []
@@ -787,9 +787,12 @@ def measured_ends(random, cells, resolution, pose, sensor, angles, reality):
             cells, row + lever_y, col + lever_x, heading + bearing, sensor.range / resolution
         )
         at += noise * sensor.range_sigma / resolution
-        if chance < reality.outliers:
-            at = chance / reality.outliers * sensor.range / resolution
-        if occluded and abs(wrapped(angle - middle)) <= math.radians(reality.occlusion_deg) / 2:
+        if chance < disturbances.outliers:
+            at = chance / disturbances.outliers * sensor.range / resolution
+        if (
+            occluded
+            and abs(wrapped(angle - middle)) <= math.radians(disturbances.occlusion_deg) / 2
+        ):
             at = min(at, before) if at == at else before
         ahead = sensor.mount_x / resolution + at * math.cos(bearing)
         left = sensor.mount_y / resolution + at * math.sin(bearing)
@@ -810,20 +813,22 @@ def middle_of_hit(cells, row, col, bearing, reach):
     return (entry + leave) / 2
 
 
-def odometry_along(random, truth, reality):
+def odometry_along(random, truth, disturbances):
     """What odometry makes of a drive."""
-    scale = 1 + reality.distance_bias * random.standard_normal()
-    bend = math.radians(reality.heading_bias_deg) * random.standard_normal()
-    turn_scale = 1 + reality.turn_bias * random.standard_normal()
+    scale = 1 + disturbances.distance_bias * random.standard_normal()
+    bend = math.radians(disturbances.heading_bias_deg) * random.standard_normal()
+    turn_scale = 1 + disturbances.turn_bias * random.standard_normal()
     told = [truth[0]]
     for before, after in itertools.pairwise(truth):
         way = math.dist(before[:2], after[:2])
         turn = wrapped(after[2] - before[2])
         aside = math.atan2(after[1] - before[1], after[0] - before[0]) - before[2] if way else 0.0
-        own_way = scale * way + reality.distance_drift * math.sqrt(way) * random.standard_normal()
+        own_way = (
+            scale * way + disturbances.distance_drift * math.sqrt(way) * random.standard_normal()
+        )
         spread = math.hypot(
-            math.radians(reality.heading_drift_deg) * math.sqrt(way),
-            math.radians(reality.turn_drift_deg) * math.sqrt(abs(turn)),
+            math.radians(disturbances.heading_drift_deg) * math.sqrt(way),
+            math.radians(disturbances.turn_drift_deg) * math.sqrt(abs(turn)),
         )
         x, y, heading = told[-1]
         own_turn = turn_scale * turn + bend * way + random.standard_normal() * spread
@@ -837,18 +842,22 @@ def odometry_along(random, truth, reality):
     return np.array(told)
 
 
-def drive(random, truth, cells, world, resolution, sensor, angles, amcl, reality):
+def drive(random, truth, cells, world, resolution, sensor, angles, amcl, disturbances):
     """How far AMCL's pose is off along a drive, (n, 3)."""
-    told = odometry_along(random, truth, reality)
+    told = odometry_along(random, truth, disturbances)
     spread = np.array(
-        [reality.start_sigma, reality.start_sigma, math.radians(reality.start_sigma_deg)]
+        [
+            disturbances.start_sigma,
+            disturbances.start_sigma,
+            math.radians(disturbances.start_sigma_deg),
+        ]
     )
     guess = truth[0] + spread * random.standard_normal(3)
     poses = np.array(
         [guess + spread * random.standard_normal(3) for _ in range(amcl.max_particles)]
     ).T
     weights = np.full(poses.shape[1], 1 / poses.shape[1])
-    pose, at, last, updates, errors = likeliest(poses), 0, 0, 0, []
+    pose, at, last, updates, errors = heaviest_cluster_mean(poses), 0, 0, 0, []
     for n, true in enumerate(truth):
         dx, dy, _ = told[n] - told[last]
         turn = wrapped(told[n][2] - told[last][2])
@@ -857,13 +866,13 @@ def drive(random, truth, cells, world, resolution, sensor, angles, amcl, reality
             poses = move(random, poses, dx, dy, turn, told[last][2], amcl)
         if far or n == 0:
             sensed = true[1] / resolution, true[0] / resolution, true[2]
-            ends = measured_ends(random, world, resolution, sensed, sensor, angles, reality)
+            ends = measured_ends(random, world, resolution, sensed, sensor, angles, disturbances)
             weights = weigh(cells, resolution, ends, poses, weights, amcl, sensor.range)
             last, updates = n, updates + 1
             if updates % amcl.resample_interval == 0:
                 poses = resample(random, poses, weights, amcl)
                 weights = np.full(poses.shape[1], 1 / poses.shape[1])
-                pose, at = likeliest(poses), n
+                pose, at = heaviest_cluster_mean(poses), n
         turned = pose[2] - told[at][2]
         x, y, heading = told[n] - told[at]
         errors.append(

@@ -10,12 +10,11 @@ from test_planners import costs_from, random_density
 from locplan._kernels import any_angle as kernels
 from locplan._kernels.rays import segment_cost
 from locplan._kernels.search import bordered_half
-from locplan.costmap import Costmap
+from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
-from locplan.grid import FREE, OccupancyGrid
-from locplan.metrics import path_metrics
-from locplan.path import Path
-from locplan.planners import any_angle, plan
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import _any_angle as any_angle
+from locplan.planners import plan
 
 
 def smooth_density(shape, seed, *, blocks=10):

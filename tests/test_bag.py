@@ -9,14 +9,12 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from locplan.config import FieldConfig
-from locplan.covariance import position_axes, scalar
+from locplan.costs import Path
 from locplan.errors import LocplanError
 from locplan.export import bag
-from locplan.export.cdr import schema
-from locplan.field import CovarianceField, covariance_field
-from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.path import Path
+from locplan.export._cdr import schema
+from locplan.field import CovarianceField, FieldConfig, covariance_field, position_axes, scalar
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 TOPICS = ("nav_msgs/OccupancyGrid", "nav_msgs/Path", "grid_map_msgs/GridMap")
 TOPICS += ("visualization_msgs/MarkerArray", "foxglove_msgs/Grid")

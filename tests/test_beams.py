@@ -9,7 +9,7 @@ import pytest
 from locplan._kernels.information import DONE, STOP, information
 from locplan._kernels.lidar import FRACTION, Lidar
 from locplan._kernels.rays import cast, empty_squares
-from locplan.surfaces import surface_normals
+from locplan.field._surfaces import surface_normals
 
 FULL_CIRCLE = 2 * np.pi * np.arange(360) / 360
 FAR = 1e6

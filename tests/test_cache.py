@@ -4,10 +4,11 @@ import time
 import pytest
 from conftest import random_rooms
 
-from locplan import cache, store
-from locplan.config import FieldConfig
 from locplan.errors import ConfigError, LocplanError
-from locplan.grid import OccupancyGrid
+from locplan.field import FieldConfig
+from locplan.field import _cache as cache
+from locplan.field import _store as store
+from locplan.maps import OccupancyGrid
 
 QUICK = FieldConfig(sensor_range=0.6, window=0.4)
 

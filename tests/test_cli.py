@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from conftest import SHARED_DATA, drawn, refused
 
-from locplan import CovarianceField, environments, load_map, save_map
+from locplan import CovarianceField, load_map, save_map
+from locplan.maps import environments
 
 
 @pytest.fixture
@@ -82,7 +83,7 @@ def test_interrupting_says_so(run, room, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("locplan.estimators.sad.covariances", interrupt)
+    monkeypatch.setattr("locplan.field.estimators._sad.covariances", interrupt)
     code, _, err = run("field", room, "--stride", "0.77")
     assert code == 130
     assert err == "locplan: interrupted\n"
@@ -256,7 +257,7 @@ def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
 
 
 def test_a_scheduler_that_is_none_is_refused(run, room, monkeypatch):
-    monkeypatch.setattr("locplan.cluster.PATIENCE", 1.0)
+    monkeypatch.setattr("locplan.field._cluster.PATIENCE", 1.0)
     assert "does not answer" in refused(run("field", room, "--scheduler", "tcp://127.0.0.1:9"))
 
 
@@ -479,7 +480,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
 )
 def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("locplan.store.load_or_compute", None)  # would end in a traceback
+    monkeypatch.setattr("locplan.field._store.load_or_compute", None)  # would end in a traceback
     assert message in refused(run("export", room, *arguments))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["room.pgm", "room.yaml"]
 

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan import cluster, load_map, save_map, store
+from locplan import load_map, save_map
 from locplan.cli import main
-from locplan.config import FieldConfig
 from locplan.errors import FieldError, LocplanError
-from locplan.field import CovarianceField, covariance_field
-from locplan.grid import OccupancyGrid
+from locplan.field import CovarianceField, FieldConfig, covariance_field
+from locplan.field import _cluster as cluster
+from locplan.field import _store as store
+from locplan.maps import OccupancyGrid
 
 distributed = pytest.importorskip("distributed", reason="the extra locplan[dask] is not installed")
 pytestmark = pytest.mark.filterwarnings("default")  # of dask's own shutting down
@@ -44,7 +45,7 @@ def grid() -> OccupancyGrid:
 
 
 def test_a_cluster_gives_the_same_field(scheduler, grid, monkeypatch):
-    monkeypatch.setattr("locplan.tiles.TILE", 16)
+    monkeypatch.setattr("locplan.field._tiles.TILE", 16)
     expected = covariance_field(grid, CONFIG)
     with cluster.executor_of(scheduler.scheduler_address) as executor:
         field = covariance_field(grid, CONFIG, executor=executor)
@@ -52,7 +53,7 @@ def test_a_cluster_gives_the_same_field(scheduler, grid, monkeypatch):
 
 
 def test_a_worker_killed_mid_run_costs_nothing_but_time(scheduler, grid, tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan.tiles.TILE", 8)
+    monkeypatch.setattr("locplan.field._tiles.TILE", 8)
     expected = covariance_field(grid, CONFIG)
     killed = []
 
@@ -87,7 +88,7 @@ def test_commands_compute_on_a_cluster(scheduler, grid, tmp_path, monkeypatch, c
     arguments = "field", tmp_path / "rooms.yaml", "--range", "1", "-o", tmp_path / "f.zarr"
     address = "--scheduler", scheduler.scheduler_address
     monkeypatch.setattr("sys.argv", ["locplan", *map(str, arguments + address)])
-    monkeypatch.setattr("locplan.tiles.ThreadPoolExecutor", None)  # not here
+    monkeypatch.setattr("locplan.field._tiles.ThreadPoolExecutor", None)  # not here
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 0, capsys.readouterr().err
@@ -99,7 +100,7 @@ def test_commands_compute_on_a_cluster(scheduler, grid, tmp_path, monkeypatch, c
 
 def test_workers_with_another_engine_are_refused(grid, monkeypatch):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        monkeypatch.setattr("locplan.tiles.ENGINE", 99)
+        monkeypatch.setattr("locplan.field._tiles.ENGINE", 99)
         with pytest.raises(FieldError, match="another locplan"):
             covariance_field(grid, CONFIG, executor=executor)
 

@@ -11,12 +11,13 @@ from conftest import random_rooms
 
 import locplan
 from locplan import save_map
-from locplan.comparison import PlannerSpec, Query
-from locplan.comparison.cases import named_configs
-from locplan.config import FieldConfig
-from locplan.costmap import Costmap
+from locplan.comparison import PlannerSpec
+from locplan.comparison._cases import named_configs
+from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.grid import FREE, OccupancyGrid
+from locplan.field import FieldConfig
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import Query
 
 QUICK = FieldConfig(sensor_range=1.0, stride=0.4)
 
@@ -71,7 +72,7 @@ def test_any_angle_is_the_baseline_and_grid_is_dearer(compared):
     ]
     assert len(costs) == 8  # two maps, two ranges, two weights
     assert all(contrast.estimate.value > 1 for contrast in costs)
-    assert all("dearer than any-angle" in contrast.sentence for contrast in costs)
+    assert all("costlier than any-angle" in contrast.sentence for contrast in costs)
     assert set(compared.answers()) == {"one", "two"}
     answer = compared.answers()["one"]
     assert "At weight 4, 1 m: grid: " in answer

@@ -4,9 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from locplan.config import FieldConfig
 from locplan.errors import ConfigError
-from locplan.search_window import SearchWindow
+from locplan.field import FieldConfig, SearchWindow
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,10 @@ import pytest
 from conftest import corridor, drawn
 
 from locplan._kernels import rays
-from locplan.config import FieldConfig
-from locplan.costmap import Costmap
+from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.errors import ConfigError, FieldError, PoseError
-from locplan.field import covariance_field
-from locplan.grid import FREE, OccupancyGrid
-from locplan.metrics import path_metrics, profile
-from locplan.path import Path
+from locplan.field import FieldConfig, covariance_field
+from locplan.maps import FREE, OccupancyGrid
 
 
 @pytest.fixture(scope="module")
@@ -202,8 +199,8 @@ def test_metrics_are_the_integrals_of_the_layers():
     assert metrics.mean_e == pytest.approx(metrics.integrated_e / 1.5)
     assert metrics.integrated_u == pytest.approx(0.5 * 0.6 + 0.5 * 0.7 + 0.25 * 0.1)
     assert metrics.max_e == 0.4
-    assert metrics.degraded_share == pytest.approx(1.0 / 1.5)
-    assert metrics.longest_degraded == pytest.approx(1.0)
+    assert metrics.degenerate_share == pytest.approx(1.0 / 1.5)
+    assert metrics.longest_degenerate == pytest.approx(1.0)
     assert metrics.clearance == np.inf
 
 

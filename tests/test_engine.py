@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from locplan.comparison.engine import Job, run_all
-from locplan.comparison.queries import Query
-from locplan.comparison.specs import PlannerSpec
-from locplan.comparison.workers import Workers
-from locplan.costmap import Costmap
+from locplan.comparison._engine import Job, run_all
+from locplan.comparison._specs import PlannerSpec
+from locplan.comparison._workers import Workers
+from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.grid import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import plan
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners import Query, plan
 
 HERE = Path(__file__).parent
 ERRORS = ("fail", "refuse", "depart", "boast", "trespass", "stray", "print_something")
@@ -366,7 +365,7 @@ def test_other_files_are_no_journals(tmp_path):
 
 
 def test_a_journal_has_one_writer(tmp_path):
-    from locplan.comparison.journal import Journal
+    from locplan.comparison._journal import Journal
 
     with (
         Journal(tmp_path / "runs.jsonl"),

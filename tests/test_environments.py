@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from locplan import environments
 from locplan.errors import ConfigError
-from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 
 NAMES = environments.names()
 RESOLUTIONS = (0.02, 0.05, 0.1)

@@ -9,24 +9,26 @@ import numpy as np
 import pytest
 from conftest import corridor, drawn, random_rooms
 
-from locplan import environments
-from locplan.config import FieldConfig
-from locplan.costmap import Costmap
-from locplan.covariance import rotated, scalar
+from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, covariance_field
-from locplan.grid import FREE, OccupancyGrid
-from locplan.lattice import standing_cells
-from locplan.metrics import path_metrics, profile
-from locplan.path import Path
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    Lidar,
+    covariance_field,
+    load_or_compute,
+    scalar,
+)
+from locplan.field._covariance import rotated
+from locplan.field._lattice import standing_cells
+from locplan.field._lidar import LIDARS
+from locplan.field._surfaces import REACH, surface_normals
+from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
-from locplan.planners.motions import Motions
-from locplan.sensor import SENSORS, Sensor
-from locplan.store import load_or_compute
-from locplan.surfaces import REACH, surface_normals
+from locplan.planners.ompl._motions import Motions
 
-ALL_ROUND = Sensor(range=2.5, beams=72)
-AHEAD = Sensor(range=2.5, field_of_view_deg=120.0, beams=40, mount_x=0.15, mount_yaw_deg=10.0)
+ALL_ROUND = Lidar(range=2.5, beams=72)
+AHEAD = Lidar(range=2.5, field_of_view_deg=120.0, beams=40, mount_x=0.15, mount_yaw_deg=10.0)
 SMALL = {"window": 0.6, "step": 0.2, "rotation_window_deg": 30.0}
 
 
@@ -86,9 +88,9 @@ def test_a_place_without_returns_is_exactly_featureless(estimator):
 
 
 def test_neither_tiles_nor_executors_change_a_bit(rooms, estimator, ahead, monkeypatch):
-    monkeypatch.setattr("locplan.tiles.TILE", 9)
+    monkeypatch.setattr("locplan.field._tiles.TILE", 9)
     assert_same(covariance_field(rooms, ahead.config, threads=2), ahead)
-    odd = Sensor(
+    odd = Lidar(
         range=2.0, beams=61, field_of_view_deg=180, mount_x=0.23, mount_y=-0.11, mount_yaw_deg=20
     )
     with ThreadPoolExecutor(2) as executor:  # whose tasks are cut out of the map
@@ -326,7 +328,7 @@ def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
     part = surface_normals(occupied[40:260, 30:300])
     inner = slice(REACH, -REACH)
     np.testing.assert_array_equal(part[inner, inner], whole[40:260, 30:300][inner, inner])
-    monkeypatch.setattr("locplan.surfaces.BAND", 37)
+    monkeypatch.setattr("locplan.field._surfaces.BAND", 37)
     np.testing.assert_array_equal(surface_normals(occupied), whole)
 
 
@@ -339,7 +341,7 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
     cells[[0, -1]] = cells[:, [0, -1]] = 0
     cells[:60, :80] = 0
     squares = empty_squares(cells == 0)
-    sensor = Sensor(range=10.0, beams=90, range_sigma=0.02)
+    sensor = Lidar(range=10.0, beams=90, range_sigma=0.02)
     grid = OccupancyGrid(cells, size)
     wide = FieldConfig(estimator="fisher", sensor=sensor, quantisation=False, stride=0.2)
     field = covariance_field(grid, wide)
@@ -375,31 +377,31 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
 
 
 def test_presets_follow_the_makers():
-    assert {sensor.range for sensor in SENSORS.values()} == {5.6, 12.0, 30.0, 80.0}
-    for name, sensor in SENSORS.items():
-        assert Sensor.preset(name) == sensor
+    assert {sensor.range for sensor in LIDARS.values()} == {5.6, 12.0, 30.0, 80.0}
+    for name, sensor in LIDARS.items():
+        assert Lidar.preset(name) == sensor
         wanted = FieldConfig(estimator="fisher", sensor=sensor)
         assert wanted.sensor_range == sensor.range
         assert wanted.headings == (1 if sensor.sees_all_round else 8)
         spacing = np.degrees(np.diff(sensor.angles))
         assert spacing == pytest.approx(np.full(sensor.beams - 1, spacing[0]))
     with pytest.raises(ConfigError, match="sensor must be one of"):
-        Sensor.preset("kinect")
+        Lidar.preset("kinect")
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Sensor(range=0.0), "range must be positive m"),
-        (lambda: Sensor(range=math.inf), "range must be a number of m"),
-        (lambda: Sensor(field_of_view_deg=400.0), "at most 360"),
-        (lambda: Sensor(range_sigma=1e-200), "range_sigma must be at least"),
-        (lambda: Sensor(beams=0), "beams must be a whole number"),
-        (lambda: Sensor(beams=1.5), "beams must be a whole number"),
-        (lambda: Sensor(mount_x="front"), "mount_x must be a number of m"),
-        (lambda: FieldConfig(sensor=Sensor()), "knows no sensor but its range"),
+        (lambda: Lidar(range=0.0), "range must be positive m"),
+        (lambda: Lidar(range=math.inf), "range must be a number of m"),
+        (lambda: Lidar(field_of_view_deg=400.0), "at most 360"),
+        (lambda: Lidar(range_sigma=1e-200), "range_sigma must be at least"),
+        (lambda: Lidar(beams=0), "beams must be a whole number"),
+        (lambda: Lidar(beams=1.5), "beams must be a whole number"),
+        (lambda: Lidar(mount_x="front"), "mount_x must be a number of m"),
+        (lambda: FieldConfig(sensor=Lidar()), "knows no sensor but its range"),
         (lambda: FieldConfig(headings=4), "the same for all headings"),
-        (lambda: FieldConfig(estimator="fisher", sensor="lidar"), "must be a Sensor"),
+        (lambda: FieldConfig(estimator="fisher", sensor="lidar"), "must be a Lidar"),
         (lambda: FieldConfig(estimator="fisher", headings=0.5), "headings must be a whole"),
         (lambda: FieldConfig(estimator="scan", sensor=AHEAD, headings=1), "depends on the heading"),
         (lambda: FieldConfig(estimator="scan", z_rand=1.0), "z_rand must lie between"),
@@ -427,7 +429,7 @@ def test_half_a_turn_goes_the_same_way_for_planner_and_metrics(headed_costs, sta
 def test_a_lidar_inside_a_wall_sees_nothing(estimator):
     cells = np.full((40, 60), FREE, np.uint8)
     cells[:, 40:45] = 0
-    sensor = Sensor(range=3.0, beams=60, field_of_view_deg=180.0, mount_x=0.5)
+    sensor = Lidar(range=3.0, beams=60, field_of_view_deg=180.0, mount_x=0.5)
     field = covariance_field(OccupancyGrid(cells, 0.1), config(estimator, sensor, headings=4))
     assert field.e[10, 18, 0] == pytest.approx(field.anchors()[1])
 

@@ -13,17 +13,19 @@ from conftest import SHARED_DATA, refused
 from scipy import stats
 
 import locplan
-from locplan import FieldConfig, LocplanError, environments, plotting
-from locplan.search_window import SearchWindow
-from locplan.simulation import Amcl, Places, Reality, calibrate, evaluate, reports
-from locplan.simulation.predictors import (
+from locplan import FieldConfig, LocplanError, simulation
+from locplan.field import SearchWindow
+from locplan.maps import environments
+from locplan.simulation import Amcl, Disturbances, Places, calibrate, evaluate
+from locplan.simulation import _reports as reports
+from locplan.simulation._predictors import (
     Predictor,
     configs,
     covariances_at,
     occupied_in_range,
     predictions,
 )
-from locplan.simulation.ranking import RESAMPLES, Resamples, auc, rank, spearman
+from locplan.simulation._ranking import RESAMPLES, Resamples, auc, rank, spearman
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +97,7 @@ def test_several_maps_widen_the_interval_and_are_averaged():
 
 def test_predictions_are_what_the_fields_say(grid):
     points = np.array([[15, 20], [60, 30], [18, 100]])
-    sensor = Reality().sensor
+    sensor = Disturbances().sensor
     found = predictions(grid, configs(sensor), points)
     field = locplan.covariance_field(grid)
     assert found[Predictor("sad", "e")] == pytest.approx(field.e[tuple(points.T)])
@@ -112,7 +114,7 @@ def test_predictions_are_what_the_fields_say(grid):
 
 
 def test_a_sensor_that_does_not_see_all_round_is_predicted_over_headings(grid):
-    sensor = locplan.Sensor(range=6.0, field_of_view_deg=180.0, beams=60)
+    sensor = locplan.Lidar(range=6.0, field_of_view_deg=180.0, beams=60)
     points = np.array([[15, 20], [18, 100]])
     field = locplan.covariance_field(grid, FieldConfig(estimator="fisher", sensor=sensor))
     expected = field.mean_covariance[tuple(points.T)]
@@ -166,7 +168,7 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     many = dataclasses.replace(
         evaluation, places=[*evaluation.places] * 4, predictions=[*evaluation.predictions] * 4
     )
-    assert "8 maps" in plotting.evaluation_figure(many).subfigs[0].get_suptitle()
+    assert "8 maps" in simulation.evaluation_figure(many).subfigs[0].get_suptitle()
     table = reports.evaluation_table(evaluation)
     assert "paper visible, heading *" in table
     assert "match: the default field's e ." in table
@@ -306,7 +308,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     assert "simulation.png" in err
     about = json.loads((out / "simulation.json").read_text())
     assert set(about["paths"]) == {"shortest", "localizability-aware"}
-    assert about["reality"]["sensor"]["range"] == 6.0
+    assert about["disturbances"]["sensor"]["range"] == 6.0
     assert about["weight"] == 4.0
     with (out / "errors.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -329,8 +331,8 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     assert list(about["paths"]) == ["shortest"]
     assert about["amcl"]["max_particles"] == 600
     assert about["amcl"]["laser_model_type"] == "likelihood_field_prob"
-    assert about["reality"]["outliers"] == 0.1
-    assert about["reality"]["sensor"]["range"] == 12.0
+    assert about["disturbances"]["outliers"] == 0.1
+    assert about["disturbances"]["sensor"]["range"] == 12.0
 
 
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):

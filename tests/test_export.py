@@ -11,18 +11,14 @@ import yaml
 from conftest import drawn, random_rooms
 from scipy.sparse.csgraph import dijkstra
 
-from locplan import environments, export, load_map
-from locplan.config import FieldConfig
-from locplan.costmap import Costmap
+from locplan import export, load_map
+from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
-from locplan.export.travel_costs import PLANNERS, planner_named, values_for
-from locplan.export.value_maps import YawWarning, write_values
-from locplan.field import covariance_field
-from locplan.grid import FREE, OccupancyGrid
-from locplan.metrics import path_metrics
-from locplan.path import Path
+from locplan.export._travel_costs import PLANNERS, planner_named, values_for
+from locplan.export._value_maps import YawWarning, write_values
+from locplan.field import FieldConfig, covariance_field, load_or_compute
+from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
-from locplan.store import load_or_compute
 
 STACKS = ("main", "humble", "ros1")
 
@@ -355,7 +351,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path, costs, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("locplan.export.nav2.write_servers", fail)
+    monkeypatch.setattr("locplan.export._nav2.write_servers", fail)
     with pytest.raises(LocplanError, match="No space left"):
         export.nav2_keepout(tmp_path / "mask", costs.with_weight(1.0))
     assert folder_of(tmp_path / "mask") == before

@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 from conftest import corridor, drawn, random_rooms
 
-from locplan import environments
-from locplan.config import FieldConfig
-from locplan.covariance import SCALARS, log_euclidean_mean, position_axes, scalar
 from locplan.errors import ConfigError, FieldError
-from locplan.estimators import sad
-from locplan.field import CovarianceField, covariance_field
-from locplan.grid import FREE, UNKNOWN, OccupancyGrid
-from locplan.lattice import evaluated_points
-from locplan.samples import LEAST_CLEARANCE, sampled
-from locplan.search_window import SearchWindow
+from locplan.field import (
+    SCALARS,
+    CovarianceField,
+    FieldConfig,
+    SearchWindow,
+    covariance_field,
+    log_euclidean_mean,
+    position_axes,
+    scalar,
+)
+from locplan.field._lattice import evaluated_points
+from locplan.field._samples import MIN_CLEARANCE, sampled
+from locplan.field.estimators import _sad as sad
+from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
 
 QUICK = FieldConfig(sensor_range=1.0, window=0.6, step=0.2)
 """A small disc and window: the physics are the same."""
@@ -135,7 +140,7 @@ def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
     grid = OccupancyGrid(cells, 0.05)
     config = dataclasses.replace(QUICK, template=template, stride=stride)
     whole = covariance_field(grid, config)
-    monkeypatch.setattr("locplan.tiles.TILE", 7)
+    monkeypatch.setattr("locplan.field._tiles.TILE", 7)
     np.testing.assert_array_equal(covariance_field(grid, config).covariance, whole.covariance)
     i, j = (index[::9] for index in np.nonzero(whole.evaluated))
     at = i * whole.stride, j * whole.stride
@@ -251,7 +256,7 @@ def test_an_interrupted_field_stops_its_threads(monkeypatch):
 
 
 def test_an_interrupted_field_takes_its_tiles_back_from_the_executor(rooms, monkeypatch):
-    monkeypatch.setattr("locplan.tiles.TILE", 2)
+    monkeypatch.setattr("locplan.field._tiles.TILE", 2)
     calls = []
     compute = sad.covariances
     monkeypatch.setattr(sad, "covariances", lambda **task: calls.append(1) or compute(**task))
@@ -335,7 +340,7 @@ def test_sampled_positions_are_spread_out_and_leave_no_gap():
     grid = OccupancyGrid(random_rooms((90, 130), seed=4), 0.1, (3.0, -2.0, 0.4))
     field = covariance_field(grid, FieldConfig(sensor_range=1.0))
     xy, covariance = sampled(field, 1.5)
-    clear = grid.clearance[:: field.stride, :: field.stride] >= LEAST_CLEARANCE
+    clear = grid.clearance[:: field.stride, :: field.stride] >= MIN_CLEARANCE
     i, j = np.nonzero(field.evaluated & clear)
     points = np.stack(grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5), axis=1)
     distance = np.hypot(*(points[:, None] - xy[None]).transpose(2, 0, 1))

@@ -9,11 +9,10 @@ import xarray
 import zarr
 from conftest import random_rooms
 
-from locplan import field_files
-from locplan.config import FieldConfig
 from locplan.errors import FieldError, LocplanError
-from locplan.field import CovarianceField, covariance_field
-from locplan.grid import OccupancyGrid
+from locplan.field import CovarianceField, FieldConfig, covariance_field
+from locplan.field import _zarr as field_files
+from locplan.maps import OccupancyGrid
 
 QUICK = FieldConfig(sensor_range=0.6, window=0.4)
 

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from conftest import drawn, random_rooms
 
-from locplan.costmap import Costmap
+from locplan.costs import Costmap, Footprint, Path
 from locplan.errors import ConfigError
-from locplan.footprint import Footprint
-from locplan.grid import OCCUPIED, OccupancyGrid
-from locplan.path import Path
+from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.planners import plan
 
 LONG = [(1.2, 0.35), (1.2, -0.35), (-0.8, -0.35), (-0.8, 0.35)]

@@ -3,7 +3,7 @@ import pytest
 from conftest import drawn
 
 from locplan.errors import MapError, PoseError
-from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
 def test_row_zero_is_the_lowest_y():

@@ -1,173 +1,152 @@
+"""The order of the packages, and what each of them may know."""
+
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).resolve().parent.parent / "locplan"
-FLOORS = (
-    {"errors", "_kernels.simd", "_kernels.search", "_kernels.rays"},
-    {"_kernels.bitplanes", "_kernels.any_angle", "_kernels.pareto", "_kernels.curves"},
-    {"_kernels.templates", "_kernels.arcs", "_kernels.lidar", "_kernels.likelihood"},
-    {"_kernels.measured", "_kernels.particles"},
-    {
-        "_kernels.drives",
-        "_kernels.motions",
-        "_kernels.information",
-        "_kernels.offsets",
-        "_kernels.route",
-    },
-    {"_kernels.posterior"},
-    {"_kernels.matches"},
-    {"estimators", "intervals", "sensor"},
-    {"_kernels.sad", "files", "progress", "covariance", "grid", "path", "config"},
-    {"search_window", "lattice", "map_files", "drawing", "surfaces", "tables", "template"},
-    {"config_files"},
-    {"template_matching", "environments"},
-    {"estimators.scene"},
-    {"estimators.sad", "estimators.fisher", "estimators.scan"},
-    {"tiles"},
-    {"field_files"},
-    {"field", "cache"},
-    {"store", "blindness", "cluster", "samples"},
-    {"costmap"},
-    {"metrics", "footprint", "about"},
-    {"planners.result", "planners.motions"},
-    {"planners.grid", "planners.kinds"},
-    {"planners.any_angle", "planners.cost_to_go", "planners.trade_offs"},
-    {"planners.budget", "planners.pareto"},
-    {
-        "planners.limits",
-        "planners.sampling.logs",
-        "planners.sampling.settings",
-        "planners.sampling.setup",
-        "planners.sampling.stopping",
-    },
-    {"planners.sampling.leading", "planners.sampling.roadmap"},
-    {"planners.sampling.solver"},
-    {"planners.sampling"},
+import locplan
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "locplan"
+ORDER = (
+    {"errors"},
+    {"_kernels"},
+    {"_util"},
+    {"maps"},
+    {"field"},
+    {"costs"},
     {"planners"},
-    {"captions", "paper", "comparison.runs", "comparison.queries", "comparison.specs"},
-    {"comparison.movingai", "comparison.journal", "comparison.shelf", "comparison.frames"},
-    {"comparison.statistics", "comparison.worker"},
-    {"comparison.pairs", "comparison.convergence", "comparison.workers", "comparison.report.data"},
-    {"comparison.engine", "comparison.ompl_log", "comparison.cases", "comparison.verdicts"},
-    {"simulation.drives", "simulation.ranking", "simulation.settings"},
-    {"simulation.arguments", "simulation.motion", "simulation.predictors"},
-    {"simulation.simulator"},
-    {"simulation.places", "simulation.routes"},
-    {"simulation.calibration", "simulation.evaluation"},
-    {"plotting.maps"},
-    {"plotting.exports", "plotting.fields", "plotting.plans", "plotting.matching"},
-    {"plotting.simulations"},
     {"plotting"},
-    {"simulation.reports"},
-    {"plotting.comparisons"},
-    {"comparison.report.html"},
-    {"comparison.report.marks"},
-    {"comparison.report.pictures", "comparison.report.tables"},
-    {"comparison.report"},
-    {"comparison.result"},
-    {"comparison.comparing"},
-    {"comparison"},
-    {"export.cdr", "export.folders", "export.servers", "export.travel_costs", "export.value_maps"},
-    {"export.messages", "export.parameters", "export.plain_files", "export.roadmap"},
-    {"export.ros_maps"},
-    {"export.bags", "export.geojson", "export.nav2"},
-    {"export"},
-    {"simulation", "simulation.nav2_files"},
-    {"reporting"},
-    {"batch"},
-    {"cli.options"},
-    {"cli.simulated"},
-    {
-        "cli.compare",
-        "cli.exports",
-        "cli.fields",
-        "cli.figures",
-        "cli.plans",
-        "cli.simulations",
-        "cli.evidence",
-    },
+    {"simulation"},
+    {"comparison", "export", "paper"},
     {"cli"},
 )
-FLOOR_OF = {name: number for number, floor in enumerate(FLOORS) for name in floor}
-ONLY_IN = {
-    "matplotlib": {
-        f"plotting.{name}"
-        for name in ("comparisons", "exports", "fields", "maps", "matching", "plans", "simulations")
-    },
-    "ompl": {
-        f"planners.sampling.{name}"
-        for name in ("leading", "logs", "roadmap", "settings", "setup", "solver")
-    },
-    "yaml": {"map_files", "export.parameters", "export.servers", "export.value_maps"},
-    "mcap": {"export.bags"},
-    "cloudpickle": {"comparison.specs", "comparison.workers"},
-    "pandas": {"comparison.frames"},
-    "typer": {
-        f"cli.{name}"
-        for name in (
-            "compare",
-            "evidence",
-            "exports",
-            "fields",
-            "figures",
-            "options",
-            "plans",
-            "simulated",
-            "simulations",
-        )
-    }
-    | {"cli"},
-    "zarr": {"field_files"},
-    "filelock": {"cache", "store"},
-    "distributed": {"cluster"},
+"""The packages from the bottom to the top; those in one row do not know of each other."""
+LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
+HOMES = {
+    "matplotlib": ("plotting", "_figures"),
+    "ompl": ("planners.ompl",),
+    "yaml": ("maps._files", "maps._ros_parameters", "export._servers", "export._value_maps"),
+    "mcap": ("export._bags",),
+    "cloudpickle": ("comparison._specs", "comparison._workers"),
+    "pandas": ("comparison._frames",),
+    "typer": ("cli",),
+    "zarr": ("field._zarr",),
+    "filelock": ("field._cache", "field._store"),
+    "distributed": ("field._cluster",),
 }
+"""The modules, or the packages, that alone import a library."""
 
 
 def modules() -> dict[str, Path]:
-    result = {}
-    for path in PACKAGE.rglob("*.py"):
-        name = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
-        name = name.removesuffix(".__init__")
-        if name not in ("__init__", "_kernels"):
-            result[name] = path
-    return result
-
-
-def imported(path: Path) -> set[str]:
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    """All modules by their name within the package; a package by the name of its folder."""
+    names = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        names[".".join(part for part in parts if part != "__init__")] = path
     return names
 
 
-def test_every_module_has_a_floor():
-    assert set(modules()) == set(FLOOR_OF)
+MODULES = modules()
 
 
-@pytest.mark.parametrize("name", sorted(FLOOR_OF))
-def test_modules_import_from_lower_floors_only(name):
-    own = {i.removeprefix("locplan.") for i in imported(modules()[name]) if "locplan." in i}
-    for other in (own & set(FLOOR_OF)) - {name}:
-        assert FLOOR_OF[other] < FLOOR_OF[name], f"{name} imports {other}"
+def imported(path: Path) -> set[str]:
+    """The modules that a file imports, at its top or later, those of ours without "locplan."."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{path}: relative import"
+            ours = {f"{node.module}.{alias.name}".removeprefix("locplan.") for alias in node.names}
+            found |= (ours & set(MODULES)) or {node.module}
+    return {name.removeprefix("locplan.") for name in found}
 
 
-@pytest.mark.parametrize("library", sorted(ONLY_IN))
+IMPORTS = {name: imported(path) for name, path in MODULES.items()}
+
+
+def package_of(module: str) -> str:
+    return module.split(".")[0]
+
+
+def test_every_package_has_its_place():
+    assert {package_of(name) for name in MODULES} - {"", "__main__"} == set(LEVEL)
+
+
+@pytest.mark.parametrize("package", sorted(LEVEL))
+def test_packages_import_from_lower_packages_only(package):
+    for name in MODULES:
+        if package_of(name) == package:
+            for other in map(package_of, IMPORTS[name] - {"locplan"}):
+                lower = LEVEL.get(other, -1) < LEVEL[package]
+                assert lower or other == package, f"{name} imports {other}"
+
+
+def test_no_module_imports_the_package_itself_but_for_its_version():
+    for name, path in MODULES.items():
+        if name not in ("", "__main__"):
+            text = path.read_text().replace("from locplan import __version__", "")
+            tops = {node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)}
+            for node in tops:
+                names = {alias.name for alias in node.names}
+                assert node.module != "locplan" or names <= set(LEVEL), f"{name}: {names}"
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    ours = {name: IMPORTS[name] & set(MODULES) - {name, ""} for name in MODULES if name}
+    order = list(TopologicalSorter(ours).static_order())  # raises on a circle
+    assert set(order) == set(ours)
+
+
+def test_within_a_package_modules_import_each_other_by_their_own_names():
+    for name, path in MODULES.items():
+        if "." in name:
+            own = f"from locplan.{package_of(name)} import "
+            for line in path.read_text().splitlines():
+                if line.strip().startswith(own) and ">>>" not in line:
+                    what = line.strip().removeprefix(own).split(" as ")[0]
+                    known = all(f"{package_of(name)}.{one}" in MODULES for one in what.split(", "))
+                    assert known, f"{name}: {line.strip()}"
+
+
+@pytest.mark.parametrize("library", sorted(HOMES))
 def test_some_libraries_have_one_home(library):
-    for name, path in modules().items():
-        if name not in ONLY_IN[library]:
-            assert not any(i.split(".")[0] == library for i in imported(path)), name
+    for name in MODULES:
+        at_home = any(
+            name == home or name.startswith(f"{home}.") or name.endswith(f".{home}")
+            for home in HOMES[library]
+        )
+        if not at_home:
+            assert library not in map(package_of, IMPORTS[name]), name
+
+
+@pytest.mark.parametrize("package", sorted(set(LEVEL) - {"errors", "_kernels", "_util", "cli"}))
+def test_packages_offer_what_they_say(package):
+    face = getattr(locplan, package)
+    assert sorted(face.__all__) == sorted(set(face.__all__))
+    for name in face.__all__:
+        assert getattr(face, name).__doc__ or name.isupper(), name
+
+
+def test_modules_without_public_names_are_private():
+    kernels = ("_kernels", "_util")
+    for name in MODULES:
+        leaf = name.rpartition(".")[2]
+        if name and not leaf.startswith("_") and package_of(name) not in kernels:
+            stub = MODULES[name].parent / "__init__.pyi"
+            public = MODULES[name].name == "__init__.py" or f"import {leaf} as" in stub.read_text()
+            assert public or name == "errors", name
 
 
 def test_modules_stay_readable():
-    for path in modules().values():
-        assert len(path.read_text().splitlines()) <= 350, path.name
+    for name, path in MODULES.items():
+        assert len(path.read_text().splitlines()) <= 350, name
+    assert len(list(PACKAGE.glob("*.py"))) <= 5
 
 
 def test_the_command_line_starts_without_the_heavy_libraries():

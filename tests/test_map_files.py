@@ -16,8 +16,8 @@ import pytest
 from PIL import Image
 
 from locplan.errors import MapError
-from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.map_files import MAX_YAML_BYTES, MapWarning, load_map, save_map
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map, save_map
+from locplan.maps._files import MAX_YAML_BYTES, MapWarning
 
 F, U, X = FREE, UNKNOWN, OCCUPIED
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -438,7 +438,7 @@ def expectations() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("case", [*expectations()] or ["absent"])
-@pytest.mark.filterwarnings("ignore::locplan.map_files.MapWarning")
+@pytest.mark.filterwarnings("ignore::locplan.maps._files.MapWarning")
 def test_collected_inputs_load_or_are_refused_as_listed(collected, case):
     file, expected = MALFORMED / case / "map.yaml", expectations()[case]
     if expected == "clear-error":

@@ -11,11 +11,10 @@ from naive import motion_cost as naive_motion_cost
 from ompl import base
 
 from locplan._kernels import arcs, curves, motions, search
-from locplan.costmap import Costmap
+from locplan.costs import Costmap, path_metrics
 from locplan.errors import ConfigError, PoseError
-from locplan.grid import FREE, OccupancyGrid
-from locplan.metrics import path_metrics
-from locplan.planners.motions import Motions
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners.ompl._motions import Motions
 
 SHORTEST = {"Dubins": curves.dubins, "ReedsShepp": curves.reeds_shepp}
 SPACES = {"Dubins": base.DubinsStateSpace, "ReedsShepp": base.ReedsSheppStateSpace}

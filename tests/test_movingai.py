@@ -5,8 +5,8 @@ import pytest
 from conftest import SHARED_DATA
 
 from locplan._kernels.search import bordered_half, shortest_costs
-from locplan.costmap import Costmap
-from locplan.grid import FREE, OCCUPIED, OccupancyGrid
+from locplan.costs import Costmap
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import plan
 
 FOLDER = SHARED_DATA / "movingai"

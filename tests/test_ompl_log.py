@@ -12,8 +12,8 @@ from datetime import datetime
 import pytest
 from made_up import failed, made_up, solved
 
-from locplan.comparison.ompl_log import STATUS_NAMES, STATUS_NUMBERS, write_ompl_logs
-from locplan.comparison.runs import STATUSES, Task
+from locplan.comparison._ompl_log import STATUS_NAMES, STATUS_NUMBERS, write_ompl_logs
+from locplan.comparison._runs import STATUSES, Task
 from locplan.errors import LocplanError
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from locplan import paper
-from locplan.config import FieldConfig
-from locplan.grid import FREE, OCCUPIED, UNKNOWN
-from locplan.template_matching import MODELS
+from locplan.field import FieldConfig
+from locplan.maps import FREE, OCCUPIED, UNKNOWN
+from locplan.paper.template_matching import MODELS
 
 TITLES = (
     "free on free | occupied",

@@ -11,12 +11,12 @@ from conftest import random_rooms
 
 from locplan._kernels import drives, matches, measured, particles
 from locplan._kernels.rays import empty_squares
-from locplan.grid import FREE, OCCUPIED, OccupancyGrid
-from locplan.sensor import Sensor
-from locplan.simulation import Amcl, Reality, Simulator
+from locplan.field import Lidar
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.simulation import Amcl, Disturbances, Simulator
 
 RESOLUTION = 0.1
-SMALL = Sensor(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_y=-0.05, mount_yaw_deg=20)
+SMALL = Lidar(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_y=-0.05, mount_yaw_deg=20)
 
 
 def room(seed=3):
@@ -27,8 +27,8 @@ def room(seed=3):
     return OccupancyGrid(cells, RESOLUTION, name="room")
 
 
-def simulator(grid, amcl=None, **reality):
-    return Simulator(grid, amcl, Reality(**{"sensor": SMALL, **reality}))
+def simulator(grid, amcl=None, **disturbances):
+    return Simulator(grid, amcl, Disturbances(**{"sensor": SMALL, **disturbances}))
 
 
 def cloud(random, count):
@@ -87,8 +87,8 @@ def test_clusters_are_those_of_touching_bins(count):
     for n in range(count):
         bins = particles.insert(histogram, bins, n, *poses[:, n])
     assert bins == len(set(naive.bins_of(poses)))
-    found = particles.likeliest(histogram, bins, poses, count)
-    assert found == pytest.approx(naive.likeliest(poses), abs=1e-12)
+    found = particles.heaviest_cluster_mean(histogram, bins, poses, count)
+    assert found == pytest.approx(naive.heaviest_cluster_mean(poses), abs=1e-12)
     particles.clear(histogram, bins)
     assert (histogram.bin_of == particles.FREE).all()
 
@@ -97,9 +97,9 @@ def test_kld_sampling_wants_what_amcl_wants():
     amcl = Amcl(min_particles=20, max_particles=500)
     settings = simulator(room(), amcl).arguments.filter
     for bins in range(200):
-        assert particles.wanted_particles(bins, settings) == naive.wanted_particles(bins, amcl)
+        assert particles.kld_sample_size(bins, settings) == naive.kld_sample_size(bins, amcl)
     # AMCL's own quirk: a single bin asks for all.
-    assert particles.wanted_particles(1, settings) == 500
+    assert particles.kld_sample_size(1, settings) == 500
 
 
 @pytest.mark.parametrize("limits", [(5, 400), (60, 60)])
@@ -144,7 +144,7 @@ def test_particles_are_drawn_as_often_as_they_weigh():
 @pytest.mark.parametrize("occlusion", [0.0, 1.0])
 def test_measured_beams_end_where_the_plain_loop_says(occlusion):
     grid = room()
-    reality = Reality(sensor=SMALL, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
+    disturbances = Disturbances(sensor=SMALL, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
     here = simulator(grid, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
     squares, ends = empty_squares(grid.cells == OCCUPIED), np.empty((9, 2))
     for seed in range(12):
@@ -153,14 +153,20 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
         lidar, disturbances = here.arguments.lidar, here.arguments.disturbances
         measured.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
         expected = naive.measured_ends(
-            np.random.default_rng(seed), grid.cells, RESOLUTION, pose, SMALL, lidar.angles, reality
+            np.random.default_rng(seed),
+            grid.cells,
+            RESOLUTION,
+            pose,
+            SMALL,
+            lidar.angles,
+            disturbances,
         )
         assert ends == pytest.approx(expected, abs=2e-6, nan_ok=True)  # levers are rounded
 
 
 def test_outliers_and_occlusions_come_as_often_as_asked():
     free = OccupancyGrid(np.full((90, 90), FREE), RESOLUTION)
-    sensor = Sensor(range=4.0, beams=72)
+    sensor = Lidar(range=4.0, beams=72)
     here = simulator(free, sensor=sensor, outliers=0.1, occlusion=0.3, occlusion_deg=40.0)
     squares, ends = here.worlds[0], np.empty((72, 2))
     lidar = here.arguments.lidar._replace(angles=sensor.angles)
@@ -183,12 +189,16 @@ def test_odometry_drifts_like_the_plain_formula():
     )
     truth[10:13] = truth[10]
     truth[10:13, 2] += [0, 0.3, 0.5]
-    reality = Reality(distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1)
+    disturbances = Disturbances(
+        distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
+    )
     here = simulator(
         room(), distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
     )
     told = drives.odometry_along(np.random.default_rng(3), truth, here.arguments.odometry)
-    assert told == pytest.approx(naive.odometry_along(np.random.default_rng(3), truth, reality))
+    assert told == pytest.approx(
+        naive.odometry_along(np.random.default_rng(3), truth, disturbances)
+    )
 
 
 def test_drifts_grow_with_the_root_of_the_way():
@@ -227,7 +237,7 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
     grid, world = room(), room(4)
     x = np.linspace(0.9, 1.7, 17)
     truth = np.column_stack([x, 1.2 + 0.1 * np.sin(4 * x), 0.8 * (x - 0.9)])
-    reality = Reality(sensor=SMALL, occlusion=0.5)
+    disturbances = Disturbances(sensor=SMALL, occlusion=0.5)
     here = simulator(grid, amcl, occlusion=0.5)
     expected = naive.drive(
         np.random.default_rng(6),
@@ -238,7 +248,7 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         SMALL,
         here.arguments.lidar.angles,
         amcl,
-        reality,
+        disturbances,
     )
     errors = np.empty_like(truth)
     drives.drive(

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from locplan.costs import Path
 from locplan.errors import LocplanError
-from locplan.path import Path
 
 
 def test_resampling_keeps_the_line_and_its_ends():

@@ -8,12 +8,10 @@ from naive import shortest_costs as naive_shortest_costs
 from skimage.graph import MCP_Geometric
 
 from locplan._kernels import search
-from locplan.costmap import Costmap
+from locplan.costs import Costmap, path_metrics
 from locplan.errors import ConfigError, PoseError
-from locplan.grid import FREE, OccupancyGrid
-from locplan.metrics import path_metrics
-from locplan.planners import names, plan, plan_beside_shortest
-from locplan.planners.cost_to_go import plan_field
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import names, plan, plan_beside_shortest, plan_field
 
 
 def random_density(shape, seed, *, blocked=0.25, greatest=9.0):

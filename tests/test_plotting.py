@@ -6,16 +6,12 @@ from conftest import drawn, random_rooms
 from PIL import Image
 
 from locplan import paper, plotting
-from locplan.config import FieldConfig
-from locplan.costmap import Costmap
-from locplan.covariance import position_axes
+from locplan.costs import Costmap
 from locplan.errors import LocplanError
-from locplan.field import covariance_field
-from locplan.grid import FREE, OccupancyGrid
-from locplan.planners import Plan, plan
-from locplan.planners.pareto import pareto_front
-from locplan.samples import sampled
-from locplan.search_window import SearchWindow
+from locplan.field import FieldConfig, SearchWindow, covariance_field, position_axes
+from locplan.field._samples import sampled
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import Plan, pareto_front, plan
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +131,7 @@ def test_the_map_of_e_is_zero_outside_free_space(field):
 
 
 def test_slides_are_drawn_with_their_templates():
-    figure = plotting.slides_figure(paper.one_dimensional(resolution=0.5))
+    figure = paper.slides_figure(paper.one_dimensional(resolution=0.5))
     assert len(figure.axes) == 6
     lower = figure.axes[3:]
     assert [axes.get_xlabel() for axes in lower] == ["shift of the template [m]"] * 3
@@ -152,7 +148,7 @@ def test_distributions_show_every_plane_of_the_window(rotation):
     window = SearchWindow.from_config(config, 0.1)
     shape = 21, 21, len(window.angles)
     mismatch = np.arange(np.prod(shape), dtype=float).reshape(shape)
-    figure = plotting.distribution_figure({"here": mismatch}, window)
+    figure = paper.distribution_figure({"here": mismatch}, window)
     flat = [axes for axes in figure.axes if axes.name == "rectilinear" and axes.collections]
     planes = {(a.get_xlabel(), a.get_ylabel()): a.collections[0] for a in flat if a.get_xlabel()}
     xy = planes["shift x [m]", "shift y [m]"].get_array()

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from conftest import SHARED_DATA
 
-from locplan.comparison.movingai import read_movingai_map, read_scenarios
-from locplan.comparison.queries import Query, random_queries, read_queries
-from locplan.costmap import Costmap
+from locplan.comparison._movingai import read_movingai_map, read_scenarios
+from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.grid import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import plan
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners import Query, plan, random_queries, read_queries
 
 BENCHMARKS = SHARED_DATA / "movingai"
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 import locplan
-from locplan import environments
+from locplan.comparison._runs import MEASURES, Run, Task
 from locplan.comparison.report import ReportData, Row, Scene, write_report
-from locplan.comparison.report.html import SCRIPT
-from locplan.comparison.runs import MEASURES, Run, Task
+from locplan.comparison.report._html import SCRIPT
+from locplan.maps import environments
 
 HOSTILE = '<script>alert("1")</script>'
 NAMES = (HOSTILE, "any-angle", "_$\\frac{", "--></style><b onload='x'>", "計画 \u202e\ud800")

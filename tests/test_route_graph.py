@@ -11,18 +11,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from locplan.costmap import Costmap
+from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.export.geojson import GREATEST_ID, to_geojson
-from locplan.export.roadmap import RouteGraph, roadmap
-from locplan.grid import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners.cost_to_go import plan_field
+from locplan.export._geojson import MAX_ID, to_geojson
+from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners import plan_field
 
 
 def rooms(
     size: int = 160, origin: tuple[float, float, float] = (-3.0, 7.0, 0.0), seed: int = 1
 ) -> Costmap:
-    """Four rooms with doors and furniture, and blindness in the middle of each; no outer wall."""
+    """Four rooms with doors and furniture, and degeneracy in the middle of each; no outer wall."""
     rng = np.random.default_rng(seed)
     cells = np.full((size, size), FREE, np.uint8)
     half, door = size // 2, size // 4
@@ -133,7 +133,7 @@ def test_geojson_makes_nav2s_scorers_add_up_to_j() -> None:
     nodes, lines = loaded(json.dumps(to_geojson(graph), allow_nan=False))
     ids = [*nodes, *(line["id"] for line in lines)]
     assert len(set(ids)) == len(ids) == len(graph.nodes) + 2 * len(graph.edges)
-    assert all(type(n) is int and 1 <= n <= GREATEST_ID for n in ids)
+    assert all(type(n) is int and 1 <= n <= MAX_ID for n in ids)
     ways = {(line["startid"], line["endid"]): line for line in lines}
     assert len(ways) == len(lines)
     for (start, end), line in ways.items():
@@ -179,7 +179,7 @@ def test_what_cannot_be() -> None:
     alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1))
     with pytest.raises(ConfigError, match="without edges"):
         to_geojson(roadmap(alone, min_area=0.0))
-    count = GREATEST_ID
+    count = MAX_ID
     many = RouteGraph(*(np.zeros((count, 2)),), np.zeros((9, 2), int), *(np.zeros(9),) * 4)
     with pytest.raises(ConfigError, match="times as large"):
         to_geojson(many)

@@ -5,12 +5,10 @@ from conftest import random_rooms
 
 from locplan._kernels import bitplanes
 from locplan._kernels import sad as kernel
-from locplan.config import FieldConfig
-from locplan.estimators import sad
-from locplan.grid import FREE, OCCUPIED, UNKNOWN
-from locplan.map_files import load_map
-from locplan.search_window import SearchWindow
-from locplan.template_matching import sad_distribution
+from locplan.field import FieldConfig, SearchWindow
+from locplan.field.estimators import _sad as sad
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
+from locplan.paper.template_matching import sad_distribution
 
 
 def compare(cells, rows, cols, radius, window, *, visible=False):
@@ -73,7 +71,7 @@ def test_levels_may_be_a_part_of_the_map(template):
 
 
 @pytest.mark.parametrize("name", ["nav2_depot", "willow_full_stage", "webots_tb3_example"])
-@pytest.mark.filterwarnings("ignore::locplan.map_files.MapWarning")
+@pytest.mark.filterwarnings("ignore::locplan.maps._files.MapWarning")
 def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
     grid = load_map(next((real_maps / name).glob("*.yaml")))
     config = FieldConfig()

@@ -12,16 +12,15 @@ import pytest
 from conftest import drawn
 from ompl import base, geometric, util
 
-from locplan.costmap import Costmap
+from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, PoseError
-from locplan.grid import FREE, OccupancyGrid
-from locplan.metrics import path_metrics
-from locplan.path import Path
-from locplan.planners import names, plan, sampling
-from locplan.planners.kinds import KINDS
-from locplan.planners.motions import SPACES
-from locplan.planners.sampling.logs import logged
-from locplan.planners.sampling.stopping import Limits
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import names, plan
+from locplan.planners import ompl as sampling
+from locplan.planners._spaces import SPACES
+from locplan.planners.ompl._kinds import KINDS
+from locplan.planners.ompl._logs import logged
+from locplan.planners.ompl._stopping import Limits
 
 ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
 ABLE = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
@@ -308,7 +307,7 @@ def test_roadmaps_refuse_what_they_cannot_do():
 
 def test_settings_reach_the_planner():
     information = sampling.space_information(sampling.Motions(two_ways()))
-    from locplan.planners.sampling.settings import planner_of
+    from locplan.planners.ompl._settings import planner_of
 
     tree = planner_of("RRTstar", information, {"range": 0.7, "goal_bias": 0.2})
     assert tree.getRange() == 0.7
@@ -479,8 +478,8 @@ def test_many_solves_in_one_process_do_not_grow():
 
 
 def test_a_timeout_is_no_verdict_on_the_footprint():
-    from locplan.footprint import Footprint
-    from locplan.planners.limits import clear_of_walls
+    from locplan.costs import Footprint
+    from locplan.planners._limits import clear_of_walls
 
     outline = Footprint([(0.3, 0.1), (0.3, -0.1), (-0.3, -0.1), (-0.3, 0.1)])
     late = {"status": "timeout", "note": "no path found within 1 s"}

@@ -16,11 +16,10 @@ from locplan._kernels import posterior as scan
 from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.rays import empty_squares
-from locplan.config import FieldConfig
-from locplan.estimators.scan import likelihood_field
-from locplan.grid import FREE, OCCUPIED, UNKNOWN
-from locplan.search_window import SearchWindow
-from locplan.surfaces import walls
+from locplan.field import FieldConfig, SearchWindow
+from locplan.field._surfaces import walls
+from locplan.field.estimators._scan import likelihood_field
+from locplan.maps import FREE, OCCUPIED, UNKNOWN
 
 SIGMA_HIT, Z_RAND, TEMPERATURE = 0.1, 0.05, 0.1
 

@@ -13,16 +13,16 @@ import pytest
 from conftest import corridor
 
 import locplan
-from locplan import FieldConfig, LocplanError, OccupancyGrid, Path, Sensor, environments
+from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
 from locplan._kernels.matches import match
 from locplan._kernels.offsets import make_lattice
-from locplan.comparison import Query
-from locplan.estimators.scan import likelihood_field
-from locplan.grid import FREE, OCCUPIED
-from locplan.intervals import of_geometric_mean, of_mean, of_rms
+from locplan._util.intervals import of_geometric_mean, of_mean, of_rms
+from locplan.field.estimators._scan import likelihood_field
+from locplan.maps import FREE, OCCUPIED, environments
+from locplan.planners import Query
 from locplan.simulation import (
     Amcl,
-    Reality,
+    Disturbances,
     Simulator,
     choose_points,
     measure,
@@ -30,8 +30,8 @@ from locplan.simulation import (
     simulate,
     simulate_queries,
 )
-from locplan.simulation.motion import approaches, poses_along
-from locplan.simulation.nav2_files import read_amcl
+from locplan.simulation._motion import approaches, poses_along
+from locplan.simulation._nav2 import read_amcl
 
 QUIET = {
     "boundary_noise": 0.0,
@@ -127,7 +127,7 @@ def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
     grid = open_space()
     path = Path(np.array([[10.0, 10.0], [30.0, 12.0], [30.0, 20.0]]))
     result = simulate(
-        grid, {"a": path}, amcl=Amcl(**STILL, **FEW), reality=Reality(**QUIET), drives=2
+        grid, {"a": path}, amcl=Amcl(**STILL, **FEW), disturbances=Disturbances(**QUIET), drives=2
     )
     assert abs(result.drives["a"].errors).max() < 1e-9
 
@@ -135,8 +135,10 @@ def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
 def test_odometry_alone_drifts_where_nothing_is_seen():
     grid = open_space()
     path = Path(np.array([[10.0, 20.0], [30.0, 20.0]]))
-    reality = Reality(**{**QUIET, "distance_bias": 0.05})
-    result = simulate(grid, {"a": path}, amcl=Amcl(**STILL, **FEW), reality=reality, drives=200)
+    disturbances = Disturbances(**{**QUIET, "distance_bias": 0.05})
+    result = simulate(
+        grid, {"a": path}, amcl=Amcl(**STILL, **FEW), disturbances=disturbances, drives=200
+    )
     errors = result.drives["a"].errors
     assert errors[:, -1, 0].std() == pytest.approx(20 * 0.05, rel=0.15)
     assert abs(errors[..., 1]).max() < 1e-9
@@ -145,11 +147,11 @@ def test_odometry_alone_drifts_where_nothing_is_seen():
 
 
 def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
-    reality = Reality(boundary_noise=0.0, distance_bias=0.1, heading_bias_deg=5.0)
-    blind = Reality(**{**dataclasses.asdict(reality), "sensor": Sensor(range=0.2)})
+    disturbances = Disturbances(boundary_noise=0.0, distance_bias=0.1, heading_bias_deg=5.0)
+    blind = Disturbances(**{**dataclasses.asdict(disturbances), "sensor": Lidar(range=0.2)})
     seeing, not_seeing = (
-        simulate(two_corridors, {"a": in_room}, reality=each, drives=20).drives["a"].rmse.value
-        for each in (reality, blind)
+        simulate(two_corridors, {"a": in_room}, disturbances=each, drives=20).drives["a"].rmse.value
+        for each in (disturbances, blind)
     )
     assert seeing < 0.25
     assert not_seeing > 2 * seeing
@@ -199,13 +201,13 @@ def test_paths_may_be_arrays(two_corridors, in_room):
 
 
 def test_worlds_differ_from_the_map_and_from_each_other(two_corridors):
-    simulator = Simulator(two_corridors, reality=Reality(worlds=3))
+    simulator = Simulator(two_corridors, disturbances=Disturbances(worlds=3))
     stops = [world[0, 1:-1, 1:-1] == 0 for world in simulator.worlds]
     walls = two_corridors.cells == OCCUPIED
     assert len(stops) == 3
     assert all(0.03 < (each != walls).sum() / walls.sum() < 0.5 for each in stops)
     assert (stops[0] != stops[1]).any()
-    assert len(Simulator(two_corridors, reality=Reality(boundary_noise=0.0)).worlds) == 1
+    assert len(Simulator(two_corridors, disturbances=Disturbances(boundary_noise=0.0)).worlds) == 1
 
 
 def test_lost_drives_and_their_intervals(two_corridors):
@@ -263,8 +265,8 @@ def test_matches_are_those_of_the_plain_loop():
     cells[[4, 33], 5:36] = cells[5:33, [6, 35]] = OCCUPIED
     cells[10:13, 20:24] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
-    reality = Reality(sensor=Sensor(range=3.0, beams=12), boundary_noise=0.0)
-    simulator, angles = Simulator(grid, reality=reality), np.linspace(-0.4, 0.4, 5)
+    disturbances = Disturbances(sensor=Lidar(range=3.0, beams=12), boundary_noise=0.0)
+    simulator, angles = Simulator(grid, disturbances=disturbances), np.linspace(-0.4, 0.4, 5)
     field, lattice = likelihood_field(cells, 0.1, 2, 3), make_lattice(3, angles)
     found = np.empty((3, 3))
     where = (
@@ -284,7 +286,13 @@ def test_matches_are_those_of_the_plain_loop():
         aside = (random.random() - 0.5) * 0.2
         pose = np.array([row, col, heading])
         ends = naive.measured_ends(
-            random, cells, 0.1, pose, reality.sensor, simulator.arguments.lidar.angles, reality
+            random,
+            cells,
+            0.1,
+            pose,
+            disturbances.sensor,
+            simulator.arguments.lidar.angles,
+            disturbances,
         )
         cos, sin = math.cos(heading + aside), math.sin(heading + aside)
         turned = ends @ np.array([[cos, sin], [-sin, cos]])
@@ -406,26 +414,27 @@ def test_impossible_filters_are_refused(changes, reason):
         ({"boundary_noise": 1.5}, "boundary_noise must be 0 to 1"),
         ({"worlds": 0}, "worlds must be a whole number of at least 1"),
         ({"distance_drift": -1.0}, "distance_drift must be at least 0"),
-        ({"sensor": "lms291"}, "sensor must be a Sensor"),
+        ({"sensor": "lms291"}, "sensor must be a Lidar"),
         ({"occlusion_deg": 400.0}, "occlusion_deg must be 0 to 360"),
     ],
 )
 def test_impossible_realities_are_refused(changes, reason):
     with pytest.raises(LocplanError, match=reason):
-        Reality(**changes)
+        Disturbances(**changes)
 
 
 def test_beams_are_thinned_out_as_amcl_does():
     grid = open_space(4.0)
     for beams, expected in ((360, 60), (61, 61), (20, 20), (1081, 61)):
-        sensor = Sensor(range=6.0, field_of_view_deg=180.0, beams=beams)
+        sensor = Lidar(range=6.0, field_of_view_deg=180.0, beams=beams)
         assert (
-            Simulator(grid, reality=Reality(sensor=sensor)).arguments.lidar.angles.size == expected
+            Simulator(grid, disturbances=Disturbances(sensor=sensor)).arguments.lidar.angles.size
+            == expected
         )
     product = Amcl(laser_model_type="likelihood_field_prob")  # takes every n-th, never more
     for beams, expected in ((360, 60), (61, 31), (20, 20), (1081, 57)):
-        sensor = Sensor(range=6.0, field_of_view_deg=180.0, beams=beams)
-        lidar = Simulator(grid, product, Reality(sensor=sensor)).arguments.lidar
+        sensor = Lidar(range=6.0, field_of_view_deg=180.0, beams=beams)
+        lidar = Simulator(grid, product, Disturbances(sensor=sensor)).arguments.lidar
         assert lidar.angles.size == expected
     assert Simulator(grid, Amcl(laser_max_range=3.0)).arguments.lidar.max_range == 3.0
     assert Simulator(grid, Amcl(laser_max_range=-1.0)).arguments.lidar.max_range == 6.0
@@ -473,7 +482,7 @@ def test_configs_come_back_from_their_files(tmp_path):
         (
             FieldConfig(noise_level=0.3, tau=0.2),
             FieldConfig.paper(sensor_range=8.0),
-            FieldConfig(estimator="scan", sensor=Sensor.preset("utm-30lx")),
+            FieldConfig(estimator="scan", sensor=Lidar.preset("utm-30lx")),
         )
     ):
         locplan.save_config(tmp_path / f"{n}.json", config, calibration={"factor": 1.2})

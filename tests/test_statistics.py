@@ -12,13 +12,13 @@ import pytest
 from made_up import failed, made_up, solved
 from scipy import stats
 
-from locplan.comparison.convergence import convergence
-from locplan.comparison.frames import to_frame, write_table
-from locplan.comparison.pairs import KINDS, contrasts
-from locplan.comparison.runs import MEASURES, Task
-from locplan.comparison.statistics import summaries
+from locplan._util.intervals import wilson
+from locplan.comparison._convergence import convergence
+from locplan.comparison._frames import to_frame, write_table
+from locplan.comparison._pairs import KINDS, contrasts
+from locplan.comparison._runs import MEASURES, Task
+from locplan.comparison._statistics import summaries
 from locplan.errors import LocplanError
-from locplan.intervals import wilson
 
 
 def pair(ours, theirs, measure="cost"):
@@ -94,7 +94,7 @@ def test_what_may_be_zero_is_a_ratio_of_sums():
 
 
 def test_shares_differ_by_percentage_points():
-    found = pair([0.1, 0.1, 0.12, 0.09, 0.1], [0.3, 0.29, 0.3, 0.31, 0.3], "degraded_share")
+    found = pair([0.1, 0.1, 0.12, 0.09, 0.1], [0.3, 0.29, 0.3, 0.31, 0.3], "degenerate_share")
     assert found.sentence.startswith("19.8 percentage points less with u > 0.5 than base [1")
 
 
@@ -174,7 +174,7 @@ def test_percentile_bootstraps_cover_less():
 
 
 def _cost_estimate(ratios):
-    from locplan.comparison.pairs import RATIO, _estimate
+    from locplan.comparison._pairs import RATIO, _estimate
 
     return _estimate(RATIO, ratios, np.ones(len(ratios)), np.zeros(len(ratios), int))
 

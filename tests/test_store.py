@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan import cache, field_files, store
-from locplan.config import FieldConfig
-from locplan.estimators import sad
-from locplan.field import covariance_field
-from locplan.grid import UNKNOWN, OccupancyGrid
-from locplan.map_files import save_map
+from locplan.field import FieldConfig, covariance_field
+from locplan.field import _cache as cache
+from locplan.field import _store as store
+from locplan.field import _zarr as field_files
+from locplan.field.estimators import _sad as sad
+from locplan.maps import UNKNOWN, OccupancyGrid, save_map
 
 QUICK = FieldConfig(sensor_range=0.6, window=0.4)
 """Two by two chunks of the map below."""

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan.config import FieldConfig
 from locplan.errors import LocplanError
-from locplan.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.search_window import SearchWindow
-from locplan.template import (
+from locplan.field import FieldConfig, SearchWindow
+from locplan.field._template import (
     BEHIND,
     beam_count,
     disc,
@@ -16,7 +14,8 @@ from locplan.template import (
     rotated_template,
     visible_part,
 )
-from locplan.template_matching import (
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.paper.template_matching import (
     MODELS,
     along_axis,
     mismatch,

@@ -6,11 +6,10 @@ import naive
 import numpy as np
 import pytest
 
-from locplan.costmap import Costmap
+from locplan.costs import Costmap
 from locplan.errors import ConfigError, PoseError
-from locplan.grid import FREE, OccupancyGrid
-from locplan.planners import plan
-from locplan.planners.pareto import ParetoFront, pareto_front
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import ParetoFront, pareto_front, plan
 
 
 def costs_of(u, free, resolution=1.0) -> Costmap:
@@ -90,7 +89,7 @@ def test_every_weighted_optimum_lies_on_the_front():
 @pytest.mark.parametrize("cap", [{"max_labels": 100}, {"time_limit": 1e-6}])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_capped_front_is_as_good_as_it_says(seed, cap, monkeypatch):
-    monkeypatch.setattr("locplan.planners.trade_offs.STRETCH", 50)
+    monkeypatch.setattr("locplan.planners._trade_offs.STRETCH", 50)
     costs = random_costs(seed, (40, 40), blocked=0.2)
     exact, capped = front_of(costs), front_of(costs, **cap)
     assert exact.epsilon == 0
@@ -176,7 +175,7 @@ def test_a_budget_that_is_too_small_says_what_would_do():
 
 
 def test_a_budget_without_time_gives_a_path_and_a_bound(monkeypatch):
-    monkeypatch.setattr("locplan.planners.trade_offs.STRETCH", 1)
+    monkeypatch.setattr("locplan.planners._trade_offs.STRETCH", 1)
     costs = random_costs(0, (40, 40), blocked=0.2)
     front = front_of(costs)
     for index in (2, len(front) // 2, len(front) - 3):

@@ -13,8 +13,8 @@ from locplan._kernels.measured import Disturbances, measured_ends
 from locplan._kernels.particles import (
     BeamScores,
     Filter,
+    heaviest_cluster_mean,
     insert,
-    likeliest,
     make_histogram,
     move,
     resample,
@@ -55,15 +55,15 @@ def odometry_along(
         dx, dy = truth[n, 0] - truth[n - 1, 0], truth[n, 1] - truth[n - 1, 1]
         way, turn = np.hypot(dx, dy), wrapped(truth[n, 2] - truth[n - 1, 2])
         aside = np.arctan2(dy, dx) - truth[n - 1, 2] if way > 0 else 0.0
-        told = scale * way + odometry.distance_drift * np.sqrt(way) * random.standard_normal()
-        told_turn = turn_scale * turn + bend * way
-        told_turn += random.standard_normal() * np.sqrt(
+        reported = scale * way + odometry.distance_drift * np.sqrt(way) * random.standard_normal()
+        reported_turn = turn_scale * turn + bend * way
+        reported_turn += random.standard_normal() * np.sqrt(
             odometry.heading_drift**2 * way + odometry.turn_drift**2 * abs(turn)
         )
         heading = poses[n - 1, 2]
-        poses[n, 0] = poses[n - 1, 0] + told * np.cos(heading + aside)
-        poses[n, 1] = poses[n - 1, 1] + told * np.sin(heading + aside)
-        poses[n, 2] = heading + told_turn
+        poses[n, 0] = poses[n - 1, 0] + reported * np.cos(heading + aside)
+        poses[n, 1] = poses[n - 1, 1] + reported * np.sin(heading + aside)
+        poses[n, 2] = heading + reported_turn
     return poses
 
 
@@ -100,27 +100,27 @@ def drive(
     errors : (n, 3) array
         Filled with the filter's pose less the true one [m, m, rad].
     """
-    told = odometry_along(random, truth, odometry)
+    reported = odometry_along(random, truth, odometry)
     most = settings.max_particles
     poses, drawn = np.empty((3, most)), np.empty((3, most))
-    spread = np.array([start.position, start.position, start.heading])
+    sigma = np.array([start.position, start.position, start.heading])
     for axis in range(3):
-        poses[axis] = truth[0, axis] + spread[axis] * random.standard_normal()
+        poses[axis] = truth[0, axis] + sigma[axis] * random.standard_normal()
     histogram, bins = make_histogram(most), 0
     for n in range(most):
         for axis in range(3):
-            poses[axis, n] += spread[axis] * random.standard_normal()
+            poses[axis, n] += sigma[axis] * random.standard_normal()
         bins = insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
     count, weights = most, np.full(most, 1 / most)
-    pose, at = np.array(likeliest(histogram, bins, poses, count)), 0
+    pose, at = np.array(heaviest_cluster_mean(histogram, bins, poses, count)), 0
     ends, sensor = np.empty((lidar.angles.size, 2)), np.empty(3)
     updated, updates = 0, 0
     for n in range(len(truth)):
-        dx, dy = told[n, 0] - told[updated, 0], told[n, 1] - told[updated, 1]
-        turn = wrapped(told[n, 2] - told[updated, 2])
+        dx, dy = reported[n, 0] - reported[updated, 0], reported[n, 1] - reported[updated, 1]
+        turn = wrapped(reported[n, 2] - reported[updated, 2])
         far = max(abs(dx), abs(dy)) > settings.update_min_d or abs(turn) > settings.update_min_a
         if far:
-            move(random, poses, count, dx, dy, turn, told[updated, 2], settings)
+            move(random, poses, count, dx, dy, turn, reported[updated, 2], settings)
         if far or n == 0:
             sensor[0], sensor[1] = truth[n, 1] / scores.resolution, truth[n, 0] / scores.resolution
             sensor[2] = truth[n, 2]
@@ -133,10 +133,10 @@ def drive(
                 )
                 poses, drawn = drawn, poses
                 weights[:count] = 1 / count
-                pose, at = np.array(likeliest(histogram, bins, poses, count)), n
+                pose, at = np.array(heaviest_cluster_mean(histogram, bins, poses, count)), n
         # Since then the pose has followed odometry.
-        cos, sin = np.cos(pose[2] - told[at, 2]), np.sin(pose[2] - told[at, 2])
-        x, y = told[n, 0] - told[at, 0], told[n, 1] - told[at, 1]
+        cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
+        x, y = reported[n, 0] - reported[at, 0], reported[n, 1] - reported[at, 1]
         errors[n, 0] = pose[0] + cos * x - sin * y - truth[n, 0]
         errors[n, 1] = pose[1] + sin * x + cos * y - truth[n, 1]
-        errors[n, 2] = wrapped(pose[2] + told[n, 2] - told[at, 2] - truth[n, 2])
+        errors[n, 2] = wrapped(pose[2] + reported[n, 2] - reported[at, 2] - truth[n, 2])

@@ -22,7 +22,7 @@ from locplan._kernels.lidar import Lidar, lever
 from locplan._kernels.rays import cast
 
 STOP, DONE = 0, 1
-LEAST_COSINE = 0.15
+MIN_COSINE = 0.15
 """Below this |d . n| a range on a grid no longer grows as 1 / |d . n|."""
 
 
@@ -82,7 +82,7 @@ def information(
                 ny, nx = normals[hit_row, hit_col, 0], normals[hit_row, hit_col, 1]
                 hx, hy = (ahead_x + at * dx) * resolution, (ahead_y + at * dy) * resolution
                 turn = hx * ny - hy * nx
-                weight = 1 / max((dx * nx + dy * ny) ** 2, LEAST_COSINE**2)
+                weight = 1 / max((dx * nx + dy * ny) ** 2, MIN_COSINE**2)
                 xx += weight * nx * nx
                 xy += weight * nx * ny
                 yy += weight * ny * ny

@@ -1,4 +1,4 @@
-"""Where a single scan fits best: the likeliest pose of the search window, without a filter."""
+"""Where a single scan fits best: the most likely pose of the search window, without a filter."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def match(
     disturbances: Disturbances,
     errors: NDArray[np.float64],
 ) -> None:
-    """Match scans from a cell, and write how far the likeliest pose is off, into (n, 3).
+    """Match scans from a cell, and write how far the most likely pose is off, into (n, 3).
 
     The robot stands anywhere in the cell and heads anywhere; the window's middle is the cell's
     centre, and within half a step of its heading.

@@ -1,4 +1,4 @@
-"""A particle filter's steps as AMCL takes them: move, weigh, resample, and name the likeliest pose.
+"""A particle filter's steps as AMCL takes them: move, weigh, resample, find the heaviest cluster.
 
 Source: nav2_amcl of Navigation2, which follows S. Thrun, W. Burgard and D. Fox, "Probabilistic
 Robotics" (2005): sample_motion_odometry, likelihood_field_range_finder_model, and KLD sampling.
@@ -147,7 +147,7 @@ def find_clusters(histogram: Histogram, bins: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def likeliest(
+def heaviest_cluster_mean(
     histogram: Histogram, bins: int, poses: NDArray[np.float64], count: int
 ) -> tuple[float, float, float]:
     """The mean pose of the cluster with most of the `count` particles, which weigh alike."""
@@ -165,7 +165,7 @@ def likeliest(
 
 
 @njit(nogil=True, cache=True)
-def wanted_particles(bins: int, settings: Filter) -> int:
+def kld_sample_size(bins: int, settings: Filter) -> int:
     """How many particles KLD sampling wants for so many occupied bins (Fox, 2003)."""
     if bins <= 1:
         return settings.max_particles
@@ -282,6 +282,6 @@ def resample(
         drawn[:, taken] = poses[:, at]
         bins = insert(histogram, bins, taken, drawn[0, taken], drawn[1, taken], drawn[2, taken])
         taken += 1
-        if taken > wanted_particles(bins, settings):
+        if taken > kld_sample_size(bins, settings):
             break
     return taken, bins

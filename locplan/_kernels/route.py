@@ -16,7 +16,7 @@ from locplan._kernels.rays import TOUCH, segment_cost
 
 
 @njit(nogil=True, cache=True)
-def spread(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArray:
+def cover(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArray:
     """The cells, in their order, that are not joined within `reach` to one taken before."""
     covered = np.zeros(len(inside), np.bool_)
     seen = np.full(len(inside), -1, np.int32)
@@ -67,7 +67,7 @@ def owners(inside: NDArray, columns: int, nodes: NDArray) -> NDArray:
 
 @njit(nogil=True, cache=True)
 def line_cost(half: NDArray, columns: int, frame: tuple, a: NDArray, b: NDArray) -> float:
-    """Integral along the line between two positions, the dearer way [density x cells].
+    """Integral along the line between two positions, the costlier way [density x cells].
 
     Infinite where it is blocked either way, or an end lies outside the grid or at a blocked cell.
     """

@@ -21,14 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.bitplanes import PLANES, SQUARE, Strips, Window
-from locplan._kernels.simd import (
-    LANES,
-    add_difference,
-    add_matches,
-    add_to,
-    store_negative,
-    zeros,
-)
+from locplan._kernels.simd import LANES, add_difference, add_matches, add_to, store_negative, zeros
 from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates, see
 
 STOP, DONE = 0, 1

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-MOST_BUCKETS = 1 << 14
+MAX_BUCKETS = 1 << 14
 SQRT2 = np.sqrt(2.0)
 _UNUSED, _USED, _WAITING = 0, 1, 2
 """Of the pool of entries: the first that is free again, how many ever were, how many wait."""
@@ -153,7 +153,7 @@ def bucket_scale(half: NDArray[np.float64], longest: float) -> tuple[float, int]
     for value in half:
         if value < np.inf:
             cheapest, dearest = min(cheapest, 2 * value), max(dearest, 2 * value)
-    if cheapest * MOST_BUCKETS <= longest * dearest:
+    if cheapest * MAX_BUCKETS <= longest * dearest:
         return 0.0, 0
     buckets = 2
     while buckets < longest * dearest / cheapest + 2:

@@ -44,7 +44,7 @@ def _popcount(builder: Any, value: Any) -> Any:
     return builder.call(function, [value])
 
 
-def _spread(builder: Any, word: Any) -> Any:
+def _splat(builder: Any, word: Any) -> Any:
     lane = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), word, ir.IntType(32)(0))
     first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
     return builder.shuffle_vector(lane, ir.Constant(_VECTOR, ir.Undefined), first)
@@ -68,7 +68,7 @@ def add_matches(typingctx: Any, counts: Any, word: Any, words: Any, index: Any) 
         counts_value, word_value, array, start = args
         pointer = _pointer(context, builder, signature.args[2], array, start, _VECTOR)
         window = builder.load(pointer, align=8)
-        both = builder.and_(_spread(builder, word_value), window)
+        both = builder.and_(_splat(builder, word_value), window)
         return builder.add(counts_value, _popcount(builder, both))
 
     return _u64x8(_u64x8, types.uint64, words, types.intp), codegen
@@ -149,7 +149,7 @@ def _lanes_where(predicate: str, against: int) -> Callable[..., Any]:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             words_at = _pointer(context, builder, signature.args[0], args[0], args[1], _VECTOR)
             masks_at = _pointer(context, builder, signature.args[3], args[3], args[4], _VECTOR)
-            words = builder.xor(builder.load(words_at, align=1), _spread(builder, args[2]))
+            words = builder.xor(builder.load(words_at, align=1), _splat(builder, args[2]))
             words = builder.and_(words, builder.load(masks_at, align=8))
             constant = ir.Constant(_VECTOR, [against] * LANES)
             chosen = builder.icmp_unsigned(predicate, words, constant)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import locplan
-from locplan.config import FieldConfig
+from locplan.field import FieldConfig
 
 MAPS = ("aws_small_house", "tuw_warehouse032")
 PLANNERS = ("grid", "any-angle", "InformedRRTstar", "BITstar", "RRTConnect")

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from test_export import compare_with_smac, far_apart
 
-from locplan import environments, export, load_map
-from locplan.config import FieldConfig
-from locplan.costmap import Costmap
-from locplan.field import CovarianceField
-from locplan.grid import OccupancyGrid
-from locplan.path import Path
-from locplan.store import load_or_compute
+from locplan import export, load_map
+from locplan.costs import Costmap, Path
+from locplan.field import CovarianceField, FieldConfig, load_or_compute
+from locplan.maps import OccupancyGrid, environments
 
 SIZE = 2000
 RESOLUTION = 0.05
@@ -89,7 +86,7 @@ def test_export(benchmark, made, tmp_path, name):
 MAPS = ("aws_small_house", "willow_full_stage", "tb4_warehouse", "mit_stata_basement_yaw")
 
 
-@pytest.mark.filterwarnings("ignore::locplan.export.value_maps.YawWarning")
+@pytest.mark.filterwarnings("ignore::locplan.export._value_maps.YawWarning")
 @pytest.mark.parametrize("weight", [1.0, 4.0, 12.0])
 @pytest.mark.parametrize("name", ["two_corridors", "office", *MAPS, "fetch_4_26_15"])
 def test_smac2d_on_our_mask(benchmark, real_maps, tmp_path, name, weight):

@@ -18,12 +18,10 @@ from benchmarks.opencv_forms import masked_norm, packed_hamming
 from locplan._kernels import sad as kernel
 from locplan._kernels.simd import LANES, add_matches, add_to, zeros
 from locplan._kernels.templates import empty_template
-from locplan.config import FieldConfig
-from locplan.estimators import sad
-from locplan.field import covariance_field
-from locplan.lattice import stride_cells
-from locplan.map_files import load_map
-from locplan.search_window import SearchWindow
+from locplan.field import FieldConfig, SearchWindow, covariance_field
+from locplan.field._lattice import stride_cells
+from locplan.field.estimators import _sad as sad
+from locplan.maps import load_map
 
 MAPS = (
     "f1tenth_gym_stata_basement",
@@ -34,7 +32,7 @@ MAPS = (
     "willow_full_stage",
     "tb4_warehouse",
 )
-pytestmark = pytest.mark.filterwarnings("ignore::locplan.map_files.MapWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::locplan.maps._files.MapWarning")
 
 
 def load(name):

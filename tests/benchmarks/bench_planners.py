@@ -15,10 +15,9 @@ from skimage.graph import MCP_Geometric
 from test_movingai import map_of, read_all_scenarios, read_map, scenario_files
 
 from locplan._kernels.search import bordered_half, shortest_costs
-from locplan.costmap import Costmap
-from locplan.grid import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import plan
-from locplan.planners.pareto import pareto_front
+from locplan.costs import Costmap
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners import pareto_front, plan
 
 
 def rooms(size: int, seed: int = 0, *, blocked: float = 0.25) -> np.ndarray:
@@ -113,7 +112,7 @@ def test_any_angle(benchmark, size, seed, monkeypatch):
     ends = ends_of(costs)
     grid_seconds, grid = best_of(7, lambda: plan(costs, *ends))
     with monkeypatch.context() as patch:  # 32 neighbours and dynamic programming at all scales
-        patch.setattr("locplan.planners.any_angle.SHIFTS", ())
+        patch.setattr("locplan.planners._any_angle.SHIFTS", ())
         best = plan(costs, *ends, planner="any-angle", accuracy="high")
     high = plan(costs, *ends, planner="any-angle", accuracy="high")
     result = benchmark.pedantic(lambda: plan(costs, *ends, planner="any-angle"), rounds=7)

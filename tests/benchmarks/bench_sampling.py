@@ -12,15 +12,13 @@ import pytest
 from ompl import base, util
 
 from benchmarks.bench_planners import rooms
-from locplan import environments
-from locplan.config import FieldConfig
-from locplan.costmap import Costmap
-from locplan.field import covariance_field
-from locplan.grid import FREE, OccupancyGrid
-from locplan.map_files import load_map
-from locplan.planners import plan, sampling
-from locplan.planners.sampling.logs import logged
-from locplan.planners.sampling.settings import planner_of
+from locplan.costs import Costmap
+from locplan.field import FieldConfig, covariance_field
+from locplan.maps import FREE, OccupancyGrid, environments, load_map
+from locplan.planners import ompl as sampling
+from locplan.planners import plan
+from locplan.planners.ompl._logs import logged
+from locplan.planners.ompl._settings import planner_of
 
 WEIGHT = 3.0
 SECONDS = 5.0
@@ -91,7 +89,7 @@ def problem_on(name, real_maps):
 
 def far_apart(costs):
     """The two ends of the longest way: farthest from the farthest cell of some free one."""
-    from locplan.planners import cost_to_go
+    from locplan.planners import _cost_to_go as cost_to_go
 
     def farthest(xy):
         cost = cost_to_go.plan_field(costs, xy).cost

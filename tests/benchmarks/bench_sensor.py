@@ -10,14 +10,13 @@ import pytest
 from numba import njit
 
 from locplan._kernels.rays import cast, empty_squares
-from locplan.config import FieldConfig
-from locplan.estimators import fisher, scan
-from locplan.grid import OCCUPIED
-from locplan.map_files import load_map
-from locplan.sensor import Sensor
+from locplan.field import FieldConfig, Lidar
+from locplan.field.estimators import _fisher as fisher
+from locplan.field.estimators import _scan as scan
+from locplan.maps import OCCUPIED, load_map
 
 MAPS = ("tb4_depot", "fetch_4_26_15", "aws_small_house", "mit_stata_basement_yaw")
-LIDAR = Sensor(range=30.0, beams=360)
+LIDAR = Lidar(range=30.0, beams=360)
 TARGET_FISHER, TARGET_SCAN = 0.5, 0.7
 
 

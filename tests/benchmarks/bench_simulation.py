@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from locplan import Path, environments
+from locplan import Path
 from locplan._kernels import particles
-from locplan.simulation import Amcl, Reality, Simulator
-from locplan.simulation.motion import poses_along
+from locplan.maps import environments
+from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.simulation._motion import poses_along
 
 FIXED = Amcl(min_particles=500, max_particles=500)
 DRIVES = 1000
@@ -20,7 +21,7 @@ DRIVES = 1000
 @pytest.fixture(scope="module")
 def simulator():
     grid = environments.make("places")
-    return Simulator(grid, FIXED, Reality())
+    return Simulator(grid, FIXED, Disturbances())
 
 
 @pytest.fixture(scope="module")

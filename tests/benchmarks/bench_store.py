@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan import cluster, environments, field_files, load_map, save_map, store
-from locplan.config import FieldConfig
-from locplan.field import covariance_field
-from locplan.grid import OCCUPIED, OccupancyGrid
+from locplan import load_map, save_map
+from locplan.field import FieldConfig, covariance_field
+from locplan.field import _cluster as cluster
+from locplan.field import _store as store
+from locplan.field import _zarr as field_files
+from locplan.maps import OCCUPIED, OccupancyGrid, environments
 
 KILLS = 50
 COMPUTE = """

@@ -1,6 +1,6 @@
 """The SAD distribution at one cell by OpenCV, in the two fastest forms found.
 
-Both give exactly `locplan.template_matching.sad_distribution`.
+Both give exactly `locplan.paper.template_matching.sad_distribution`.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from locplan.template import disc, local_map, rotated_template
-from locplan.template_matching import sad_distribution
+from locplan.field._template import disc, local_map, rotated_template
+from locplan.paper.template_matching import sad_distribution
 
 
 def masked_norm(cells, row, col, radius, window):

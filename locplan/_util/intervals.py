@@ -1,0 +1,70 @@
+"""95 % intervals: of a share, and of root mean squares and their ratios."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+MIN_SAMPLES = 5
+"""Of fewer values nothing is said but their mean."""
+
+
+class Interval(NamedTuple):
+    """A value with its 95 % interval; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+
+def wilson(share: float, trials: int) -> Interval:
+    """Wilson's 95 % interval of a share."""
+    z = 1.959964
+    middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
+    half = z * np.sqrt(share * (1 - share) / trials + (z / (2 * trials)) ** 2)
+    half /= 1 + z * z / trials
+    return Interval(share, max(0.0, float(middle - half)), min(1.0, float(middle + half)))
+
+
+def of_mean(values: NDArray[np.float64]) -> Interval:
+    """Student's interval of the mean of values that are independent; none of too few."""
+    values = np.asarray(values, float)
+    if values.size < MIN_SAMPLES:
+        return Interval(float(values.mean()) if values.size else np.nan, np.nan, np.nan)
+    half = stdtrit(values.size - 1, 0.975) * values.std(ddof=1) / np.sqrt(values.size)
+    middle = float(values.mean())
+    return Interval(middle, middle - float(half), middle + float(half))
+
+
+def of_geometric_mean(values: NDArray[np.float64]) -> Interval:
+    """The same of positive values' geometric mean, on their logarithms."""
+    return Interval(*np.exp(of_mean(np.log(values))).tolist())
+
+
+def of_rms(squares: NDArray[np.float64], others: NDArray[np.float64] | None = None) -> Interval:
+    """Interval of a root mean square, or of the ratio of two of the same trials.
+
+    Student's, on the jackknife's pseudo-values of the logarithm.
+
+    Parameters
+    ----------
+    squares : (n,) array
+        Mean square of each trial.
+    others : (n,) array, optional
+        Of the root mean square to divide by, in the same order.
+    """
+    below = np.ones_like(squares) if others is None else others
+    total, total_below, count = squares.sum(), below.sum(), squares.size
+    if count < MIN_SAMPLES or not total > 0 or not total_below > 0:
+        value = np.sqrt(total / total_below) if total_below > 0 else np.nan
+        return Interval(float(value), np.nan, np.nan)
+    whole = np.log(total / total_below)
+    with np.errstate(divide="ignore"):
+        without = np.log((total - squares) / (total_below - below))
+    pseudo = of_mean(count * whole - (count - 1) * without)
+    half = (pseudo.high - pseudo.low) / 2
+    low, high = np.exp((whole - half) / 2), np.exp((whole + half) / 2)
+    return Interval(float(np.exp(whole / 2)), float(low), float(high))

@@ -1,0 +1,87 @@
+"""Maps and scenarios of the MovingAI benchmarks (movingai.com)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from locplan.errors import LocplanError, MapError
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.planners import Query
+from locplan.planners._queries import lines_of
+
+PASSABLE = ".GS"
+"""Letters of passable cells in the MovingAI benchmarks."""
+
+
+def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> OccupancyGrid:
+    """A MovingAI benchmark's map: passable cells are free, all others walls.
+
+    Its first line is the map's top, the greatest y.
+
+    Raises
+    ------
+    MapError
+        If the file is none.
+    """
+    path = Path(file)
+    lines = lines_of(path)
+    if "map" not in lines[:8] or not lines[0].startswith("type"):
+        raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
+    rows = [row for row in lines[lines.index("map") + 1 :] if row]
+    if len({len(row) for row in rows}) != 1:
+        raise MapError(f"{path}: its rows must all have one length; download it anew")
+    cells = [[FREE if letter in PASSABLE else OCCUPIED for letter in row] for row in rows[::-1]]
+    return OccupancyGrid(np.array(cells, np.uint8), resolution, name=path.stem)
+
+
+def read_scenarios(
+    file: str | os.PathLike[str], grid: OccupancyGrid, *, count: int | None = None
+) -> list[Query]:
+    """A MovingAI benchmark's scenarios as queries, from cell centre to cell centre.
+
+    Parameters
+    ----------
+    file : path
+        In the .scen format, whose rows count from the map's top.
+    grid : OccupancyGrid
+        The map, as `read_movingai_map` reads it.
+    count : int, optional
+        So many at most, evenly over the file, where they are sorted by length.
+
+    Raises
+    ------
+    LocplanError
+        If the file is none, or belongs to a map of another size.
+    """
+    path = Path(file)
+    lines = lines_of(path)
+    if not lines or not lines[0].startswith("version"):
+        raise LocplanError(f"{path}: is no MovingAI scenario; its first line must be 'version 1'")
+    queries = [
+        _scenario(path, number, line, grid)
+        for number, line in enumerate(lines[1:], 2)
+        if line.strip()
+    ]
+    if count is None or count >= len(queries):
+        return queries
+    return [queries[n] for n in np.linspace(0, len(queries) - 1, count).round().astype(int)]
+
+
+def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
+    fields = line.split()
+    try:
+        cols, rows, *ends = (int(value) for value in fields[-7:-1])
+        start_col, start_row, goal_col, goal_row = ends
+    except ValueError:
+        raise LocplanError(f"{path}: line {number}: is no scenario: {line[:60]!r}") from None
+    if (rows, cols) != grid.shape:
+        raise LocplanError(
+            f"{path}: line {number}: is for a map of {cols} x {rows} cells, but"
+            f" {grid.name or 'this one'} has {grid.shape[1]} x {grid.shape[0]}"
+        )
+    start = grid.cell_to_world(rows - 1 - start_row, start_col)
+    goal = grid.cell_to_world(rows - 1 - goal_row, goal_col)
+    return Query(f"scenario {number - 1}", start, goal)

@@ -1,0 +1,250 @@
+"""Runs as OMPL benchmark logs, from which `ompl_benchmark_statistics` makes a database.
+
+The format is that of `ompl::tools::Benchmark::saveResultsToStream` as the script of OMPL 2.0
+reads it; Planner Arena 1.0 shows the database.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from locplan import __version__
+from locplan._util.files import replacing_folder
+from locplan.comparison._convergence import baseline_costs, best_so_far, query_of
+from locplan.comparison._runs import MEASURES, Run
+from locplan.comparison._statistics import Array
+from locplan.errors import LocplanError
+
+STATUS_NUMBERS: Mapping[str, int] = {
+    "solved": 6,
+    "timeout": 4,
+    "crashed": 7,
+    "infeasible": 9,
+    "unreachable": 10,
+    "error": 11,
+    "hung": 12,
+    "out of memory": 13,
+}
+"""Below 10 those of `ompl::base::PlannerStatus`, so that OMPL's own logs may join the database."""
+
+STATUS_NAMES = (
+    "Unknown status|Invalid start|Invalid goal|Unrecognized goal type|Timeout"
+    "|Approximate solution|Exact solution|Crash|Aborted|Infeasible"
+    "|Unreachable|Error|Hung|Out of memory"
+)
+
+SAMPLES = 100
+"""Moments at which the best cost of a planner's longest run is told."""
+
+
+def write_ompl_logs(
+    runs: Iterable[Run],
+    folder: str | os.PathLike[str],
+    *,
+    baseline: str | None = None,
+    time_limit: float = math.nan,
+    memory_limit: float = math.nan,
+    settings: Mapping[str, str] | None = None,
+    started: datetime | None = None,
+) -> list[Path]:
+    """Write one log for every map, configuration, weight and query.
+
+    J differs between maps, configurations and weights: each of their combinations is one of
+    Planner Arena's problems. The query is a parameter of the problem, over which its box plots
+    aggregate, or which they take apart. Where a problem has a single query it is no parameter:
+    Planner Arena's progress page fails on parameters with one value.
+
+    Parameters
+    ----------
+    runs
+        What came of the comparison.
+    folder
+        Made, or replaced if nothing but logs is in it. ``ompl_benchmark_statistics -d arena.db
+        FOLDER/*.log`` makes the database, and replaces an `arena.db` that is there.
+    baseline
+        The planner whose J of the same query the relative cost is told of; none without it.
+    time_limit, memory_limit
+        For a run [s, MB]; unknown if NaN.
+    settings
+        Of a planner by its label.
+    started
+        When the comparison began; now if None.
+
+    Returns
+    -------
+    list of Path
+        The logs, by map, configuration, weight and query.
+
+    Raises
+    ------
+    LocplanError
+        If there are no runs, or the folder cannot be written or replaced.
+    """
+    ordered = sorted(runs, key=lambda run: run.task)
+    if not ordered:
+        raise LocplanError("there are no runs to write a log of")
+    logs = _logs(ordered, baseline, (time_limit, memory_limit), settings or {}, started)
+    with replacing_folder(folder, None, only_logs) as temporary:
+        for name, lines in logs.items():
+            text = "".join(f"{line}\n" for line in lines)
+            (temporary / name).write_text(text, "ascii", "backslashreplace", newline="\n")
+    return [Path(folder) / name for name in logs]
+
+
+def only_logs(folder: Path) -> bool:
+    """Whether a folder may be replaced: nothing but logs is in it."""
+    return folder.is_dir() and all(path.suffix == ".log" for path in folder.iterdir())
+
+
+def _logs(
+    runs: Sequence[Run],
+    baseline: str | None,
+    limits: tuple[float, float],
+    settings: Mapping[str, str],
+    started: datetime | None,
+) -> dict[str, list[str]]:
+    """The lines of each log, by file name."""
+    moment = (started or datetime.now()).isoformat(" ", "seconds")
+    costs = {} if baseline is None else baseline_costs(runs, baseline)
+    queries = Counter(setting for setting, _ in {query_of(run) for run in runs})
+    logs: dict[str, list[str]] = {}
+    for (setting, query), group in groupby(runs, query_of):
+        taken = list(group)
+        lines = _preamble(taken, query if queries[setting] > 1 else None, moment, limits)
+        lines += _planners(taken, costs.get((setting, query), math.nan), settings)
+        logs[f"{len(logs):04d}.log"] = lines
+    return logs
+
+
+def _preamble(
+    runs: Sequence[Run], query: str | None, moment: str, limits: tuple[float, float]
+) -> list[str]:
+    """All lines that the format calls optional are there: the script stumbles without them."""
+    task = runs[0].task
+    name = _word(f"{task.map}, {task.config}, weight {task.weight:g}")
+    parameters = [] if query is None else [f"query TEXT = {_parameter(query)}"]
+    most = max(len(list(group)) for _, group in groupby(runs, lambda run: run.task.planner))
+    return [
+        f"locplan version {__version__}",
+        f"Experiment {name}",
+        f"{len(parameters)} experiment properties",
+        *parameters,
+        f"Running on {_word(platform.node() or 'UNKNOWN')}",
+        f"Starting at {moment}",
+        "<<<|",
+        _line(f"{task.map}, {task.config}, weight {task.weight:g}, query {task.query}"),
+        "|>>>",
+        "<<<|",
+        _line(platform.machine()),
+        "|>>>",
+        "0 is the random seed",
+        f"{limits[0]!r} seconds per run",
+        f"{limits[1]!r} MB per run",
+        f"{most} runs per planner",
+        f"{sum(run.wall_seconds for run in runs):.3f} seconds spent to collect the data",
+        "1 enum type",
+        f"status|{STATUS_NAMES}",
+    ]
+
+
+def _planners(runs: Sequence[Run], reference: float, settings: Mapping[str, str]) -> list[str]:
+    groups = [list(group) for _, group in groupby(runs, lambda run: run.task.planner)]
+    lines = [f"{len(groups)} planners"]
+    for group in groups:
+        planner = group[0].task.planner
+        common = [f"settings = {_line(settings[planner])}"] if planner in settings else []
+        lines += [_line(planner), f"{len(common)} common properties", *common]
+        lines += _table([_properties(run, reference) for run in group])
+        lines += [*_progress(group, reference), "."]
+    return lines
+
+
+def _table(records: Sequence[Mapping[str, float]]) -> list[str]:
+    heads = list(records[0])
+    rows = ["".join(f"{_number(value)}; " for value in record.values()) for record in records]
+    return [
+        f"{len(heads)} properties for each run",
+        *heads,
+        f"{len(rows)} runs",
+        *rows,
+    ]
+
+
+def _properties(run: Run, reference: float) -> dict[str, float]:
+    """Planner Arena's views need time and solved; "status" is the one enum it can draw."""
+    values = {
+        "time REAL": run.seconds,
+        "solved BOOLEAN": int(run.status == "solved"),
+        "status ENUM": STATUS_NUMBERS[run.status],
+        "planner seed INTEGER": run.task.seed,
+        "wall time REAL": run.wall_seconds,
+        "relative cost REAL": run.measures.get("cost", math.nan) / (reference or math.nan),
+    }
+    for measure in MEASURES.keys() - {"seconds"}:
+        head = "solution length" if measure == "length" else measure.replace("_", " ")
+        values[f"{head} REAL"] = run.measures.get(measure, math.nan)
+    return dict(sorted(values.items()))
+
+
+def _progress(runs: Sequence[Run], reference: float) -> list[str]:
+    """The best cost at equal steps, as OMPL samples it; nothing for planners without a history."""
+    if not any(run.history and best_so_far(run) for run in runs):
+        return []
+    points = [best_so_far(run) for run in runs]
+    end = max(time for each in points for time, _ in each)
+    moments = np.linspace(0.0, end, SAMPLES + 1)[1:]
+    return [
+        "3 progress properties for each run",
+        "best cost REAL",
+        "relative cost REAL",
+        "time REAL",
+        f"{len(runs)} runs",
+        *(_samples(each, moments, reference) for each in points),
+    ]
+
+
+def _samples(points: Sequence[tuple[float, float]], moments: Array, reference: float) -> str:
+    """One line: from the first path to the end of the run, empty without a path."""
+    if not points:
+        return ""
+    times, best = np.array(points).T
+    lasting = moments[moments >= times[0]]
+    lasting = lasting[: 1 + int(np.sum(lasting < times[-1]))]
+    costs = best[np.searchsorted(times, lasting, side="right") - 1]
+    return "".join(
+        f"{_number(cost)},{_number(cost / (reference or math.nan))},{_number(time)},;"
+        for time, cost in zip(lasting.tolist(), costs.tolist(), strict=True)
+    )
+
+
+def _number(value: float) -> str:
+    """Empty, which becomes NULL, if it is not finite: "-inf" would become a text."""
+    return repr(value) if math.isfinite(value) else ""
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split()) or "unnamed"
+
+
+def _word(text: str) -> str:
+    """Of the names of experiments and hosts the script takes the last word."""
+    return "_".join(text.split()) or "unnamed"
+
+
+def _parameter(text: str) -> str:
+    """Planner Arena cannot choose a text that reads as a number, nor the script one with " = "."""
+    label = _line(text).replace(" = ", "=")
+    try:
+        float(label)
+    except ValueError:
+        return label
+    return f"query {label}"

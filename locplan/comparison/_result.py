@@ -1,0 +1,161 @@
+"""A comparison that was made: its runs, its statistics, and the files that tell of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from locplan._util.files import (
+    check_folder,
+    check_folder_target,
+    check_target,
+    make_folder,
+    replacing,
+)
+from locplan.comparison._cases import Source
+from locplan.comparison._frames import has_parquet, to_frame, write_table
+from locplan.comparison._ompl_log import only_logs, write_ompl_logs
+from locplan.comparison._pairs import Contrast, contrasts
+from locplan.comparison._runs import Run
+from locplan.comparison._statistics import Summary, summaries
+from locplan.comparison._verdicts import (
+    answers,
+    comparison_table,
+    contrast_json,
+    rows_of,
+    summary_json,
+)
+from locplan.comparison.report import write_report
+from locplan.comparison.report._data import Case, ReportData, Row
+
+MAX_SCENES, PATHS_EACH = 8, 2
+"""Maps and settings that a report draws, and queries whose paths it shows on each."""
+REPORTED = (
+    *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers", "began"),
+    *("time_limit", "criterion", "random_queries"),
+)
+"""Of `about`, what a report shows."""
+FRONT_TIME = 20.0
+"""For the exact front of a query in a report [s]."""
+
+
+def check_result_folder(folder: Path) -> None:
+    """Raise a LocplanError unless results can be written into the folder, there or to be made."""
+    check_folder(folder)
+    if folder.exists():
+        check_target(folder / "report.html", ".html")
+        check_target(folder / "runs.csv", ".csv")
+        check_folder_target(folder / "ompl_logs", None, only_logs)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison:
+    """All runs of a comparison, and what they say; made by `compare`."""
+
+    runs: tuple[Run, ...]
+    """By map, settings, weight, query, planner and seed."""
+    baseline: str
+    """The planner that the others are compared with."""
+    sources: Mapping[Case, Source]
+    """Where each map and settings come from, with its queries."""
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """How it was made, fit for JSON: settings, versions, the machine and the time."""
+
+    def __repr__(self) -> str:
+        planners = dict.fromkeys(run.task.planner for run in self.runs)
+        return f"Comparison({len(self.runs)} runs of {', '.join(planners)})"
+
+    def summaries(self, *, pooled: bool = False) -> list[Summary]:
+        """Success, medians and quartiles of each planner; `pooled` takes all maps together."""
+        return summaries(self.runs, pooled)
+
+    def contrasts(self, *, pooled: bool = False) -> list[Contrast]:
+        """Each planner and measure beside the baseline's, with intervals and a sentence."""
+        return contrasts(self.runs, self.baseline, pooled)
+
+    def to_frame(self) -> Any:
+        """A pandas data frame with one row for every run; a LocplanError without pandas."""
+        return to_frame(self.runs)
+
+    def save(self, folder: str | os.PathLike[str], *, command: str = "") -> list[Path]:
+        """Write report.html, runs.csv (and runs.parquet with pyarrow), comparison.json, ompl_logs.
+
+        Parameters
+        ----------
+        folder : path
+            Made if it is not there.
+        command : str
+            How to repeat it, for the report.
+
+        Returns
+        -------
+        list of Path
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written.
+        """
+        target = Path(folder)
+        check_result_folder(target)
+        make_folder(target)
+        write_report(target / "report.html", self._report(command))
+        tables = ["runs.csv", *(["runs.parquet"] if has_parquet() else [])]
+        written = [write_table(self.runs, target / name) for name in tables]
+        with replacing(target / "comparison.json") as temporary:
+            temporary.write_text(json.dumps(self.to_json(), indent=2) + "\n", encoding="utf-8")
+        limits = [self.about.get(name) for name in ("time_limit", "memory")]
+        seconds, size = (math.nan if limit is None else limit for limit in limits)
+        write_ompl_logs(
+            self.runs,
+            target / "ompl_logs",
+            baseline=self.baseline,
+            time_limit=seconds,
+            memory_limit=size,
+            started=datetime.fromisoformat(self.about["began"]),
+        )
+        return [
+            target / "report.html",
+            *written,
+            target / "comparison.json",
+            target / "ompl_logs",
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        """The settings and all statistics, fit for JSON."""
+        return {
+            **self.about,
+            "baseline": self.baseline,
+            "summaries": [summary_json(summary) for summary in self.summaries()],
+            "contrasts": [contrast_json(contrast) for contrast in self.contrasts()],
+        }
+
+    def rows(self) -> list[Row]:
+        """Each planner's statistics with its J beside the baseline's, for tables."""
+        return rows_of(self.runs, self.baseline, self.sources)
+
+    def answers(self) -> dict[str, str]:
+        """For each map one sentence: each planner's J beside the baseline's, at the last weight."""
+        return answers(self.rows(), self.baseline)
+
+    def table(self) -> str:
+        """For people, as wide as the terminal."""
+        return comparison_table(self.rows(), self.baseline)
+
+    def _report(self, command: str) -> ReportData:
+        chosen = list(self.sources.items())[:MAX_SCENES]
+        drawn = {case: source.scene(PATHS_EACH, FRONT_TIME) for case, source in chosen}
+        scenes = {case: scene for case, scene in drawn.items() if scene is not None}
+        settings = {key: str(self.about[key]) for key in REPORTED if key in self.about}
+        for source in self.sources.values():
+            settings[f"field of {', '.join(source.case)}"] = json.dumps(source.to_json()["config"])
+            settings["robot radius"] = f"{source.robot_radius:g} m"
+        return ReportData(
+            self.runs, self.rows(), scenes, self.baseline, self.answers(), settings, command
+        )

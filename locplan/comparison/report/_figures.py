@@ -1,0 +1,250 @@
+"""The pictures of a report, as inline SVG in the page's colours; legends are the page's."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from locplan.comparison._convergence import Convergence
+from locplan.comparison._runs import MEASURES, Run
+from locplan.comparison.report._data import Ends, Scene
+from locplan.costs import Path
+from locplan.plotting import draw_ends, draw_field, draw_path
+from locplan.plotting._captions import LABELS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.image import AxesImage
+
+WIDTH = 3.5
+"""Of every picture [inch]: that of a phone's screen, so that texts are as legible there."""
+TALLEST = 5.0
+DPI = 250
+"""Of the maps in pictures."""
+INK, MUTED, RULE = "#010203", "#040506", "#070809"
+"""Stand for the page's colours of these names."""
+COLOURS = (
+    "#1b1f24",
+    "#0072b2",
+    "#008a64",
+    "#b8548f",
+    "#c05000",
+    "#2f93d1",
+    "#a07800",
+    "#6a51a3",
+)
+"""Of planners, after Okabe and Ito; the page's --p0, --p1, ... in the light."""
+DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.6, 1.4, 1.6)), (0, (2, 1)))
+MARKERS = "osD^vPX"
+THEME = {INK: "ink", MUTED: "muted", RULE: "rule"} | {c: f"p{n}" for n, c in enumerate(COLOURS)}
+SETTINGS: dict[Any, Any] = {
+    "font.size": 8.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "locplan",
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "grid.color": RULE,
+    "grid.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+REACH = 1.3
+"""How far beyond the front, and most planners, runs are still shown."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a planner is drawn: which of the colours, dashes and markers."""
+
+    colour: int
+    dash: int
+    marker: int
+
+    @property
+    def line(self) -> dict[str, Any]:
+        return {"color": COLOURS[self.colour], "linestyle": DASHES[self.dash]}
+
+
+def looks_of(planners: Sequence[str]) -> dict[str, Look]:
+    """Of each planner; no two of the first 280 look alike."""
+    counts = len(COLOURS), len(DASHES), len(MARKERS)
+    return {planner: Look(*(n % count for count in counts)) for n, planner in enumerate(planners)}
+
+
+def marker_sizes(weights: Sequence[float]) -> dict[float, float]:
+    """The greater a weight, the larger its markers."""
+    return dict(zip(weights, np.linspace(4, 9, len(weights)).tolist(), strict=True))
+
+
+def trade_off_picture(
+    scene: Scene, runs: Sequence[Run], looks: Mapping[str, Look], alt: str
+) -> tuple[str, int]:
+    """Length against the integral of the runs of one query, and its exact front.
+
+    Returns
+    -------
+    svg : str
+        With a line through the medians of each planner's weights.
+    outside : int
+        How many runs lie so far from the front that they are not shown.
+    """
+    front = scene.front
+    assert front is not None
+    measure = f"integrated_{front.objective}"
+    points = {
+        planner: np.array(
+            [
+                (run.task.weight, run.measures["length"], run.measures[measure])
+                for run in runs
+                if run.task.planner == planner and run.measures
+            ]
+        ).reshape(-1, 3)
+        for planner in looks
+    }
+    edge = _edge(np.array([front.length, front.integral]).T, list(points.values()))
+    sizes = marker_sizes(sorted({run.task.weight for run in runs}))
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        alone = "." if len(front) == 1 else ""
+        axes.step(front.length, front.integral, "-", marker=alone, where="post", color=MUTED)
+        for planner, look in looks.items():
+            _draw_trade_offs(
+                axes, points[planner][(points[planner][:, 1:] <= edge).all(1)], look, sizes
+            )
+        unit = f"{scene.field.e_unit} m"
+        axes.set(xlabel="length [m]", ylabel=f"{MEASURES[measure][0]} [{unit}]")
+        axes.margins(0.06)
+        axes.grid()
+
+    outside = sum(int((own[:, 1:] > edge).any(axis=1).sum()) for own in points.values())
+    return _svg(draw, 2.5, alt), outside
+
+
+def _edge(front: NDArray[np.float64], points: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The greatest length and integral to show."""
+    worst = [own[:, 1:].max(axis=0) for own in points if len(own)]
+    usual = np.median(worst, axis=0) if worst else np.zeros(2)
+    return REACH * np.maximum(front.max(axis=0), usual)
+
+
+def _draw_trade_offs(
+    axes: Axes, points: NDArray[np.float64], look: Look, sizes: Mapping[float, float]
+) -> None:
+    """A marker for each of (weight, length, integral), and a line through the weights' medians."""
+    groups = {weight: points[points[:, 0] == weight, 1:] for weight in sizes}
+    medians = [np.median(group, axis=0) for group in groups.values() if len(group)]
+    if medians:
+        axes.plot(*np.transpose(medians), **look.line, linewidth=1.0)
+    hollow: dict[str, Any] = {
+        "color": COLOURS[look.colour],
+        "markerfacecolor": "none",
+        "markeredgewidth": 1.2,
+    }
+    for weight, group in groups.items():
+        axes.plot(*group.T, MARKERS[look.marker], markersize=sizes[weight], **hollow)
+
+
+def progress_picture(curves: Mapping[str, Convergence], looks: Mapping[str, Look], alt: str) -> str:
+    """Best J over time as a multiple of the baseline's: medians and interquartile bands."""
+    top = max(map(_shown_until, curves.values()))
+    bottom = min(1.0, *(float(curve.lower.min()) for curve in curves.values()))
+    margin = 0.06 * (top - bottom)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.axhline(1, color=MUTED, linewidth=1.4)
+        for planner, curve in curves.items():
+            quartiles = np.array([curve.lower, curve.median, curve.upper])
+            low, middle, high = np.minimum(quartiles, 10 * top)
+            line = looks[planner].line
+            band = {"alpha": 0.2, "linewidth": 0, "color": line["color"]}
+            axes.fill_between(curve.times, low, high, step="post", **band)
+            axes.step(curve.times, middle, where="post", linewidth=1.8, **line)
+        axes.set(xscale="log", ylim=(bottom - margin, top + margin))
+        axes.set(xlabel="time since the search began [s]", ylabel="best J / baseline's J")
+        _plain_decades(axes.xaxis)
+        axes.grid()
+
+    return _svg(draw, 2.3, alt)
+
+
+def _shown_until(curve: Convergence) -> float:
+    """A multiple below which most of a curve lies."""
+    middle, high = (line[np.isfinite(line)] for line in (curve.median, curve.upper))
+    if not middle.size:
+        return 1.1
+    return float(max(np.quantile(middle, 0.9), high[-1] if high.size else 1, 1.02))
+
+
+def paths_picture(
+    scene: Scene, ends: Ends, paths: Mapping[str, Path], looks: Mapping[str, Look], alt: str
+) -> str:
+    """The paths of one query over the field, ever thinner, so that none hides another."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        image = draw_field(axes, scene.field)
+        axes.set(xlabel="", ylabel="")
+        axes.spines[["top", "right"]].set_visible(True)
+        widths = [2.2] if len(paths) == 1 else np.linspace(4.2, 1.5, len(paths)).tolist()
+        for (planner, path), width in zip(paths.items(), widths, strict=True):
+            outline = [Stroke(linewidth=width + 1.2, foreground="white"), Normal()]
+            draw_path(axes, path, **looks[planner].line, linewidth=width, path_effects=outline)
+        draw_ends(axes, *ends)
+        _colour_bar(figure, axes, image, f"{LABELS['e']} [{scene.field.e_unit}], x and y [m]")
+        width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+        figure.set_size_inches(WIDTH, min((WIDTH - 0.35) * height / width + 0.85, TALLEST))
+
+    return _svg(draw, TALLEST, alt)
+
+
+def _colour_bar(figure: Figure, axes: Axes, image: AxesImage, label: str) -> None:
+    bar = figure.colorbar(image, ax=axes, label=label, location="bottom", aspect=40, pad=0.04)
+    _plain_decades(bar.ax.xaxis)
+    bar.outline.set_linewidth(0.5)
+
+
+def _plain_decades(axis: Axis) -> None:
+    """Ticks 0.01, 0.1, 1 instead of powers."""
+    axis.set_major_locator(LogLocator(numticks=6))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _svg(draw: Callable[[Figure], None], height: float, alt: str) -> str:
+    """A picture with its alternative text, in the page's colours, its identifiers its own."""
+    with mpl.rc_context(SETTINGS):
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        draw(figure)
+        written = io.StringIO()
+        figure.savefig(written, format="svg", dpi=DPI, transparent=True, metadata=NO_METADATA)
+    svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", written.getvalue(), flags=re.S)
+    svg = svg[svg.index("<svg") :]
+    own = "s" + hashlib.sha256((alt + svg).encode(errors="replace")).hexdigest()[:10]
+    svg = re.sub(r'(<[^>]* id="|url\(#|href="#)', rf"\g<1>{own}-", svg)
+    for colour, name in THEME.items():
+        svg = svg.replace(colour, f"var(--{name})")
+    return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(alt, quote=True)}" ', 1)

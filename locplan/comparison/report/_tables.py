@@ -1,0 +1,153 @@
+"""The tables of a report: each planner's statistics, and the runs that failed."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+
+from locplan.comparison._runs import MEASURES, Run
+from locplan.comparison.report._data import ReportData, Row
+from locplan.comparison.report._figures import Look
+from locplan.comparison.report._html import (
+    Cell,
+    Html,
+    breakable,
+    counted,
+    element,
+    html,
+    joined,
+    table,
+)
+from locplan.comparison.report._marks import Scale, interval, line
+
+COLUMNS = ("cost", "seconds", "length", "integrated_u", "integrated_e")
+HEADS = {"cost": "J [m]", "seconds": "time [ms]"} | {
+    name: f"{label} [{unit}]" for name, (label, unit) in MEASURES.items() if name in COLUMNS[2:]
+}
+MAX_GROUPS = 200
+"""Of failures that are told."""
+NO_BREAK = "\u00a0"
+
+
+def results(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
+    """Every planner's statistics, a table for each map, config and weight."""
+    yield element(
+        "p",
+        f"The mark beside each ratio is its 95{NO_BREAK}% interval, the upright line the J of"
+        f" {data.baseline}; grey where the interval includes it, an arrow where it lies outside."
+        " The other columns are medians over the queries that all planners have solved, with"
+        " their interquartile ranges below. Bold: the least median J of those that solve most.",
+        kind="muted",
+    )
+    cases = itertools.groupby(data.rows, lambda row: (row["map"], row["config"]))
+    for case, in_case in cases:
+        tables = [
+            table(
+                f"{', '.join(case)}, weight {weight:g}",
+                _heads(data.e_unit),
+                _rows(list(rows), data, looks),
+            )
+            for weight, rows in itertools.groupby(in_case, lambda row: row["weight"])
+        ]
+        name = element("summary", element("h3", ", ".join(case)))
+        yield element("details", name, *tables, open="open")
+
+
+def _heads(e_unit: str) -> list[str]:
+    heads = HEADS | {"integrated_e": f"{MEASURES['integrated_e'][0]} [{e_unit} m]"}
+    return ["planner", "J / baseline's J", "solved", *(heads[name] for name in COLUMNS)]
+
+
+def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> Iterator[list[Cell]]:
+    scale = Scale.of([(row["ratio_low"], row["ratio_high"]) for row in rows])
+    most = max(row["solved_share"] for row in rows)
+    least = min(_median(row, "cost") for row in rows if row["solved_share"] == most)
+    for row in rows:
+        label, share = row["planner"], row["solved_share"]
+        mark = line(looks[label]) if label in looks else ""
+        name = element("span", mark, element("span", breakable(label)), kind="planner")
+        costs, *others = (_measure_cell(row, measure) for measure in COLUMNS)
+        if share == most and _median(row, "cost") == least < math.inf:
+            costs = Cell(costs.content, costs.key, "best")
+        solved = Cell(
+            f"{share:.0%}".replace("%", f"{NO_BREAK}%"), share, "" if share == 1 else "few"
+        )
+        ratio = _ratio_cell(row, label == data.baseline, scale)
+        yield [Cell(name), ratio, solved, costs, *others]
+
+
+def _median(row: Row, measure: str) -> float:
+    value = row["measures"].get(measure, (math.nan,) * 3)[0]
+    return value if math.isfinite(value) else math.inf
+
+
+def _measure_cell(row: Row, measure: str) -> Cell:
+    quartiles = row["measures"].get(measure, (math.nan,) * 3)
+    if not math.isfinite(quartiles[0]):
+        return Cell("–", math.nan)
+    factor = 1000 if measure == "seconds" else 1
+    middle, low, high = (_number(factor * value) for value in quartiles)
+    return Cell(joined([middle, element("small", f"{low} – {high}")]), quartiles[0])
+
+
+def _ratio_cell(row: Row, is_baseline: bool, scale: Scale) -> Cell:
+    if is_baseline:
+        return Cell(
+            joined(["1", interval(1, 1, 1, scale), element("small", "baseline")]), 1.0, "ratio"
+        )
+    ratio, low, high = row["ratio"], row["ratio_low"], row["ratio_high"]
+    if not math.isfinite(ratio):
+        return Cell("–", math.nan)
+    text = f"{ratio:.3f} [{low:.3f}, {high:.3f}]"
+    drawn = interval(ratio, low, high, scale)
+    return Cell(joined([text, drawn, element("small", row["sentence"])]), ratio, "ratio")
+
+
+def _number(value: float) -> str:
+    """Four digits that count above 10, three above 1 and two below."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else "–"
+    size = math.floor(math.log10(abs(value)))
+    if size < -4:
+        return f"{value:.1e}".replace("e-0", "e-")
+    return f"{value:,.{1 - size if size < 0 else max(0, min(2, 3 - size))}f}"
+
+
+def failures(data: ReportData) -> Iterator[Html]:
+    """The runs without a path, those that failed alike in one row."""
+    groups: dict[tuple[str, ...], list[Run]] = {}
+    for run in data.runs:
+        if run.status != "solved":
+            task = run.task
+            key = run.status, task.planner, task.map, task.config, run.note
+            groups.setdefault(key, []).append(run)
+    if not groups:
+        yield element("p", "Every run was solved.")
+        return
+    statuses = Counter(run.status for group in groups.values() for run in group)
+    text = ", ".join(f"{count:,} {status}" for status, count in statuses.most_common())
+    count = counted(statuses.total(), "run")
+    yield element("p", f"{count} of {len(data.runs):,} without a path: {text}.")
+    heads = ("planner", "status", "note", "runs", "longest [s]", "map", "which")
+    rows = (_failure_row(*group) for group in itertools.islice(groups.items(), MAX_GROUPS))
+    yield table("Runs without a path", heads, rows)
+    if len(groups) > MAX_GROUPS:
+        yield element("p", f"And {len(groups) - MAX_GROUPS:,} kinds more.")
+
+
+def _failure_row(key: tuple[str, ...], runs: Sequence[Run]) -> list[Cell]:
+    status, planner, name, config, note = key
+    which = [f"{r.task.query}, weight {r.task.weight:g}, seed {r.task.seed}" for r in runs[:3]]
+    which += ["…"] if len(runs) > 3 else []
+    longest = max(run.wall_seconds for run in runs)
+    return [
+        Cell(breakable(planner)),
+        Cell(status),
+        Cell(note or "–", kind="note"),
+        Cell(str(len(runs)), float(len(runs))),
+        Cell(_number(longest), longest),
+        Cell(f"{name}, {config}"),
+        Cell(Html("<br>".join(map(html, which)))),
+    ]

@@ -1,0 +1,318 @@
+"""From localizability to the cost of travel."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan.costs._degeneracy import COST_LAWS, degeneracy, one_of
+from locplan.errors import ConfigError, FieldError, PoseError
+from locplan.field import CovarianceField
+from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
+
+MAX_DENSITY = 1e9
+"""Greatest finite density: beyond it the steps of a long path would be lost in rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Costmap:
+    """Cost of travel for every cell: J(path) = integral of density ds.
+
+    Made by `from_field` or `from_density`.
+    """
+
+    grid: OccupancyGrid
+    """The map."""
+    density: NDArray[np.float64]
+    """Cost per metre, at least 1; infinite where the robot cannot be, (H, W)."""
+    weight: float
+    """Metres of detour accepted per degenerate metre (lambda)."""
+    robot_radius: float
+    """Least distance from the robot's centre to an occupied cell [m]."""
+    u: NDArray[np.float64]
+    """Degeneracy of a cell, 0..1, (H, W); NaN where there is no field."""
+    e: NDArray[np.float64]
+    """The field's e [m^2 rad], (H, W); NaN where there is no field."""
+    u_of_heading: NDArray[np.float32] | None = None
+    """For n headings of the robot, evenly spaced from 0 on, where it matters: (n, H, W)."""
+    e_of_heading: NDArray[np.float32] | None = None
+    """The same [m^2 rad]."""
+    made_of: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """The settings of u: of `from_fields`, and the fields' configs; fit for JSON."""
+
+    @classmethod
+    def from_field(
+        cls,
+        grid: OccupancyGrid,
+        field: CovarianceField,
+        *,
+        weight: float = 4.0,
+        robot_radius: float = 0.0,
+        law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
+        criterion: str = "e",
+        headings: Literal["mean", "worst"] = "mean",
+    ) -> Costmap:
+        """1 + weight * u on free cells, with u between absolute anchors of the field's config.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map that the field was computed for.
+        field : CovarianceField
+            The field; its Sigma + Q counts, whatever its config adds itself.
+        weight : float
+            Metres of detour accepted per degenerate metre, >= 0.
+        robot_radius : float
+            Cells whose centre is closer to an occupied cell are blocked [m], >= 0.
+        law : str
+            "logarithmic": u = ln(e/e_min) / ln(e_max/e_min); "linear": e / e_max; "cube-root":
+            its cube root. All clipped to 0..1.
+        criterion : str
+            What u is made of: "e", "position_std", "position_rms", "heading_std" (see
+            `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", which
+            is always linear between its anchors.
+        headings : str
+            Of a field with several headings, what counts where the robot's own is not known: the
+            "mean" information over all, or the "worst" heading. Planners whose states have a
+            heading take its own.
+
+        Raises
+        ------
+        FieldError
+            If the field belongs to another map.
+        ConfigError
+            If weight or radius is negative or not finite, or a name is unknown.
+        """
+        return cls.from_fields(
+            grid,
+            [field],
+            weight=weight,
+            robot_radius=robot_radius,
+            law=law,
+            criterion=criterion,
+            headings=headings,
+        )
+
+    @classmethod
+    def from_fields(
+        cls,
+        grid: OccupancyGrid,
+        fields: Sequence[CovarianceField],
+        *,
+        fuse: Literal["max", "mean"] = "max",
+        weight: float = 4.0,
+        robot_radius: float = 0.0,
+        law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
+        criterion: str = "e",
+        headings: Literal["mean", "worst"] = "mean",
+    ) -> Costmap:
+        """The same from several fields of a map, such as those of "fisher" and "scan".
+
+        Parameters
+        ----------
+        fields : sequence of CovarianceField
+            At least one; those with several headings must have as many.
+        fuse : str
+            "max": the larger u; "mean": that of the mean logarithm of the criterion, between the
+            mean logarithms of the anchors. The mean of "fisher" and "scan" by "position_std"
+            predicts the errors of real lasers best. The e that plans report is fused alike.
+
+        The other parameters are those of `from_field`.
+        """
+        fields = list(fields)
+        for field in fields:
+            if field.grid.digest != grid.digest:
+                raise FieldError(
+                    f"the field of {field.grid.name or 'another map'} does not belong to"
+                    f" {grid.name or 'this map'}; compute it for this map"
+                )
+        check_weight(weight)
+        one_of("law", law, COST_LAWS)
+        one_of("fuse", fuse, ("max", "mean"))
+        one_of("headings", headings, ("mean", "worst"))
+        counts = {field.config.headings for field in fields} - {1}
+        if not fields or len(counts) > 1:
+            raise ConfigError("a costmap needs fields, and all with several headings as many")
+        if len({field.window.dimension for field in fields}) > 1:
+            raise ConfigError("a costmap needs fields that all have rotation, or none")
+        own = [degeneracy(fields, criterion, law, fuse, None)] if counts else []
+        u, e = degeneracy(fields, criterion, law, fuse, headings)
+        density = np.where(np.isnan(u), np.inf, 1 + weight * u)
+        return cls(
+            grid=grid,
+            density=_blocked(density, grid, robot_radius),
+            weight=float(weight),
+            robot_radius=float(robot_radius),
+            u=u,
+            e=e,
+            u_of_heading=own[0][0].astype(np.float32) if own else None,
+            e_of_heading=own[0][1].astype(np.float32) if own else None,
+            made_of={
+                "law": law,
+                "criterion": criterion,
+                "fuse": fuse,
+                "headings": headings,
+                "configs": [dataclasses.asdict(field.config) for field in fields],
+            },
+        )
+
+    @classmethod
+    def from_density(
+        cls, grid: OccupancyGrid, density: ArrayLike, *, robot_radius: float = 0.0
+    ) -> Costmap:
+        """A cost of one's own: (H, W) of at least 1 per metre, inf where blocked.
+
+        Cells that are not free, or closer to an occupied one than `robot_radius` [m], are
+        blocked as well. Without a field a path's `integrated_e` and `integrated_u` are NaN.
+
+        Raises
+        ------
+        ConfigError
+            If the array has another shape than the map, or holds NaN, values below 1, or finite
+            ones above 1e9.
+        """
+        values = np.array(density, dtype=np.float64)
+        if values.shape != grid.shape:
+            raise ConfigError(f"density has shape {values.shape}, but the map {grid.shape}")
+        if not ((values >= 1) & ((values <= MAX_DENSITY) | np.isposinf(values))).all():
+            raise ConfigError(
+                f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
+            )
+        values[~grid.free] = np.inf
+        nothing = np.full(grid.shape, np.nan)
+        return cls(
+            grid=grid,
+            density=_blocked(values, grid, robot_radius),
+            weight=math.nan,
+            robot_radius=float(robot_radius),
+            u=nothing,
+            e=nothing,
+        )
+
+    @classmethod
+    def blank(cls, grid: OccupancyGrid, *, robot_radius: float = 0.0) -> Costmap:
+        """A cost of 1 wherever the robot can be: shortest paths, no field."""
+        return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
+
+    @property
+    def density_of_heading(self) -> NDArray[np.float64]:
+        """`density` for each heading (n, H, W), or where that does not matter once (1, H, W)."""
+        if self.u_of_heading is None:
+            return self.density[None]
+        free = np.isfinite(self.density) & np.isfinite(self.u_of_heading)
+        u = self.u_of_heading.astype(np.float64)
+        return np.where(free, 1 + self.weight * u, np.inf)
+
+    def with_weight(self, weight: float) -> Costmap:
+        """The same costmap, made from its u with another weight; 0 finds shortest paths.
+
+        Raises
+        ------
+        ConfigError
+            If the costmap has no field, or the weight is negative or not finite.
+        """
+        check_weight(weight)
+        if math.isnan(self.weight):
+            raise ConfigError("a costmap from a density has no weight; make another one instead")
+        density = np.where(np.isfinite(self.density), 1 + weight * self.u, np.inf)
+        return dataclasses.replace(self, density=density, weight=float(weight))
+
+    def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
+        """The same costmap with more cells blocked, (H, W)."""
+        return dataclasses.replace(self, density=np.where(blocked, np.inf, self.density))
+
+    def with_robot_radius(self, robot_radius: float) -> Costmap:
+        """The same costmap for a robot of another radius [m], at least as large as its own.
+
+        Raises
+        ------
+        ConfigError
+            If the radius is smaller than its own: what is blocked cannot be opened again.
+        """
+        _at_least_zero("robot_radius", robot_radius)
+        if robot_radius < self.robot_radius:
+            raise ConfigError(
+                f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
+                f" {robot_radius:g} m; make another one instead"
+            )
+        density = _blocked(self.density, self.grid, robot_radius)
+        return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
+
+    def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
+        """The cell at a world position [m] where the robot can stand.
+
+        Raises
+        ------
+        PoseError
+            If it cannot: says why, and names the nearest position where it can.
+        """
+        x, y = _pair(xy, role)
+        row, col = self.grid.world_to_cell(x, y)
+        fault = self._fault(row, col)
+        if fault is None:
+            return row, col
+        nearest = self._nearest_free(x, y)
+        decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
+        remedy = (
+            f"the nearest free position is {nearest[0]:.{decimals}f},{nearest[1]:.{decimals}f}"
+            if nearest
+            else f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
+        )
+        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}")
+
+    def _fault(self, row: int, col: int) -> str | None:
+        if not self.grid.contains(row, col):
+            return "lies outside the map"
+        if np.isfinite(self.density[row, col]):
+            return None
+        if self.grid.cells[row, col] == OCCUPIED:
+            return "lies in a wall"
+        if self.grid.cells[row, col] == UNKNOWN:
+            return "lies in unknown space"
+        clearance = self.grid.clearance[row, col]
+        if clearance < self.robot_radius:
+            return (
+                f"is {clearance:.2f} m from a wall, closer than the robot's radius"
+                f" of {self.robot_radius:g} m"
+            )
+        return "lies in a blocked cell"
+
+    def _nearest_free(self, x: float, y: float) -> tuple[float, float] | None:
+        rows, cols = np.nonzero(np.isfinite(self.density))
+        if rows.size == 0:
+            return None
+        row, col = self.grid.world_to_grid(x, y)
+        nearest = np.argmin((rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2)
+        return self.grid.cell_to_world(int(rows[nearest]), int(cols[nearest]))
+
+
+def check_weight(weight: float) -> None:
+    """Raise a ConfigError unless the weight is a number of at least 0."""
+    _at_least_zero("weight", weight)
+
+
+def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:
+    _at_least_zero("robot_radius", robot_radius)
+    return np.where(grid.clearance < robot_radius - 1e-9, np.inf, density)
+
+
+def _pair(xy: Sequence[float], role: str) -> tuple[float, float]:
+    try:
+        x, y = (float(v) for v in xy)
+    except (TypeError, ValueError):
+        raise PoseError(f"{role} must be two numbers x, y in metres, not {xy!r}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise PoseError(f"{role} must be finite metres, not {x:g},{y:g}")
+    return x, y
+
+
+def _at_least_zero(name: str, value: Any) -> None:
+    if not (isinstance(value, Real) and 0 <= float(value) <= MAX_DENSITY):
+        raise ConfigError(f"{name} must be a number in 0..{MAX_DENSITY:g}, not {value!r}")

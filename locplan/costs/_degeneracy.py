@@ -1,0 +1,95 @@
+"""How degenerate a place is: a scalar of one or several fields, between absolute anchors."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.errors import ConfigError
+from locplan.field import SCALARS, CovarianceField, FieldConfig
+from locplan.field.estimators import LAYERS
+
+COST_LAWS = ("logarithmic", "linear", "cube-root")
+
+
+def check_criterion(criterion: str, config: FieldConfig) -> None:
+    """Raise a ConfigError unless fields of this config have the scalar."""
+    one_of("criterion", criterion, (*SCALARS, *LAYERS[config.estimator]))
+
+
+def degeneracy(
+    fields: Sequence[CovarianceField],
+    criterion: str,
+    law: str,
+    fuse: str,
+    headings: Literal["mean", "worst"] | None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """u and e of all fields together, (H, W), or without `headings` for each, (n, H, W)."""
+    us, es, values, anchors = [], [], [], []
+    for field in fields:
+        least, greatest = _anchors(field, criterion)
+        layer = criterion in field.layers
+        found = field.scalar(criterion, headings=headings, with_q=True)
+        found = _headings_first(field.on_map(found, logarithmic=not layer), headings)
+        values.append(found)
+        anchors.append((least, greatest))
+        us.append(_degeneracy_of(found, least, greatest, "layer" if layer else law))
+        e = field.on_map(field.scalar("e", headings=headings))
+        es.append(_headings_first(e, headings))
+    if len(fields) == 1:
+        return us[0], es[0]
+    e = np.exp(_mean([_log(one) for one in es])) if fuse == "mean" else _largest(es)
+    if fuse == "max":
+        return _largest(us), e
+    if criterion in fields[0].layers:
+        return _mean(us), e
+    least, greatest = np.exp(np.log(anchors).mean(axis=0))
+    return _degeneracy_of(np.exp(_mean([_log(one) for one in values])), least, greatest, law), e
+
+
+def _anchors(field: CovarianceField, criterion: str) -> tuple[float, float]:
+    check_criterion(criterion, field.config)
+    least, greatest = field.anchors(criterion)
+    if not greatest > least:
+        raise ConfigError(f"criterion {criterion!r} says nothing in a field without rotation")
+    return least, greatest
+
+
+def _headings_first(values: NDArray, headings: str | None) -> NDArray[np.float64]:
+    """(H, W, n) as (n, H, W); where each heading is asked for, (H, W) is that of one for all."""
+    if values.ndim == 3:
+        return np.moveaxis(values, 2, 0)
+    return values if headings else values[None]
+
+
+def _mean(arrays: Sequence[NDArray]) -> NDArray[np.float64]:
+    return sum(arrays[1:], arrays[0]) / len(arrays)
+
+
+def _log(values: NDArray) -> NDArray[np.float64]:
+    return np.log(np.maximum(values, np.finfo(float).tiny))
+
+
+def _largest(arrays: Sequence[NDArray]) -> NDArray[np.float64]:
+    return functools.reduce(np.maximum, arrays)
+
+
+def _degeneracy_of(values: NDArray, least: float, greatest: float, law: str) -> NDArray:
+    if law == "logarithmic":
+        u = np.log(values / least) / math.log(greatest / least)
+    elif law == "layer":
+        u = (values - least) / (greatest - least)
+    else:
+        u = values / greatest
+        u = np.cbrt(u) if law == "cube-root" else u
+    return np.clip(u, 0.0, 1.0)
+
+
+def one_of(name: str, value: object, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise ConfigError(f"{name} must be one of {', '.join(choices)}, not {value!r}")

@@ -1,0 +1,159 @@
+"""A robot's outline, and whether it stays clear of walls along a path."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan.costs._path import Path
+from locplan.errors import ConfigError
+from locplan.maps import OCCUPIED, OccupancyGrid
+
+TURN = math.radians(2.0)
+"""Turning on the spot is checked in steps of this [rad], the outline grown by what lies between."""
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """A convex outline around the robot's centre.
+
+    Parameters
+    ----------
+    vertices : (n, 2) array of float64
+        Corners x (forward), y (left) [m] from the robot's centre, n >= 3; of an outline that is
+        not convex the convex hull counts. The centre must lie inside.
+
+    Examples
+    --------
+    >>> outline = Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
+    >>> round(outline.circumscribed_radius, 3), round(outline.inscribed_radius, 3)
+    (0.539, 0.2)
+    """
+
+    vertices: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        import cv2
+
+        corners = _corners(self.vertices)
+        hull = np.asarray(cv2.convexHull(corners.astype(np.float32), returnPoints=False))
+        hull = corners[hull.ravel()]
+        area = np.sum(hull[:, 0] * np.roll(hull[:, 1], -1) - hull[:, 1] * np.roll(hull[:, 0], -1))
+        hull = hull if area > 0 else hull[::-1]
+        edges = np.roll(hull, -1, axis=0) - hull
+        outward = np.column_stack([edges[:, 1], -edges[:, 0]])
+        inside = np.sum(outward * hull, axis=1) > 0
+        if len(hull) < 3 or not inside.all():
+            raise ConfigError("footprint must be a polygon around the robot's centre (0, 0)")
+        object.__setattr__(self, "vertices", hull)
+
+    @property
+    def circumscribed_radius(self) -> float:
+        """Of the least circle about the centre that holds the outline [m]."""
+        return float(np.hypot(*self.vertices.T).max())
+
+    @property
+    def inscribed_radius(self) -> float:
+        """Of the greatest circle about the centre that the outline holds [m]."""
+        edges = np.roll(self.vertices, -1, axis=0) - self.vertices
+        across = self.vertices[:, 0] * edges[:, 1] - self.vertices[:, 1] * edges[:, 0]
+        return float((across / np.hypot(*edges.T)).min())
+
+    def first_collision(self, grid: OccupancyGrid, path: Path) -> tuple[float, float] | None:
+        """Where along a path the outline first meets an occupied cell, or None.
+
+        A path without headings is driven forward: the robot heads along each line and turns on
+        the spot, the shorter way, where two lines meet. Exact for lines; turns are checked a hair
+        too strictly.
+
+        Returns
+        -------
+        (x, y) or None
+            The position where the line or the turn begins that fails [m].
+        """
+        outline = self.vertices / grid.resolution
+        occupied = grid.cells == OCCUPIED
+        for xy, to, heading, turn in _moves(grid, path):
+            count = max(1, math.ceil(abs(turn) / TURN))
+            grown = outline / math.cos(turn / count / 2)
+            for part in range(count):
+                body = _turned(grown, heading + turn * (part + 0.5) / count)
+                here, there = (xy + (to - xy) * share / count for share in (part, part + 1))
+                if _meets(occupied, _hull(np.vstack([here + body, there + body]))):
+                    return _world(grid, xy)
+        return None
+
+
+def _moves(grid: OccupancyGrid, path: Path) -> Iterator[tuple[NDArray, NDArray, float, float]]:
+    """From where to where (col, row), the heading at first, and the turn meanwhile [rad]."""
+    positions = np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1]
+    if path.heading is not None:
+        headings = path.heading - grid.origin[2]
+        for (xy, to), (heading, after) in zip(
+            itertools.pairwise(positions), itertools.pairwise(headings), strict=True
+        ):
+            yield xy, to, heading, math.remainder(after - heading, 2 * math.pi)
+        return
+    previous = None
+    for xy, to in itertools.pairwise(positions):
+        if np.array_equal(xy, to):
+            continue
+        heading = math.atan2(to[1] - xy[1], to[0] - xy[0])
+        if previous is not None:
+            yield xy, xy, previous, math.remainder(heading - previous, 2 * math.pi)
+        yield xy, to, heading, 0.0
+        previous = heading
+
+
+def _corners(vertices: ArrayLike) -> NDArray[np.float64]:
+    try:
+        corners = np.array(vertices, dtype=np.float64)
+    except (TypeError, ValueError):
+        corners = np.empty(0)
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+        raise ConfigError("footprint must be three or more corners (x, y) in metres")
+    if not np.isfinite(corners).all():
+        raise ConfigError("footprint must have finite corners, in metres")
+    return corners
+
+
+def _turned(outline: NDArray, angle: float) -> NDArray[np.float64]:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return outline @ np.array([[cos, sin], [-sin, cos]])
+
+
+def _hull(corners: NDArray) -> NDArray[np.float64]:
+    import cv2
+
+    order = cv2.convexHull(corners.astype(np.float32), returnPoints=False)
+    return corners[np.asarray(order).ravel()]
+
+
+def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
+    """Whether a convex polygon (n, 2) of (col, row) meets an occupied cell: separating axes."""
+    low, high = np.floor(polygon.min(axis=0)).astype(int), np.floor(polygon.max(axis=0)).astype(int)
+    top, left = max(0, low[1]), max(0, low[0])
+    rows, cols = np.nonzero(occupied[top : max(0, high[1] + 1), left : max(0, high[0] + 1)])
+    if not rows.size:
+        return False
+    centres = np.column_stack([cols + left + 0.5, rows + top + 0.5])
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]])
+    apart = np.zeros(len(centres), bool)
+    for normal in normals:
+        half = np.abs(normal).sum() / 2  # of a cell's shadow on the normal
+        polygon_shadow, shadow = polygon @ normal, centres @ normal
+        apart |= shadow - half >= polygon_shadow.max() - 1e-9
+        apart |= shadow + half <= polygon_shadow.min() + 1e-9
+    return not bool(apart.all())
+
+
+def _world(grid: OccupancyGrid, xy: NDArray) -> tuple[float, float]:
+    x, y = grid.grid_to_world(xy[1], xy[0])
+    return float(x), float(y)

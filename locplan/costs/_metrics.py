@@ -1,0 +1,137 @@
+"""What a path costs, by the exact line integral over the cells of a costmap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs._costmap import Costmap
+from locplan.costs._path import Path
+from locplan.maps import OccupancyGrid
+
+DEGENERATE = 0.5
+"""The u above which a place counts as degenerate."""
+
+
+@dataclass(frozen=True)
+class PathMetrics:
+    """What a path costs, by the exact line integral over the map's cells.
+
+    All that depends on a field is NaN for a costmap without one.
+    """
+
+    length: float
+    """[m]"""
+    cost: float
+    """J, the integral of the costmap's density [m]; infinite if a blocked cell is crossed."""
+    integrated_e: float
+    """Integral of e [m^2 rad m]."""
+    integrated_u: float
+    """Integral of u [m]: degenerate metres."""
+    mean_e: float
+    """[m^2 rad]"""
+    max_e: float
+    """[m^2 rad]"""
+    degenerate_share: float
+    """Share of the length with u above 0.5."""
+    longest_degenerate: float
+    """Longest stretch with u above 0.5 [m]."""
+    clearance: float
+    """Least distance from the centre of a crossed cell to an occupied one [m]."""
+
+
+def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
+    """Measure a path on a costmap, in its own headings where it has them and they matter.
+
+    Where the path leaves the map or touches cells that are not free, the cost is infinite and the
+    integrals of e and u are NaN.
+    """
+    layers: tuple[NDArray, NDArray, NDArray] = costs.e[None], costs.u[None], costs.density[None]
+    if path.heading is not None and costs.u_of_heading is not None:
+        assert costs.e_of_heading is not None
+        layers = costs.e_of_heading, costs.u_of_heading, costs.density_of_heading
+    layer, row, col, lengths = _crossed(costs.grid, path, len(layers[0]))
+    at = layer, row, col
+    e, u = _along(layers[0], at, np.nan), _along(layers[1], at, np.nan)
+    density = _along(layers[2], at, np.inf)
+    integrated_e = float(e @ lengths)
+    return PathMetrics(
+        length=path.length,
+        cost=float(density @ lengths) if np.isfinite(density).all() else np.inf,
+        integrated_e=integrated_e,
+        integrated_u=float(u @ lengths),
+        mean_e=integrated_e / path.length if path.length else float(e[0]),
+        max_e=float(e.max()),
+        degenerate_share=float(_share(u > DEGENERATE, lengths)) if np.isfinite(u).all() else np.nan,
+        longest_degenerate=_longest(u > DEGENERATE, lengths) if np.isfinite(u).all() else np.nan,
+        clearance=float(_along(costs.grid.clearance[None], (0 * row, row, col), 0.0).min()),
+    )
+
+
+def profile(
+    costs: Costmap, path: Path, layer: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A layer (H, W), or (n, H, W) for n headings, along a path, as steps.
+
+    Returns
+    -------
+    distance : (n + 1,) array
+        Where each crossed cell begins, and the path's length [m].
+    values : (n,) array
+        The layer there; NaN outside the map.
+    """
+    layers = layer.reshape(-1, *layer.shape[-2:])
+    heading, row, col, lengths = _crossed(costs.grid, path, len(layers))
+    values = _along(layers, (heading, row, col), np.nan)
+    return np.concatenate([[0.0], np.cumsum(lengths)]), values
+
+
+def _crossed(
+    grid: OccupancyGrid, path: Path, headings: int
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Headings, rows and columns of the cells that a path crosses, and its length in each [m]."""
+    if headings == 1:
+        row, col, lengths = _crossed_cells(grid, path.xy)
+        return 0 * row, row, col, lengths
+    parts = []
+    for heading, xy in path.by_heading(headings):
+        row, col, lengths = _crossed_cells(grid, xy)
+        parts.append((np.full_like(row, heading), row, col, lengths))
+    joined: list[NDArray] = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    return joined[0], joined[1], joined[2], joined[3]
+
+
+def _crossed_cells(grid: OccupancyGrid, xy: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    from locplan._kernels.rays import cells_along
+
+    positions = np.column_stack(grid.world_to_grid(*xy.T))
+    row, col, lengths = cells_along(positions)
+    if lengths.size == 0:  # it stays where it is
+        row, col = np.floor(positions[:1]).astype(np.int64).T
+        lengths = np.zeros(1)
+    return row, col, lengths * grid.resolution
+
+
+def _along(
+    layers: NDArray, at: tuple[NDArray, NDArray, NDArray], outside: float
+) -> NDArray[np.float64]:
+    heading, row, col = at
+    rows, cols = layers.shape[1:]
+    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+    row, col = np.where(inside, row, 0), np.where(inside, col, 0)
+    return np.where(inside, layers[heading, row, col], outside)
+
+
+def _share(where: NDArray[np.bool_], lengths: NDArray) -> float:
+    total = lengths.sum()
+    return float(lengths[where].sum() / total) if total > 0 else 0.0
+
+
+def _longest(where: NDArray[np.bool_], lengths: NDArray) -> float:
+    longest = stretch = 0.0
+    for inside, length in zip(where, lengths, strict=True):
+        stretch = stretch + length if inside else 0.0
+        longest = max(longest, stretch)
+    return float(longest)

@@ -1,0 +1,95 @@
+"""Fields of many maps, one after the other."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from locplan._util.files import PICTURES, check_folder_target, check_target, make_folder
+from locplan.errors import LocplanError
+from locplan.export._results import field_summary
+from locplan.field import CovarianceField
+from locplan.field._zarr import SUFFIX, is_field
+from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
+
+
+@dataclass(frozen=True)
+class Job:
+    """A map, and where its field and its picture go, if anywhere."""
+
+    map_file: Path
+    output: Path | None = None
+    picture: Path | None = None
+
+    def check(self) -> None:
+        """Raise a LocplanError unless both can be written."""
+        if self.output:
+            check_folder_target(self.output, SUFFIX, is_field)
+        if self.picture:
+            check_target(self.picture, *PICTURES)
+
+    def run(self, compute: Callable[[OccupancyGrid], CovarianceField]) -> CovarianceField:
+        """Load the map, compute its field, and write what is wanted."""
+        field = compute(load_map(self.map_file))
+        if self.output:
+            field.save(self.output)
+        if self.picture:
+            from locplan import plotting
+
+            plotting.save_figure(plotting.field_figure(field), self.picture)
+        return field
+
+
+def jobs_for(maps: Sequence[Path], output: Path | None, picture: Path | None) -> list[Job]:
+    """One job a map: of the map files named, and of those in the folders named.
+
+    For a single map `output` is its field and `picture` its picture; for several they are
+    folders, with a file by the name of each map.
+
+    Raises
+    ------
+    LocplanError
+        If something cannot be written there, or two maps have one name.
+    """
+    files = find_maps(*maps)
+    if len(files) == 1:
+        job = Job(files[0], output, picture)
+        job.check()
+        return [job]
+    for folder, suffixes in ((output, [SUFFIX]), (picture, PICTURES)):
+        if folder and folder.suffix in suffixes:
+            raise LocplanError(f"{folder}: of {len(files)} maps; name a folder, for a file each")
+    if output or picture:
+        homes: dict[str, Path] = {}
+        for file in files:
+            other = homes.setdefault(name_of(file), file)
+            if other != file:
+                raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
+    for folder in filter(None, (output, picture)):
+        make_folder(folder)
+    return [
+        Job(
+            file,
+            output / f"{name_of(file)}{SUFFIX}" if output else None,
+            picture / f"{name_of(file)}.png" if picture else None,
+        )
+        for file in files
+    ]
+
+
+def run_all(
+    jobs: Sequence[Job], compute: Callable[[OccupancyGrid], CovarianceField]
+) -> Iterator[dict[str, Any]]:
+    """Each job's summary, with its file, the seconds it took, and the error if it failed."""
+    for job in jobs:
+        started = time.perf_counter()
+        about: dict[str, Any] = {"file": str(job.map_file), "map": name_of(job.map_file)}
+        try:
+            job.check()
+            about |= field_summary(job.run(compute)) | {"error": None}
+        except LocplanError as error:
+            about["error"] = str(error)
+        yield about | {"seconds": round(time.perf_counter() - started, 3)}

@@ -1,0 +1,61 @@
+"""A folder of exported files: whole or not at all, with what it was made of beside them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from locplan._util.files import check_folder_target, replacing_folder
+
+ABOUT = "export.json"
+README = "README.md"
+
+
+def check_export_folder(target: Path) -> None:
+    """Raise a LocplanError unless an export can be written there; to be called before long work."""
+    check_folder_target(target, None, _is_untouched_export)
+
+
+@contextmanager
+def export_folder(
+    target: Path, title: str, about: Mapping[str, Any], readme: Sequence[str]
+) -> Iterator[Path]:
+    """A new folder that takes the place of `target` when the block ends well.
+
+    It gets a README.md of a title and the lines given, and export.json, which lists the files: by
+    that an export of ours is known, and replaced only if it is as it was written.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or holds something else.
+    """
+    with replacing_folder(target, None, _is_untouched_export) as folder:
+        yield folder
+        (folder / README).write_text("\n".join([f"# {title}", "", *readme]) + "\n", "utf-8")
+        files = {file.name: _digest(file) for file in sorted(folder.iterdir())}
+        text = json.dumps({**about, "files": files}, indent=2, allow_nan=False)
+        (folder / ABOUT).write_text(text + "\n", "utf-8")
+
+
+def _is_untouched_export(folder: Path) -> bool:
+    if not folder.is_dir():
+        return False
+    there = {file.name for file in folder.iterdir()}
+    if not there:
+        return True
+    try:
+        files = json.loads((folder / ABOUT).read_text("utf-8"))["files"]
+        return there == {ABOUT, *files} and all(
+            _digest(folder / name) == digest for name, digest in files.items()
+        )
+    except (OSError, ValueError, TypeError, KeyError):
+        return False
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -1,0 +1,138 @@
+"""Route graphs as the GeoJSON that Nav2's route server reads."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan.costs import Costmap, about_costs
+from locplan.errors import ConfigError
+from locplan.export._folders import export_folder
+from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.export._servers import LAUNCH, SERVERS, Server, write_servers
+from locplan.export._value_maps import PREVIEW, without_yaw
+
+GRAPH = "graph.geojson"
+MAX_ID = 65535
+"""Nav2's messages hold the ids of nodes and edges in 16 bits."""
+
+
+def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
+    """A roadmap as Nav2's route server reads it, each edge in both directions.
+
+    DistanceScorer and PenaltyScorer with their own defaults add up to J; so do DistanceScorer and
+    a PenaltyScorer of `penalty_tag: integrated_u`, with any weight. `cost` is J for a server
+    without scorers. No id is both a node's and an edge's: Nav2 blocks either by it.
+
+    Raises
+    ------
+    ConfigError
+        If there are more nodes and edges than Nav2 has ids, or no edge.
+    """
+    ids = len(graph.nodes) + 2 * len(graph.edges)
+    if not len(graph.edges):
+        raise ConfigError("Nav2 takes no graph without edges; a smaller spacing may make some")
+    if ids > MAX_ID:
+        raise ConfigError(
+            f"Nav2 has {MAX_ID} ids for nodes and directed edges, but these are {ids};"
+            f" a spacing {1.1 * math.sqrt(ids / MAX_ID):.2g} times as large should do"
+        )
+    xy = graph.nodes.tolist()
+    features: list[tuple[str, list, dict[str, Any]]]
+    features = [("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, start=1)]
+    names = ("length", "integrated_e", "integrated_u", "penalty")
+    values = np.column_stack([getattr(graph, name) for name in names]).tolist()
+    for (i, j), cost, row in zip(graph.edges.tolist(), graph.cost.tolist(), values, strict=True):
+        metadata = {k: v for k, v in zip(names, row, strict=True) if math.isfinite(v)}
+        for start, end in ((i, j), (j, i)):
+            about = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
+            about |= {"cost": cost, "overridable": True, "metadata": metadata}
+            features.append(("LineString", [xy[start], xy[end]], about))
+    return {
+        "type": "FeatureCollection",
+        "name": "graph",
+        "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}},
+        "features": [
+            {"type": "Feature", "properties": about, "geometry": {"type": kind, "coordinates": at}}
+            for kind, at, about in features
+        ],
+    }
+
+
+def route_graph(
+    folder: str | Path, costs: Costmap, *, spacing: float = 2.0, frame: str = "map"
+) -> RouteGraph:
+    """Write a roadmap for Nav2's route server, with the scorers that make it charge J.
+
+    Parameters
+    ----------
+    folder : path
+        Where to: made, or replaced if it is such an export already.
+    costs : Costmap
+        What travel costs, and where the robot can be; its yaw is left out, as Nav2 ignores it.
+        Nodes lie as close to what is blocked as pays: make it with a radius one or two cells above
+        the robot's.
+    spacing : float
+        Distance of neighbouring nodes in open space [m].
+    frame : str
+        Of the nodes.
+
+    Returns
+    -------
+    RouteGraph
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or no graph can be made, see `roadmap` and `to_geojson`.
+    """
+    from locplan.export import _figures
+    from locplan.plotting import save_figure
+
+    costs = dataclasses.replace(costs, grid=without_yaw(costs.grid))
+    graph = roadmap(costs, spacing=spacing)
+    text = json.dumps(to_geojson(graph, frame), allow_nan=False)
+    parameters = _route_server(costs)
+    name = costs.grid.name or "a map"
+    readme = [
+        f"- {GRAPH}: {len(graph.nodes)} nodes, {len(graph.edges)} edges both ways with length,"
+        " integrated_e, integrated_u and penalty [m]; export.json: what it was made of.",
+        f"- {SERVERS}: the route server with the scorers that add up to J; {LAUNCH} starts it;"
+        f" {PREVIEW}.",
+        f"- `ros2 launch ./{LAUNCH}` (in this folder), or add the parameters to your own and",
+        "- `ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=PARAMS.yaml"
+        f" graph:=$PWD/{GRAPH}`",
+    ]
+    about = {"kind": "route-graph", "spacing": spacing} | about_costs(costs)
+    with export_folder(Path(folder), f"Route graph of {name}", about, readme) as temporary:
+        (temporary / GRAPH).write_text(text + "\n", encoding="utf-8")
+        files = {"graph_filepath": GRAPH}
+        server = Server("nav2_route", "route_server", "route_server", parameters, files)
+        title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges"
+        figure = _figures.routes_figure(costs, graph.nodes, graph.edges, title)
+        save_figure(figure, temporary / PREVIEW, dpi=110)
+        write_servers(temporary, [server], "lifecycle_manager_localizability_routes")
+    return graph
+
+
+def _route_server(costs: Costmap) -> dict[str, Any]:
+    """Parameters by which the server's cost of an edge is its J."""
+    scorer: dict[str, Any] = {"plugin": "nav2_route::PenaltyScorer"}
+    if np.isnan(costs.weight):
+        scorer |= {"penalty_tag": "penalty", "weight": 1.0}
+    else:  # the weight can be changed without another export
+        scorer |= {"penalty_tag": "integrated_u", "weight": costs.weight}
+    return {
+        "graph_file_loader": "GeoJsonGraphFileLoader",
+        "GeoJsonGraphFileLoader": {"plugin": "nav2_route::GeoJsonGraphFileLoader"},
+        "edge_cost_functions": ["DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"],
+        "DistanceScorer": {"plugin": "nav2_route::DistanceScorer"},
+        "PenaltyScorer": scorer,
+        "DynamicEdgesScorer": {"plugin": "nav2_route::DynamicEdgesScorer"},
+        "smooth_corners": False,  # arcs would leave the edges, which were checked
+    }

@@ -1,0 +1,180 @@
+"""Paths and fields as files that anything reads."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from locplan import __version__
+from locplan._util.files import check_target, replacing
+from locplan._util.tables import write_csv
+from locplan.costs import Path
+from locplan.errors import LocplanError
+from locplan.field import CovarianceField, position_axes
+
+PATH_FILES = (".csv", ".json", ".yaml")
+FIELD_FILES = (".csv", ".npz", ".png")
+
+
+def path(
+    target: str | os.PathLike[str], route: Path, *, frame: str = "map", step: float | None = None
+) -> None:
+    """Write a path; the suffix chooses the format.
+
+    .csv: x, y, heading and distance travelled, a position a row. .json: the same by name. .yaml: a
+    nav_msgs/Path, as ``ros2 topic pub --once /plan nav_msgs/msg/Path "$(cat FILE)"`` takes it.
+    Positions without a heading face the way they go.
+
+    Parameters
+    ----------
+    target : path
+        The file.
+    route : Path
+    frame : str
+        Of the coordinates.
+    step : float, optional
+        Greatest distance of the positions written [m]; controllers want a few centimetres. By
+        default they are the path's own corners.
+
+    Raises
+    ------
+    LocplanError
+        If the suffix is another, or the file cannot be written.
+    """
+    file = FilePath(target)
+    check_target(file, *PATH_FILES)
+    if step is not None:
+        route = route.resampled(step)
+    poses = np.column_stack([route.xy, route.facing, route.distance])
+    suffix = file.suffix.lower()
+    if suffix == ".csv":
+        write_csv(file, poses, "x_m,y_m,heading_rad,distance_m")
+        return
+    if suffix == ".json":
+        names = ("x", "y", "heading", "distance")
+        rows = [dict(zip(names, pose, strict=True)) for pose in poses.tolist()]
+        about = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
+        text = json.dumps(about, indent=1)
+    else:
+        text = _nav_path(poses, frame)
+    with replacing(file) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def read_path(source: str | os.PathLike[str]) -> Path:
+    """Read a path from a CSV file whose header names x_m, y_m and perhaps heading_rad.
+
+    Raises
+    ------
+    LocplanError
+        If it cannot be read, or is no such file.
+    """
+    file = FilePath(source)
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+        columns = [name.strip() for name in lines[0].split(",")]
+        rows = np.array([[float(v) for v in line.split(",")] for line in lines[1:] if line.strip()])
+        xy = rows[:, [columns.index("x_m"), columns.index("y_m")]]
+        turned = "heading_rad" in columns
+        return Path(xy, rows[:, columns.index("heading_rad")] if turned else None)
+    except OSError as error:
+        raise LocplanError(f"{file}: cannot be read ({error.strerror})") from None
+    except (ValueError, IndexError, UnicodeDecodeError):
+        raise LocplanError(
+            f"{file}: is no path; its first line must name x_m,y_m, and numbers follow"
+        ) from None
+
+
+def _nav_path(poses: np.ndarray, frame: str) -> str:
+    """JSON within YAML, which reads it too: a pose a line."""
+    stamp = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+    lines = [f"header: {json.dumps(stamp)}", "poses:"]
+    for x, y, heading, _ in poses.tolist():
+        position = {"x": x, "y": y, "z": 0.0}
+        turn = {"x": 0.0, "y": 0.0, "z": math.sin(heading / 2), "w": math.cos(heading / 2)}
+        pose = {"header": stamp, "pose": {"position": position, "orientation": turn}}
+        lines.append(f"- {json.dumps(pose)}")
+    return "\n".join(lines)
+
+
+def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
+    """Write a field; the suffix chooses the format.
+
+    .csv: a row for each evaluated lattice point, its position, scalars and covariance. .npz: for
+    ``numpy.load``, "covariance" on the lattice, its positions "x" and "y" in the world, "e" on the
+    lattice and "e_map" on the map's cells, "cells", "resolution", "origin" and "config" (JSON).
+    .png: e over the map. Of several headings .csv and .png have the mean information.
+
+    Parameters
+    ----------
+    target : path
+        The file.
+    computed : CovarianceField
+
+    Raises
+    ------
+    LocplanError
+        If the suffix is another, or the file cannot be written.
+    """
+    file = FilePath(target)
+    check_target(file, *FIELD_FILES)
+    writers: dict[str, Callable[[FilePath, CovarianceField], None]] = {
+        ".csv": _field_csv,
+        ".npz": _field_npz,
+        ".png": _field_png,
+    }
+    writers[file.suffix.lower()](file, computed)
+
+
+def _field_csv(file: FilePath, computed: CovarianceField) -> None:
+    known = computed.evaluated
+    covariance = computed.mean_covariance[known]
+    axes = ("x", "y", "heading")[: covariance.shape[-1]]
+    major, minor, direction = position_axes(covariance)
+    x, y = _positions(computed)
+    columns = {"x_m": x[known], "y_m": y[known]}
+    columns["e"] = computed.scalar("e", headings="mean")[known]
+    columns |= {"major_std_m": major, "minor_std_m": minor, "major_axis_rad": direction}
+    for name in computed.layers:
+        columns[name] = computed.scalar(name, headings="mean")[known]
+    for i, one in enumerate(axes):
+        for j, other in enumerate(axes[i:], start=i):
+            columns[f"cov_{one}_{other}"] = covariance[:, i, j]
+    write_csv(file, np.column_stack(list(columns.values())), ",".join(columns), "%.9g")
+
+
+def _field_npz(file: FilePath, computed: CovarianceField) -> None:
+    x, y = _positions(computed)
+    with replacing(file) as temporary:
+        np.savez_compressed(
+            temporary,
+            **dict[str, Any](computed.values),
+            x=x,
+            y=y,
+            e=computed.e,
+            e_map=computed.e_map(),
+            cells=computed.grid.cells,
+            resolution=computed.grid.resolution,
+            origin=computed.grid.origin,
+            config=json.dumps(dataclasses.asdict(computed.config)),
+        )
+
+
+def _field_png(file: FilePath, computed: CovarianceField) -> None:
+    from locplan import plotting
+
+    plotting.save_figure(plotting.field_figure(computed), file)
+
+
+def _positions(computed: CovarianceField) -> tuple[np.ndarray, np.ndarray]:
+    """World x and y of the lattice's points, (h, w) each [m]."""
+    h, w = computed.evaluated.shape
+    rows, cols = np.mgrid[:h, :w] * computed.stride + 0.5
+    return computed.grid.grid_to_world(rows, cols)

@@ -1,0 +1,73 @@
+"""A field's settings in a file that every command takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from locplan import __version__
+from locplan._util.files import check_target, replacing
+from locplan.errors import ConfigError
+from locplan.field._config import FieldConfig
+
+SUFFIX = ".json"
+
+
+def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: Any) -> None:
+    """Write the settings of a field, and what else shall be known of them, as JSON.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be written, or its name does not end in .json.
+    """
+    target = Path(path)
+    check_target(target, SUFFIX)
+    content = {"locplan": __version__, "config": dataclasses.asdict(config), **about}
+    with replacing(target) as temporary:
+        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def load_config(path: str | os.PathLike[str]) -> FieldConfig:
+    """Read the settings of a field.
+
+    From "config" in a JSON file, as `save_config` or a command wrote it, or from the whole of it;
+    what is not there has its default.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, or holds other settings or values.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError):
+        raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
+    settings = _settings(content)
+    if not isinstance(settings, dict):
+        raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
+    known = {each.name for each in dataclasses.fields(FieldConfig)}
+    for name in settings:
+        if name not in known:
+            raise ConfigError(
+                f"{path}: no setting of a field is called {name!r};"
+                f" there are {', '.join(sorted(known))}"
+            )
+    try:
+        return FieldConfig(**settings)
+    except (ConfigError, TypeError) as error:
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def _settings(content: Any) -> Any:
+    if not isinstance(content, dict):
+        return None
+    if "config" in content:
+        return content["config"]
+    configs = content.get("configs")
+    return configs[0] if isinstance(configs, list) and len(configs) == 1 else content

@@ -1,0 +1,96 @@
+"""What a pose covariance says: scalars, axes, and means of several covariances."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+SCALARS = ("e", "position_std", "position_rms", "heading_std")
+"""Scalars of a covariance by name, see `scalar`."""
+
+UNITS = {"position_std": "m", "position_rms": "m", "heading_std": "rad"}
+MIN_VARIANCE = 1e-12
+"""Far below what any lidar resolves [m^2, rad^2]."""
+
+
+def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
+    """A scalar of covariances of (x, y, theta), or of (x, y) where there is no rotation.
+
+    Parameters
+    ----------
+    covariance : (..., d, d) array
+        d = 3, or 2 without rotation [m, m, rad].
+    name : str
+        "e": sqrt(det) (Eq. 10) [m^2 rad, or m^2]; "position_std": the largest standard deviation
+        in any direction [m]; "position_rms": sqrt of the trace of the positional block [m];
+        "heading_std": standard deviation of the heading [rad], zero without rotation.
+
+    Examples
+    --------
+    >>> bool(np.isclose(scalar(np.diag([4.0, 1.0, 0.25]), "e"), 1.0))
+    True
+    >>> float(scalar(np.diag([4.0, 1.0, 0.25]), "position_std"))
+    2.0
+    """
+    matrix = np.asarray(covariance, float)
+    if name == "e":
+        with np.errstate(invalid="ignore"):  # NaN where a field was not evaluated
+            return np.sqrt(np.maximum(np.linalg.det(matrix), 0.0))
+    if name == "position_std":
+        return position_axes(matrix)[0]
+    if name == "position_rms":
+        return np.sqrt(matrix[..., 0, 0] + matrix[..., 1, 1])
+    if name == "heading_std":
+        if matrix.shape[-1] == 2:
+            return np.where(np.isnan(matrix[..., 0, 0]), np.nan, 0.0)
+        return np.sqrt(matrix[..., 2, 2])
+    raise ValueError(f"scalar must be one of {', '.join(SCALARS)}, not {name!r}")
+
+
+def position_axes(
+    covariance: ArrayLike,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Standard deviations along the error ellipse's axes and the first axis' direction.
+
+    Returns
+    -------
+    major, minor : (...) arrays
+        Standard deviations [m].
+    direction : (...) array
+        Of the major axis, counter-clockwise from x, in (-pi/2, pi/2] [rad].
+    """
+    matrix = np.asarray(covariance, float)
+    xx, xy, yy = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
+    mean, radius = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    major, minor = np.sqrt(mean + radius), np.sqrt(np.maximum(mean - radius, 0.0))
+    return major, minor, 0.5 * np.arctan2(2 * xy, xx - yy)
+
+
+def log_euclidean_mean(
+    covariances: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Weighted mean of (n, d, d) covariances in their matrix logarithm.
+
+    The logarithm of its determinant, and so ln e, is the weighted mean of theirs.
+    """
+    values, vectors = np.linalg.eigh(covariances)
+    logs = np.log(np.maximum(values, np.finfo(float).tiny))
+    mean_log = np.einsum("n,nij,nj,nkj->ik", weights, vectors, logs, vectors) / weights.sum()
+    values, vectors = np.linalg.eigh(mean_log)
+    return (vectors * np.exp(values)) @ vectors.T
+
+
+def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+    """Covariances (..., d, d) of poses whose axes are turned counter-clockwise by `yaw` [rad]."""
+    turn = np.eye(covariance.shape[-1])
+    turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    return turn @ covariance @ turn.T
+
+
+def mean_information(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inverse of the mean inverse of covariances (..., n, d, d), over n: (..., d, d).
+
+    Where one has no extent along some axis, it is taken as `MIN_VARIANCE`.
+    """
+    extended = covariances + MIN_VARIANCE * np.eye(covariances.shape[-1])
+    return np.linalg.inv(np.linalg.inv(extended).mean(axis=-3))

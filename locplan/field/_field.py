@@ -1,0 +1,336 @@
+"""The covariance field of a map: evaluated on a lattice, read anywhere on the map."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.files import replacing_folder
+from locplan._util.progress import ProgressCallback
+from locplan.field import _tiles as tiles
+from locplan.field import _zarr as field_files
+from locplan.field._config import FieldConfig
+from locplan.field._covariance import log_euclidean_mean, mean_information, scalar
+from locplan.field._lattice import interpolate, neighbours, stride_cells
+from locplan.field._search_window import SearchWindow
+from locplan.maps import OccupancyGrid
+
+SATURATION = 1.05
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CovarianceField:
+    """Covariances of a pose match over a map.
+
+    Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
+
+    Parameters
+    ----------
+    covariance : (h, w, d, d) or (h, w, n, d, d) array of float64
+        Of (x, y, theta) [m, m, rad] in the world frame; d = 2 (x, y) without rotation. For n
+        headings of the robot (`config.heading_angles`), where the config has several. NaN where
+        not evaluated.
+    grid : OccupancyGrid
+        The map, (H, W) cells.
+    config : FieldConfig
+        What the covariances were computed with.
+    layers : dict of (h, w) or (h, w, n) arrays
+        What the estimator tells of a place besides: of "scan" the "ambiguity", the probability
+        outside the central mode, and the "entropy" of the posterior [nat].
+    """
+
+    covariance: NDArray[np.float64]
+    grid: OccupancyGrid
+    config: FieldConfig
+    layers: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, values: tiles.Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
+        """A field of the arrays that `locplan.field._tiles` fills."""
+        layers = {name: array for name, array in values.items() if name != "covariance"}
+        return cls(values["covariance"], grid, config, layers)
+
+    @property
+    def values(self) -> tiles.Values:
+        """All arrays by name, "covariance" first."""
+        return {"covariance": self.covariance, **self.layers}
+
+    def __repr__(self) -> str:
+        h, w = self.covariance.shape[:2]
+        return (
+            f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} covariances"
+            f" on a lattice of {h} x {w}, {self.config})"
+        )
+
+    @property
+    def stride(self) -> int:
+        """Spacing of the lattice [cells]."""
+        return stride_cells(self.config, self.grid.resolution)
+
+    @cached_property
+    def evaluated(self) -> NDArray[np.bool_]:
+        """Which lattice points hold a covariance, (h, w)."""
+        return tiles.known_points(self.values)
+
+    @property
+    def window(self) -> SearchWindow:
+        """The lattice of offsets that was compared at each cell."""
+        return SearchWindow.from_config(self.config, self.grid.resolution)
+
+    @cached_property
+    def e(self) -> NDArray[np.float64]:
+        """sqrt(det Sigma) (Eq. 10) on the lattice, (h, w) or (h, w, n) [m^2 rad].
+
+        NaN where not evaluated.
+        """
+        return scalar(self.covariance, "e")
+
+    def scalar(
+        self, name: str, *, headings: Literal["mean", "worst"] | None = None, with_q: bool = False
+    ) -> NDArray[np.float64]:
+        """A scalar on the lattice, (h, w), or (h, w, n) for n headings.
+
+        Parameters
+        ----------
+        name : str
+            "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`,
+            or one of `layers`.
+        headings : "mean" or "worst", optional
+            One value for all headings, (h, w): that of the mean information, or the greatest.
+        with_q : bool
+            Of Sigma + Q even where `config.quantisation` is off.
+        """
+        several = self.covariance.ndim == 5
+        if name in self.layers:
+            values = self.layers[name]
+            if several and headings:
+                return values.mean(axis=2) if headings == "mean" else values.max(axis=2)
+            return values
+        covariance = self.quantised_covariance if with_q else self.covariance
+        if several and headings == "mean":
+            return scalar(self._merged(covariance), name)
+        values = scalar(covariance, name)
+        return values.max(axis=2) if several and headings == "worst" else values
+
+    @property
+    def mean_covariance(self) -> NDArray[np.float64]:
+        """One covariance a lattice point, (h, w, d, d): of the mean information over headings."""
+        return self._merged(self.covariance)
+
+    def _merged(self, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+        if covariance.ndim == 4:
+            return covariance
+        merged = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
+        merged[self.evaluated] = mean_information(covariance[self.evaluated])
+        return merged
+
+    @property
+    def quantised_covariance(self) -> NDArray[np.float64]:
+        """Sigma + Q whether or not `config.quantisation` has added it, like `covariance`."""
+        if self.config.quantisation:
+            return self.covariance
+        return self.covariance + self.window.quantisation
+
+    def anchors(self, name: str = "e") -> tuple[float, float]:
+        """A scalar's least and greatest value with Q: a perfect match, and a featureless place.
+
+        Of the ambiguity 0 and 1, of the entropy 0 and the logarithm of the number of offsets.
+        """
+        if name == "ambiguity":
+            return 0.0, 1.0
+        if name == "entropy":
+            window = self.window
+            return 0.0, math.log(len(window.offsets) ** 2 * len(window.angles))
+        q = self.window.quantisation
+        featureless = self.config.noise_level * self.window.uniform_covariance + q
+        return float(scalar(q, name)), float(scalar(featureless, name))
+
+    @property
+    def saturated_share(self) -> float:
+        """Share of the evaluated points whose e (with Q) is within 5 % of its least value.
+
+        There the search window's lattice resolves no difference any more; zero for an empty field.
+        """
+        e = scalar(self.quantised_covariance, "e")[self.evaluated]
+        return float(np.mean(e <= SATURATION * self.anchors()[0])) if e.size else 0.0
+
+    @property
+    def e_unit(self) -> str:
+        """Of e: positions alone have no angle in it."""
+        return "m² rad" if self.window.dimension == 3 else "m²"
+
+    def e_map(self) -> NDArray[np.float64]:
+        """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad]; NaN elsewhere.
+
+        Bilinear in ln e.
+        """
+        return self.on_map(self.e)
+
+    def on_map(
+        self, values: NDArray[np.float64], *, logarithmic: bool = True
+    ) -> NDArray[np.float64]:
+        """Values (h, w, ...) on the lattice, read on the free cells, (H, W, ...).
+
+        Bilinear in the logarithm of positive values, or in the values themselves. Where a corner
+        was not evaluated the others take its weight.
+        """
+        if values.ndim == 3:
+            each = (values[:, :, k] for k in range(values.shape[2]))
+            return np.stack([self.on_map(one, logarithmic=logarithmic) for one in each], axis=2)
+        known = self.evaluated
+        filled = np.where(known, values, 1.0)
+        if logarithmic:
+            filled = np.log(np.maximum(filled, np.finfo(float).tiny))
+        read = interpolate(np.where(known, filled, 0.0), self.grid.shape, self.stride)
+        weight = interpolate(known.astype(float), self.grid.shape, self.stride)
+        readable = self.grid.free & (weight > 0)
+        result = np.full(self.grid.shape, np.nan)
+        result[readable] = read[readable] / weight[readable]
+        return np.exp(result) if logarithmic else result
+
+    def at(self, x: float, y: float, heading: float | None = None) -> NDArray[np.float64]:
+        """Covariance at a world position [m], (d, d).
+
+        Interpolated between the lattice points, and between the headings next to `heading` [rad],
+        in the matrices' logarithm, which makes it bilinear in ln e. Without a heading that of the
+        mean information over all headings. NaN in cells that are not free or lie outside the map.
+        """
+        nowhere = np.full(self.covariance.shape[-2:], np.nan)
+        if not all(map(math.isfinite, (x, y, heading or 0.0))):
+            return nowhere
+        row, col = self.grid.world_to_cell(x, y)
+        if not (self.grid.contains(row, col) and self.grid.free[row, col]):
+            return nowhere
+        exact_row, exact_col = (float(v) - 0.5 for v in self.grid.world_to_grid(x, y))
+        corners, weights = [], []
+        for i, weight_row in neighbours(exact_row / self.stride, self.covariance.shape[0]):
+            for j, weight_col in neighbours(exact_col / self.stride, self.covariance.shape[1]):
+                if self.evaluated[i, j] and weight_row * weight_col > 0:
+                    corners.append(self._towards(self.covariance[i, j], heading))
+                    weights.append(weight_row * weight_col)
+        if not corners:
+            return nowhere
+        return log_euclidean_mean(np.array(corners), np.array(weights))
+
+    def _towards(self, covariance: NDArray, heading: float | None) -> NDArray[np.float64]:
+        """Of the covariances at a lattice point, that in a heading, or of all of them."""
+        if covariance.ndim == 2:
+            return covariance
+        if heading is None:
+            return mean_information(covariance)
+        position = heading / (2 * math.pi) * len(covariance)
+        low, share = math.floor(position), position % 1
+        both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
+        return log_euclidean_mean(both, np.array([1 - share, share]))
+
+    def update(
+        self,
+        grid: OccupancyGrid,
+        *,
+        threads: int | None = None,
+        executor: Executor | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CovarianceField:
+        """The field of an edited map: computed only where the change can be felt.
+
+        Equal, bit for bit, to `covariance_field` of the new map.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The new map, of the same shape, resolution and origin.
+        threads, executor, progress
+            As for `covariance_field`.
+
+        Raises
+        ------
+        FieldError
+            If the maps differ in more than their cells.
+        """
+        same = tiles.untouched_points(self.grid, grid, self.config)
+        values = tiles.nothing_known(grid, self.config)
+        for name, known in self.values.items():
+            values[name][same] = known[same]
+        tiles.complete(values, grid, self.config, threads, executor, progress)
+        return CovarianceField.of(values, grid, self.config)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
+
+        A field that is there already is replaced; anything else is not.
+
+        Raises
+        ------
+        LocplanError
+            If the folder cannot be written, or is something else than a field.
+        """
+        with replacing_folder(path, field_files.SUFFIX, field_files.is_field) as temporary:
+            field_files.write(temporary, self.values, self.grid, self.config)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
+        """Read a field written by `save`.
+
+        Raises
+        ------
+        FieldError
+            If the folder is missing, damaged, or no covariance field.
+        """
+        return cls.of(*field_files.read(Path(path)))
+
+
+def covariance_field(
+    grid: OccupancyGrid,
+    config: FieldConfig | None = None,
+    *,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    progress: ProgressCallback | None = None,
+) -> CovarianceField:
+    """Compute the covariance of a pose match over the free cells of a map.
+
+    Evaluated on every lattice point (`config.stride` apart) in a free cell, and on the nearest
+    lattice point of free cells that would have none to be read from.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig, optional
+        `FieldConfig()` by default.
+    threads : int, optional
+        All cores by default. The result does not depend on it.
+    executor : concurrent.futures.Executor, optional
+        Where to run the tiles instead of own threads: a process pool, or a cluster by
+        dask.distributed's ``client.get_executor()``. Its workers need locplan.
+    progress : callable, optional
+        Called with (done, total) cells now and then.
+
+    Raises
+    ------
+    ConfigError
+        If the config does not fit the map's resolution, or `threads` is below 1.
+    FieldError
+        If the executor fails.
+
+    Examples
+    --------
+    >>> from locplan.maps import FREE
+    >>> grid = OccupancyGrid(np.full((30, 30), FREE), resolution=0.1)
+    >>> field = covariance_field(grid, FieldConfig(sensor_range=0.5))
+    >>> field.covariance.shape
+    (15, 15, 3, 3)
+    """
+    config = config or FieldConfig()
+    values = tiles.nothing_known(grid, config)
+    tiles.complete(values, grid, config, threads, executor, progress)
+    return CovarianceField.of(values, grid, config)

@@ -1,0 +1,101 @@
+"""The lattice of cells that a field is evaluated on, and reading between them.
+
+Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.field._config import FieldConfig
+
+
+def stride_cells(config: FieldConfig, resolution: float) -> int:
+    """Spacing of the lattice in whole cells."""
+    return max(1, round(config.stride / resolution))
+
+
+def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
+    """Lattice points to evaluate, (h, w), so that every free cell can be read from one at least."""
+    wanted = free[::stride, ::stride].copy()
+    covered = interpolate(wanted.astype(float), free.shape, stride) > 0
+    rows, cols = np.nonzero(free & ~covered)
+    nearest = [
+        np.minimum((index + stride // 2) // stride, size - 1)
+        for index, size in zip((rows, cols), wanted.shape, strict=True)
+    ]
+    wanted[nearest[0], nearest[1]] = True
+    return wanted
+
+
+def standing_cells(
+    free: NDArray[np.bool_], rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Each cell, or for one that is not free the nearest free one within `reach` rows and columns.
+
+    A lattice point in a wall serves free cells beside it; a sensor inside the wall sees nothing.
+    """
+    rows, cols = rows.copy(), cols.copy()
+    lost = np.flatnonzero(~free[rows, cols])
+    span = range(-reach, reach + 1)
+    for move in sorted(itertools.product(span, span), key=lambda move: math.hypot(*move)):
+        row, col = rows[lost] + move[0], cols[lost] + move[1]
+        inside = (row >= 0) & (row < free.shape[0]) & (col >= 0) & (col < free.shape[1])
+        found = inside & free[np.where(inside, row, 0), np.where(inside, col, 0)]
+        rows[lost[found]], cols[lost[found]] = row[found], col[found]
+        lost = lost[~found]
+    return rows, cols
+
+
+def interpolate(
+    values: NDArray[np.float64], shape: tuple[int, int], stride: int
+) -> NDArray[np.float64]:
+    """Lattice values (h, w) read bilinearly at every cell (H, W); beyond the last, the last."""
+    for axis, size in enumerate(shape):
+        last = values.shape[axis] - 1
+        position = np.minimum(np.arange(size) / stride, last)
+        low = np.floor(position).astype(np.intp)
+        part = position - low
+        part = part[:, None] if axis == 0 else part[None, :]
+        below = np.take(values, low, axis)
+        above = np.take(values, np.minimum(low + 1, last), axis)
+        values = below * (1 - part) + above * part
+    return values
+
+
+def neighbours(position: float, size: int) -> list[tuple[int, float]]:
+    """Lattice indices on either side of a position, with their bilinear weights."""
+    position = min(max(position, 0.0), size - 1.0)
+    low = math.floor(position)
+    return [(low, 1 - (position - low)), (min(low + 1, size - 1), position - low)]
+
+
+def well_spaced(
+    xy: NDArray[np.float64], priority: NDArray[np.float64], spacing: float
+) -> NDArray[np.int64]:
+    """Indices of positions at least `spacing` apart that leave no gap, high priority first.
+
+    Parameters
+    ----------
+    xy : (n, 2) array
+    priority : (n,) array
+    spacing : float
+
+    Examples
+    --------
+    >>> xy = np.array([[0.1, 0.5], [0.9, 0.5], [1.1, 0.5], [2.5, 0.5]])
+    >>> well_spaced(xy, np.array([1.0, 2.0, 3.0, 1.0]), 0.9).tolist()
+    [2, 0, 3]
+    """
+    from scipy.spatial import cKDTree
+
+    tree, covered, chosen = cKDTree(xy), np.zeros(len(xy), bool), []
+    for k in np.argsort(-priority, kind="stable").tolist():
+        if not covered[k]:
+            chosen.append(k)
+            covered[tree.query_ball_point(xy[k], spacing * (1 - 1e-9))] = True
+    return np.array(chosen, np.int64)

@@ -1,0 +1,135 @@
+"""A 2D lidar: what it sees from where it is mounted, and how well it measures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.errors import ConfigError
+
+FULL_CIRCLE = 360.0
+MIN_SIGMA = 1e-6
+"""A smaller deviation of ranges would leave nothing of a covariance but rounding [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lidar:
+    """A 2D lidar on a robot.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Lidar(range=10.0, field_of_view_deg=180.0, beams=3).angles.round(3).tolist()
+    [-1.571, 0.0, 1.571]
+    >>> Lidar.preset("utm-30lx").range
+    30.0
+    """
+
+    range: float = 12.0
+    """Greatest distance that is measured [m]."""
+    field_of_view_deg: float = FULL_CIRCLE
+    """Angle between the first and the last beam, in the middle of which is ahead [deg]."""
+    beams: int = 360
+    """Number of beams in the field of view."""
+    range_sigma: float = 0.03
+    """Standard deviation of a measured distance [m]."""
+    mount_x: float = 0.0
+    """Where it is on the robot: ahead of the centre [m]."""
+    mount_y: float = 0.0
+    """And to the left of it [m]."""
+    mount_yaw_deg: float = 0.0
+    """Where its middle beam points on the robot, counter-clockwise from ahead [deg]."""
+
+    def __post_init__(self) -> None:
+        for name, unit in (("range", "m"), ("range_sigma", "m"), ("field_of_view_deg", "deg")):
+            self._keep(name, _number(name, getattr(self, name), unit))
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"{name} must be positive {unit}, not {getattr(self, name)!r}")
+        if self.range_sigma < MIN_SIGMA:
+            raise ConfigError(
+                f"range_sigma must be at least {MIN_SIGMA:g} m, not {self.range_sigma!r}"
+            )
+        if self.field_of_view_deg > FULL_CIRCLE:
+            raise ConfigError(
+                f"field_of_view_deg must be at most 360 deg, not {self.field_of_view_deg!r}"
+            )
+        for name, unit in (("mount_x", "m"), ("mount_y", "m"), ("mount_yaw_deg", "deg")):
+            self._keep(name, _number(name, getattr(self, name), unit))
+        whole = isinstance(self.beams, (int, np.integer)) and not isinstance(self.beams, bool)
+        if not (whole and 1 <= self.beams <= 100_000):
+            raise ConfigError(f"beams must be a whole number in 1..100000, not {self.beams!r}")
+        self._keep("beams", int(self.beams))
+
+    @classmethod
+    def preset(cls, name: str) -> Lidar:
+        """A common lidar by its data sheet, see `LIDARS`.
+
+        Raises
+        ------
+        ConfigError
+            If the name is unknown.
+        """
+        if name not in LIDARS:
+            raise ConfigError(f"sensor must be one of {', '.join(LIDARS)}, not {name!r}")
+        return LIDARS[name]
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Of the beams from the middle one, counter-clockwise, (beams,) [rad]."""
+        width = math.radians(self.field_of_view_deg)
+        if self.sees_all_round:  # the last beam would be the first once more
+            between = np.arange(self.beams, dtype=np.float64) + 0.5
+            return between * (width / self.beams) - width / 2
+        beside = np.arange(self.beams, dtype=np.float64) - (self.beams - 1) / 2
+        return beside * (width / max(1, self.beams - 1))
+
+    @property
+    def mount_yaw(self) -> float:
+        """`mount_yaw_deg` [rad]."""
+        return math.radians(self.mount_yaw_deg)
+
+    @property
+    def sees_all_round(self) -> bool:
+        """Whether it sees the whole circle."""
+        return self.field_of_view_deg == FULL_CIRCLE
+
+    @property
+    def sees_alike_in_all_headings(self) -> bool:
+        """Whether what it sees at a place does not depend on where the robot heads.
+
+        But for where between its beams a feature falls.
+        """
+        return self.sees_all_round and self.mount_x == self.mount_y == 0.0
+
+    def _keep(self, name: str, value: float) -> None:
+        object.__setattr__(self, name, value)
+
+
+def _number(name: str, value: Any, unit: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        raise ConfigError(f"{name} must be a number of {unit}, not {value!r}")
+    return float(value)
+
+
+LIDARS = {
+    # Slamtec, RPLIDAR A1M8 data sheet: 0.15-12 m, 360 deg, 1 deg, resolution 1 % of the distance.
+    "rplidar-a1": Lidar(range=12.0, beams=360, range_sigma=0.03),
+    # Hokuyo, UTM-30LX data sheet: 0.1-30 m, 270 deg, 0.25 deg, repeatability 10 mm to 10 m, 30 mm
+    # beyond.
+    "utm-30lx": Lidar(range=30.0, field_of_view_deg=270.0, beams=1081, range_sigma=0.03),
+    # Sick, LMS291 technical description: 80 m, 180 deg, 0.5 deg, statistical error 10 mm.
+    "lms291": Lidar(range=80.0, field_of_view_deg=180.0, beams=361, range_sigma=0.01),
+    # Hokuyo, URG-04LX-UG01 data sheet: 5.6 m, 240 deg, 0.36 deg (682 steps), 30 mm to 1 m,
+    # 3 % beyond.
+    "urg-04lx": Lidar(range=5.6, field_of_view_deg=240.0, beams=682, range_sigma=0.03),
+}
+"""Common lidars by their makers' data sheets."""

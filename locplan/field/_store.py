@@ -1,0 +1,234 @@
+"""The field store: a field that was computed once is read, and one half done is finished.
+
+Each field is a Zarr group (`locplan.field._zarr`) in the cache folder, its name a digest of all
+that decides its values. Chunks are written as they are finished, so that a run which was killed
+loses only those under way, and a lock lets one process at a time compute a field.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.files import replacing_folder
+from locplan._util.progress import ProgressCallback
+from locplan.errors import FieldError
+from locplan.field import _tiles as tiles
+from locplan.field import _zarr as field_files
+from locplan.field._cache import (
+    CacheEntry,
+    cache_folder,
+    cache_limit,
+    evict,
+    fields,
+    lock_of,
+    mark_used,
+)
+from locplan.field._config import FieldConfig
+from locplan.field._field import CovarianceField
+from locplan.maps import OccupancyGrid
+
+DECISIVE = ("format", "engine", "map_digest", "config")
+"""Attributes that make one field another."""
+RELATIVES = 3
+"""How many other states of a map are looked at for what can be carried over."""
+_PATIENCE = 0.3
+"""How often one looks whether another process has finished [s]."""
+
+
+class CacheWarning(UserWarning):
+    """The cache cannot be used as it should; the result is right all the same."""
+
+
+def load_or_compute(
+    grid: OccupancyGrid,
+    config: FieldConfig | None = None,
+    *,
+    cache_dir: str | os.PathLike[str] | None = None,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    progress: ProgressCallback | None = None,
+) -> CovarianceField:
+    """The field of a map from the cache, or computed and put there.
+
+    What the cache has of it is kept: the chunks that an interrupted run has finished and, where
+    another state of the same map was cached, all that the edit cannot have changed. While another
+    process computes the same field, this one waits.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig, optional
+        `FieldConfig()` by default.
+    cache_dir : path, optional
+        By default the environment variable LOCPLAN_CACHE, or else the user's cache folder. It
+        grows to LOCPLAN_CACHE_SIZE (5 GB); the fields used least recently go first.
+    threads, executor, progress
+        As for `covariance_field`.
+
+    Raises
+    ------
+    ConfigError, FieldError
+        As for `covariance_field`.
+
+    Warns
+    -----
+    CacheWarning
+        If the cache cannot be written, or holds damaged chunks (which are computed anew).
+    """
+    config = config or FieldConfig()
+    limit = cache_limit()
+    path = field_path(grid, config, cache_dir)
+    found = _Found.at(path, grid, config)
+    if lacking := int(found.lacking.sum()):
+        del found  # of a large map, it need not be there twice
+        with _alone(path, lacking, progress) as writable:
+            found = _Found.at(path, grid, config)
+            if found.complaint:
+                _warn(f"{found.complaint}; computed anew")
+            _carry_over(found, path, grid, config)
+            chunks = tiles.finished_chunks(found.values, grid, config, threads, executor, progress)
+            with closing(chunks):
+                cached = writable and _attempt(_open, path, found, grid, config)
+                for chunk in chunks:
+                    cached = cached and _attempt(
+                        field_files.write_chunks, path, found.values, [chunk]
+                    )
+        if cached:
+            evict(path.parent, limit, path)
+    mark_used(path)
+    return CovarianceField.of(found.values, grid, config)
+
+
+def field_path(
+    grid: OccupancyGrid, config: FieldConfig, cache_dir: str | os.PathLike[str] | None = None
+) -> Path:
+    """Where the cache holds this field, whether or not it is there."""
+    about = field_files.attributes(grid, config)
+    decisive = [about[name] for name in DECISIVE]
+    key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
+    return cache_folder(cache_dir) / (key + field_files.SUFFIX)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What the cache has of a field."""
+
+    values: tiles.Values
+    """Its arrays, NaN where they are not known."""
+    lacking: NDArray[np.bool_]
+    """Lattice points that are still to be computed, (h, w)."""
+    sound: bool
+    """Whether there is a group that chunks can be written to."""
+    complaint: str
+    """What is wrong with it, if anything."""
+
+    @classmethod
+    def at(cls, path: Path, grid: OccupancyGrid, config: FieldConfig) -> _Found:
+        values, complaint = None, ""
+        if os.path.exists(path):  # False, too, where the folder cannot be searched
+            try:
+                about = field_files.read_attributes(path)
+                expected = field_files.attributes(grid, config)
+                if any(about.get(name) != expected[name] for name in DECISIVE):
+                    raise FieldError(f"{path}: holds another field")
+                values, damaged = field_files.read_values(path, grid, config)
+                if damaged:
+                    complaint = f"{path}: damaged chunks: {damaged}"
+            except FieldError as error:
+                complaint = str(error)
+        sound = values is not None
+        if values is None:
+            values = tiles.nothing_known(grid, config)
+        lacking = tiles.missing_points(values, grid, config)
+        return cls(values, lacking, sound, complaint)
+
+
+@contextmanager
+def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Iterator[bool]:
+    """While no other process computes this field; whether it can be written at all."""
+    from filelock import Timeout
+
+    lock = None
+    try:
+        lock = lock_of(path)
+        while not lock.is_locked:
+            try:
+                lock.acquire(timeout=_PATIENCE)
+            except Timeout:
+                if progress:
+                    progress(int(lacking * CacheEntry.read(path).share), lacking)
+    except (OSError, NotImplementedError) as error:
+        lock = None
+        _warn(f"the field is not cached: {path.parent} cannot be written ({_reason(error)})")
+    try:
+        yield lock is not None
+    finally:
+        if lock:
+            lock.release()
+
+
+def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Fill in what the fields of other states of this map have in common with it."""
+    expected = field_files.attributes(grid, config)
+    same = [name for name in expected if name not in ("locplan", "map_digest", "map_name")]
+    looked_at = 0
+    for folder in fields(path.parent):
+        lacking = tiles.missing_points(found.values, grid, config)
+        if looked_at == RELATIVES or not lacking.any():
+            break
+        with suppress(FieldError):  # damaged: it is only a shortcut
+            about = field_files.read_attributes(folder)
+            if folder == path or any(about.get(name) != expected[name] for name in same):
+                continue
+            looked_at += 1
+            before = field_files.read_grid(folder, about)
+            useful = lacking & tiles.untouched_points(before, grid, config)
+            if useful.any():
+                known, _ = field_files.read_values(folder, grid, config)
+                for name, array in known.items():
+                    found.values[name][useful] = array[useful]
+
+
+def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Make the field's group if there is no sound one, and write the chunks carried over."""
+    if not found.sound:
+        with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
+            field_files.create(temporary, grid, config)
+    for partial in path.rglob("*.partial"):  # of a process that was killed while it wrote
+        partial.unlink()
+    lacking = tiles.missing_points(found.values, grid, config)
+    edge = tiles.chunk_edge(config, grid.resolution)
+    carried = tiles.chunks_of(found.lacking & ~lacking, edge)
+    whole = [chunk for chunk in carried if not lacking[chunk.at].any()]
+    field_files.write_chunks(path, found.values, whole)
+
+
+def _attempt(action: Callable[..., None], path: Path, *arguments: Any) -> bool:
+    """Whether something about the cache worked; if not, the user is told why."""
+    try:
+        action(path, *arguments)
+    except Exception as error:  # a description damaged meanwhile fails in many ways, too
+        _warn(f"the field is not cached in {path.parent}: {_reason(error)}")
+        return False
+    return True
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _warn(message: str) -> None:
+    warnings.warn(CacheWarning(message), stacklevel=4)

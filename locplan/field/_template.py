@@ -1,0 +1,108 @@
+"""The template around a cell: the disc of map, turned, or what of it is seen.
+
+Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
+(2023), doi 10.1186/s40648-023-00256-w.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.maps import FREE, UNKNOWN
+
+BEHIND = 2
+"""Cells behind the one that a ray hits which still belong to a visible template."""
+
+
+def disc(radius: int) -> NDArray[np.bool_]:
+    """The template's shape: cells at most `radius` cells from the centre, (2r + 1, 2r + 1).
+
+    Examples
+    --------
+    >>> disc(1).astype(int)
+    array([[0, 1, 0],
+           [1, 1, 1],
+           [0, 1, 0]])
+    """
+    offset = np.arange(-radius, radius + 1)
+    return offset[:, None] ** 2 + offset[None, :] ** 2 <= radius**2
+
+
+def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDArray[np.uint8]:
+    """The square of the map around a cell, (2r + 1, 2r + 1); outside the map is unknown."""
+    return cells_at(
+        cells,
+        np.arange(row - radius, row + radius + 1)[:, None],
+        np.arange(col - radius, col + radius + 1)[None, :],
+    )
+
+
+def rotated_template(
+    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
+) -> NDArray[np.uint8]:
+    """The square around a cell on the map turned counter-clockwise by `theta` [rad].
+
+    The whole map turns about its centre, sampled at the nearest cell, and is cropped around the
+    cell's turned and rounded position, (2r + 1, 2r + 1). Turned maps share the map's lattice.
+    """
+    centre_row, centre_col = map_centre(cells.shape)
+    cos, sin = math.cos(theta), math.sin(theta)
+    dy, dx = row - centre_row, col - centre_col
+    turned_row = math.floor(sin * dx + cos * dy + centre_row + 0.5)
+    turned_col = math.floor(cos * dx - sin * dy + centre_col + 0.5)
+    v = np.arange(turned_row - radius, turned_row + radius + 1)[:, None] - centre_row
+    u = np.arange(turned_col - radius, turned_col + radius + 1)[None, :] - centre_col
+    source_row = np.floor(cos * v - sin * u + centre_row + 0.5).astype(np.int64)
+    source_col = np.floor(sin * v + cos * u + centre_col + 0.5).astype(np.int64)
+    return cells_at(cells, source_row, source_col)
+
+
+def visible_part(
+    cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
+) -> NDArray[np.bool_]:
+    """What of the disc around a cell is seen from it, turned by `theta` [rad], (2r + 1, 2r + 1).
+
+    A ray sees what it passes over up to the first cell that is not free and `BEHIND` cells more,
+    so that the wall that it hits is part of the template.
+    """
+    beams = beam_count(radius)
+    steps = np.arange(1, 2 * radius + 1) / 2
+    angles = 2 * np.pi * np.arange(beams) / beams
+    rows = row + np.floor(np.sin(angles)[:, None] * steps + 0.5).astype(np.int64)
+    cols = col + np.floor(np.cos(angles)[:, None] * steps + 0.5).astype(np.int64)
+    stops = (cells_at(cells, rows, cols) != FREE) & ((rows != row) | (cols != col))
+    first = np.where(stops.any(axis=1), stops.argmax(axis=1) + 1, 2 * radius)
+    reach = (first + 1 + 2 * BEHIND)[beam_of_cell(radius, theta)]  # [half cells]
+    offset = 2 * np.arange(-radius, radius + 1)
+    return disc(radius) & (offset[:, None] ** 2 + offset[None, :] ** 2 <= reach**2)
+
+
+def beam_count(radius: int) -> int:
+    """Rays cast so that one passes every cell of the disc's edge."""
+    return max(360, math.ceil(2 * math.pi * radius))
+
+
+def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
+    """The number of the ray towards each cell of the square, turned by `theta` [rad]."""
+    beams = beam_count(radius)
+    offset = np.arange(-radius, radius + 1)
+    direction = np.arctan2(offset[:, None], offset[None, :]) - theta
+    return np.floor(direction * (beams / (2 * np.pi)) + 0.5).astype(np.int64) % beams
+
+
+def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
+    """(row, col) about which a map of this shape is turned."""
+    return (shape[0] - 1) / 2, (shape[1] - 1) / 2
+
+
+def cells_at(
+    cells: NDArray[np.uint8], rows: NDArray[np.int64], cols: NDArray[np.int64]
+) -> NDArray[np.uint8]:
+    """Levels at (row, col) of any shape that broadcasts; outside the map is unknown."""
+    height, width = cells.shape
+    inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+    levels = cells[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
+    return np.where(inside, levels, np.uint8(UNKNOWN))

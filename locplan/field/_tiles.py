@@ -1,0 +1,316 @@
+"""Computing a field tile by tile: in threads, in processes, or on a cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Generator, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import islice
+from queue import Empty, SimpleQueue
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.progress import ProgressCallback
+from locplan.errors import ConfigError, FieldError, LocplanError
+from locplan.field._config import FieldConfig
+from locplan.field._covariance import rotated
+from locplan.field._lattice import evaluated_points, standing_cells, stride_cells
+from locplan.field._search_window import SearchWindow
+from locplan.field.estimators import LAYERS
+from locplan.maps import OccupancyGrid
+
+ENGINE = 2
+"""Raised whenever the same map and config would give other values than before."""
+TILE = 64
+"""Edge of a tile, whose covariances share one layout of the map [lattice points]."""
+TILE_CELLS = 512
+"""And at most so many cells, which bounds the layout's memory."""
+IN_FLIGHT = 256
+"""Tiles that are given to an executor at once at most, which bounds the memory of their maps."""
+
+
+class Chunk(NamedTuple):
+    """A rectangle of the lattice."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+
+    @property
+    def at(self) -> tuple[slice, slice]:
+        """Its place in an array over the lattice."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
+Values = dict[str, NDArray[np.float64]]
+"""Arrays over the lattice by name: "covariance", and what else an estimator tells of a place."""
+_Points = tuple[NDArray[np.intp], NDArray[np.intp]]
+_Tile = Future[Values]
+
+
+def estimator_of(config: FieldConfig) -> Any:
+    """The module whose `covariances` fill a field of this config."""
+    return import_module(f"locplan.field.estimators._{config.estimator}")
+
+
+def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
+    """Of a field's arrays: lattice rows and columns, then the headings if there are several.
+
+    Covariances have the poses' dimension twice at the end.
+    """
+    stride = stride_cells(config, grid.resolution)
+    points = tuple(-(-size // stride) for size in grid.shape)
+    places = points if config.headings == 1 else (*points, config.headings)
+    dimension = SearchWindow.from_config(config, grid.resolution).dimension
+    layers = dict.fromkeys(LAYERS[config.estimator], places)
+    return {"covariance": (*places, dimension, dimension), **layers}
+
+
+def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
+    """A field's arrays without any values."""
+    return {name: np.full(shape, np.nan) for name, shape in field_shapes(grid, config).items()}
+
+
+def known_points(values: Values) -> NDArray[np.bool_]:
+    """Lattice points that hold values, (h, w)."""
+    covariance = values["covariance"]
+    return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
+
+
+def missing_points(values: Values, grid: OccupancyGrid, config: FieldConfig) -> NDArray[np.bool_]:
+    """Lattice points that a field needs and its arrays do not hold, (h, w)."""
+    wanted = evaluated_points(grid.free, stride_cells(config, grid.resolution))
+    return wanted & ~known_points(values)
+
+
+def complete(
+    values: Values,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
+    wanted: NDArray[np.bool_] | None = None,
+) -> None:
+    """`finished_chunks` to the end, for whoever does not mind the chunks."""
+    for _ in finished_chunks(values, grid, config, threads, executor, progress, wanted):
+        pass
+
+
+def finished_chunks(
+    values: Values,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
+    wanted: NDArray[np.bool_] | None = None,
+) -> Generator[Chunk]:
+    """Compute the values that are missing, and name each chunk as it is finished.
+
+    The values depend neither on the tiles nor on where they are computed. Own threads count their
+    cells as they go and stop at once when the caller does; an executor finishes the tiles that it
+    has begun.
+
+    Parameters
+    ----------
+    values : dict of arrays
+        Of `field_shapes`, covariances in the world frame, NaN where unknown; filled in place.
+    grid, config, threads, executor, progress
+        As for `locplan.covariance_field`.
+    wanted : (h, w) array of bool, optional
+        The lattice points to compute; all that a field needs by default.
+
+    Yields
+    ------
+    Chunk
+        `chunk_edge` lattice points along each axis, less at the edges.
+
+    Raises
+    ------
+    FieldError
+        If the executor fails.
+    """
+    if threads is not None and threads < 1:
+        raise ConfigError(f"threads must be at least 1, not {threads}")
+    if wanted is None:
+        missing = missing_points(values, grid, config)
+    else:
+        missing = wanted & ~known_points(values)
+    total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
+    if not total:
+        return
+    running: dict[_Tile, tuple[Chunk, _Points, NDArray[np.int64]]] = {}
+    done: SimpleQueue[_Tile] = SimpleQueue()
+    pending: dict[Chunk, int] = {}
+    waiting = _tiles(missing, pending, config, grid.resolution)
+    pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
+    # Own threads share what the estimator makes of the whole map.
+    prepared = None
+    if executor is None:
+        prepared = estimator_of(config).prepare(grid.cells, grid.resolution, config)
+    try:
+        while True:
+            for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
+                task, control = _task(grid, config, points, prepared), np.zeros(2, np.int64)
+                if executor is None:
+                    task["control"] = control
+                with _one_line_errors(executor):
+                    tile = pool.submit(compute, ENGINE, **task)
+                running[tile] = chunk, points, control
+                tile.add_done_callback(done.put)
+            if not running:
+                break
+            ready = _next(done)
+            if ready:
+                chunk, points, _ = running.pop(ready)
+                with _one_line_errors(executor):
+                    computed = ready.result()
+                for name, array in computed.items():
+                    turned = yaw and name == "covariance"
+                    values[name][points] = rotated(array, yaw) if turned else array
+                finished += len(points[0])
+                pending[chunk] -= 1
+                if not pending[chunk]:
+                    yield chunk
+            if progress:
+                progress(finished + sum(int(c[1]) for *_, c in running.values()), total)
+    finally:
+        for tile, (*_, control) in running.items():
+            tile.cancel()
+            control[0] = 1
+        if executor is None:
+            pool.shutdown(cancel_futures=True)
+
+
+def compute(engine: int, config: FieldConfig, **task: Any) -> Values:
+    """Values of a tile, wherever that is run, if it is the same engine there.
+
+    Raises
+    ------
+    FieldError
+        If it is another one.
+    """
+    if engine != ENGINE:
+        raise FieldError(
+            f"a worker has another locplan (engine {ENGINE}, not {engine}); install the same one"
+        )
+    return estimator_of(config).covariances(config=config, **task)
+
+
+def chunk_edge(config: FieldConfig, resolution: float) -> int:
+    """Edge of the square chunks that are finished as a whole [lattice points]."""
+    edge, apart = _tile_edge(config, resolution)
+    return edge * apart
+
+
+def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
+    """Chunks with any of the points, row by row."""
+    height, width = points.shape
+    for top in range(0, height, edge):
+        for left in range(0, width, edge):
+            chunk = Chunk(top, left, min(top + edge, height), min(left + edge, width))
+            if points[chunk.at].any():
+                yield chunk
+
+
+def untouched_points(
+    before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
+) -> NDArray[np.bool_]:
+    """Lattice points that two maps have in common, and whose covariances are the same, (h, w).
+
+    Raises
+    ------
+    FieldError
+        If the maps differ in more than their cells.
+    """
+    import cv2
+
+    for name in ("shape", "resolution", "origin"):
+        if getattr(before, name) != getattr(after, name):
+            raise FieldError(
+                f"the field's map has {name} {getattr(before, name)}, but the new one"
+                f" {getattr(after, name)}; compute a field of its own for it"
+            )
+    stride = stride_cells(config, after.resolution)
+    changed = (before.cells != after.cells).astype(np.uint8)
+    # A sensor that would be in a wall stands up to a stride aside.
+    reach = stride + estimator_of(config).halo(config, after.resolution, after.shape)
+    box = [2 * reach + 1] * 2
+    near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return (near[::stride, ::stride] == 0) & evaluated_points(after.free, stride)
+
+
+def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
+    """Edge of a tile [lattice points], and how many lattice points apart its own are."""
+    stride = stride_cells(config, resolution)
+    apart = estimator_of(config).points_apart(config, resolution, stride)
+    return min(TILE, max(1, TILE_CELLS // (stride * apart))), apart
+
+
+def _tiles(
+    points: NDArray[np.bool_], pending: dict[Chunk, int], config: FieldConfig, resolution: float
+) -> Iterator[tuple[Chunk, _Points]]:
+    """Each tile's chunk and its lattice points; counts every chunk's tiles in `pending`."""
+    edge, apart = _tile_edge(config, resolution)
+    for chunk in chunks_of(points, edge * apart):
+        tiles = []
+        for row in range(apart):
+            for col in range(apart):
+                i, j = np.nonzero(points[chunk.at][row::apart, col::apart])
+                if i.size:
+                    tiles.append((i * apart + row + chunk.top, j * apart + col + chunk.left))
+        pending[chunk] = len(tiles)
+        for tile in tiles:
+            yield chunk, tile
+
+
+def _task(
+    grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: Any
+) -> dict[str, Any]:
+    """Arguments of the estimator, with the part of the map that these points depend on."""
+    stride = stride_cells(config, grid.resolution)
+    rows, cols = (index * stride for index in points)
+    if config.sensor is not None:
+        rows, cols = standing_cells(grid.free, rows, cols, stride)
+    task = {
+        "rows": rows,
+        "cols": cols,
+        "resolution": grid.resolution,
+        "yaw": grid.origin[2],
+        "config": config,
+        "map_shape": grid.shape,
+    }
+    if prepared is not None:
+        return task | {"levels": grid.cells, "corner": (0, 0), "prepared": prepared}
+    reach = estimator_of(config).halo(config, grid.resolution, grid.shape)
+    top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
+    bottom, right = int(rows.max()) + reach + 1, int(cols.max()) + reach + 1
+    return task | {"levels": grid.cells[top:bottom, left:right], "corner": (top, left)}
+
+
+def _next(done: SimpleQueue[_Tile]) -> _Tile | None:
+    """A finished tile, or None if there is none for a while."""
+    try:
+        return done.get(timeout=0.2)
+    except Empty:
+        return None
+
+
+@contextmanager
+def _one_line_errors(executor: Executor | None) -> Iterator[None]:
+    """What befalls a foreign executor is an error of one line."""
+    try:
+        yield
+    except LocplanError:
+        raise
+    except Exception as error:  # each executor has its own for workers that died
+        if executor is None:
+            raise
+        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
+        raise FieldError(f"the executor failed at a tile of the field ({what})") from error

@@ -1,0 +1,283 @@
+"""Covariance fields as Zarr v3 groups, which xarray and every other Zarr reader open.
+
+A group holds `covariance` (y, x, pose_row, pose_col), its coordinates `y` and `x`, and the map as
+`cells` (row, col); its attributes say what they are. Where there are several headings, `heading`
+comes after x; some estimators tell more of a place, (y, x) or (y, x, heading). A chunk that was not
+computed is absent, and reads as NaN; a chunk that was carries a checksum.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan import __version__
+from locplan.errors import FieldError, LocplanError
+from locplan.field._config import FieldConfig
+from locplan.field._lattice import evaluated_points, stride_cells
+from locplan.field._tiles import (
+    ENGINE,
+    Chunk,
+    Values,
+    chunk_edge,
+    chunks_of,
+    field_shapes,
+    known_points,
+    missing_points,
+)
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+FORMAT = "locplan-field-3"
+SUFFIX = ".zarr"
+ABOUT: dict[str, Any] = {
+    "covariance": {
+        "long_name": "covariance of a pose match (x, y, theta), world frame",
+        "units": "m2, m rad, rad2",
+    },
+    "ambiguity": {"long_name": "probability outside the central mode", "units": "1"},
+    "entropy": {"long_name": "entropy of the posterior over the search window", "units": "nat"},
+}
+"""Attributes of a field's arrays."""
+
+
+def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
+    """What a field's group says about it."""
+    return {
+        "format": FORMAT,
+        "engine": ENGINE,
+        "locplan": __version__,
+        "map_name": grid.name,
+        "map_digest": grid.digest,
+        "map_shape": list(grid.shape),
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        "stride_cells": stride_cells(config, grid.resolution),
+        "config": dataclasses.asdict(config),
+    }
+
+
+def read_attributes(folder: Path) -> dict[str, Any]:
+    """The attributes of a field's group.
+
+    Raises
+    ------
+    FieldError
+        If the folder is missing or holds no covariance field.
+    """
+    try:
+        about = json.loads((folder / "zarr.json").read_text())["attributes"]
+        if about["format"] != FORMAT:
+            raise ValueError(f"its format is {about['format']}, not {FORMAT}")
+        if about["checksum"] != _checksum(about):
+            raise ValueError("its description does not match its checksum")
+        return about
+    except (FileNotFoundError, NotADirectoryError):
+        what = "holds no zarr.json" if folder.exists() else "no such folder"
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        what = _in_short(error)
+    raise FieldError(f"{folder}: not a covariance field ({what})")
+
+
+def is_field(folder: Path) -> bool:
+    """Whether the folder holds a covariance field, to judge by its attributes."""
+    try:
+        read_attributes(folder)
+    except FieldError:
+        return False
+    return True
+
+
+def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Write a field's group with the map and all that is known before any covariance."""
+    import zarr
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+
+    compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
+    shapes, edge = field_shapes(grid, config), _edge(grid, config)
+    stride = stride_cells(config, grid.resolution)
+    chunks = sum(1 for _ in chunks_of(evaluated_points(grid.free, stride), edge))
+    about = attributes(grid, config) | {"chunks": chunks}
+    about["checksum"] = _checksum(about)
+    group = zarr.create_group(folder, zarr_format=3, attributes=about)
+    places = ("y", "x") if config.headings == 1 else ("y", "x", "heading")
+    for name, shape in shapes.items():
+        group.create_array(
+            name,
+            chunk_key_encoding={"name": "default", "separator": "."},
+            shape=shape,
+            chunks=(edge, edge, *shape[2:]),
+            dtype="float64",
+            fill_value=np.nan,
+            compressors=compressed,
+            dimension_names=(*places, "pose_row", "pose_col")[: len(shape)],
+            attributes=ABOUT[name],
+        )
+    group.create_array(
+        "cells",
+        data=grid.cells,
+        chunks=tuple(min(1024, size) for size in grid.shape),
+        compressors=compressed,
+        dimension_names=("row", "col"),
+        attributes={
+            "long_name": "occupancy, row 0 at the lowest y",
+            "flag_values": [OCCUPIED, UNKNOWN, FREE],
+            "flag_meanings": "occupied unknown free",
+        },
+    )
+    if config.headings != 1:
+        group.create_array(
+            "heading",
+            data=config.heading_angles,
+            dimension_names=("heading",),
+            attributes={"long_name": "of the robot in the world", "units": "rad"},
+        )
+    points = shapes["covariance"][:2]
+    for name, size, start in zip("yx", points, (grid.origin[1], grid.origin[0]), strict=True):
+        group.create_array(
+            name,
+            data=start + (np.arange(size) * stride + 0.5) * grid.resolution,
+            dimension_names=(name,),
+            attributes={
+                "long_name": "of the map's own axes, which the origin's yaw turns about the origin",
+                "units": "m",
+            },
+        )
+
+
+def write_chunks(folder: Path, values: Values, chunks: Iterable[Chunk]) -> None:
+    """Write finished chunks, each whole or not at all: its covariances last."""
+    import zarr
+
+    # What is read counts only where there are covariances.
+    names = sorted(values, key="covariance".__eq__)
+    arrays: Any = [(name, zarr.open_array(folder / name, mode="r+")) for name in names]
+    for chunk in chunks:
+        for name, array in arrays:
+            array[chunk.at] = values[name][chunk.at]
+
+
+def write(folder: Path, values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Write a whole field."""
+    create(folder, grid, config)
+    write_chunks(folder, values, chunks_of(known_points(values), _edge(grid, config)))
+
+
+def count_chunks(folder: Path) -> int:
+    """How many chunks of covariances are there; a group's attribute "chunks" says of how many."""
+    try:
+        names = os.listdir(folder / "covariance")
+    except OSError:
+        return 0  # there is none, or it has just been removed
+    return sum(name.startswith("c.") and not name.endswith(".partial") for name in names)
+
+
+def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple[Values, int]:
+    """The field's arrays, NaN where a chunk is absent or damaged, and how many are damaged.
+
+    Raises
+    ------
+    FieldError
+        If an array's description is missing, damaged, or does not fit the map and the config.
+    """
+    shapes, edge = field_shapes(grid, config), _edge(grid, config)
+    values, damaged = {}, 0
+    for name, shape in shapes.items():
+        values[name], lost = _read_array(folder, name, shape, edge)
+        damaged += lost
+    for name in shapes:  # a place is known if all of it is
+        lost_here = np.isnan(values[name]).reshape(*shapes[name][:2], -1)[:, :, 0]
+        values["covariance"][lost_here] = np.nan
+    return values, damaged
+
+
+def _read_array(
+    folder: Path, name: str, shape: tuple[int, ...], edge: int
+) -> tuple[NDArray[np.float64], int]:
+    import zarr
+
+    try:
+        array: Any = zarr.open_array(folder / name, mode="r")
+        found = array.shape, array.chunks[:2], array.dtype
+    except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
+        raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
+    if found != (shape, (edge, edge), np.float64):
+        raise FieldError(f"{folder}: does not fit its own map and config")
+    try:
+        return np.asarray(array[:]), 0
+    except Exception:  # a damaged chunk: which one?
+        values, damaged = np.full(shape, np.nan), 0
+        for chunk in chunks_of(np.ones(shape[:2], bool), edge):
+            try:
+                values[chunk.at] = array[chunk.at]
+            except Exception:
+                damaged += 1
+        return values, damaged
+
+
+def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
+    """The map that a field belongs to; `about` is what `read_attributes` gave.
+
+    Raises
+    ------
+    FieldError
+        If it is missing or damaged.
+    """
+    import zarr
+
+    try:
+        cells: Any = zarr.open_array(folder / "cells", mode="r")[:]
+        grid = OccupancyGrid(cells, about["resolution"], tuple(about["origin"]), about["map_name"])
+    except Exception as error:  # as for the covariances
+        raise FieldError(f"{folder}: its map is damaged ({_in_short(error)})") from None
+    if grid.digest != about["map_digest"]:
+        raise FieldError(f"{folder}: the map inside does not match its digest")
+    return grid
+
+
+def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
+    """A whole field: its arrays, map and config.
+
+    Raises
+    ------
+    FieldError
+        If it is missing, damaged, or was not finished.
+    """
+    about = read_attributes(folder)
+    grid = read_grid(folder, about)
+    try:
+        config = FieldConfig(**about["config"])
+    except (KeyError, TypeError, LocplanError) as error:
+        raise FieldError(f"{folder}: its config is damaged ({_in_short(error)})") from None
+    values, damaged = read_values(folder, grid, config)
+    lacking = int(missing_points(values, grid, config).sum())
+    if damaged or lacking:
+        why = (
+            f"{damaged} chunks are damaged" if damaged else f"{lacking} points were never computed"
+        )
+        raise FieldError(f"{folder}: {why}; compute it anew")
+    return values, grid, config
+
+
+def _edge(grid: OccupancyGrid, config: FieldConfig) -> int:
+    """Of the chunks [lattice points]."""
+    return min(
+        chunk_edge(config, grid.resolution), max(field_shapes(grid, config)["covariance"][:2])
+    )
+
+
+def _checksum(about: dict[str, Any]) -> str:
+    """SHA-256 of the attributes; chunks have their own, and the map its digest."""
+    described = {name: value for name, value in about.items() if name != "checksum"}
+    return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
+
+
+def _in_short(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

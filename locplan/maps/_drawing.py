@@ -1,0 +1,124 @@
+"""Drawing a map in world metres: free space is carved, and its walls appear at the end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+Box = tuple[float, float, float, float]
+"""x0, y0, x1, y1 [m]"""
+
+_WALL = 0.1  # depth to which a wall is seen [m]
+_MARGIN = 0.6  # from the drawing to the edge of the grid [m]: the wall, and 0.5 m of unknown
+_GAP = 0.6  # between pieces of furniture, so that a robot gets everywhere [m]
+
+
+class Canvas:
+    """Free space carved out of the unknown, in world metres; its walls appear at the end.
+
+    Edges belong on multiples of 0.1 m, where all the usual resolutions have them exactly.
+    """
+
+    def __init__(self, size: tuple[float, float], resolution: float) -> None:
+        self.resolution = resolution
+        width, height = (math.ceil((v + 2 * _MARGIN) / resolution - 1e-6) for v in size)
+        # A hair off the cells' centres, lest an edge falls on one and rounding decides.
+        self._x = (np.arange(width) + 0.5) * resolution - _MARGIN + 1e-7
+        self._y = (np.arange(height) + 0.5) * resolution - _MARGIN + 1e-7
+        self._free = np.zeros((height, width), bool)
+        self._keep_out: list[Box] = []
+
+    def _window(self, x0: float, y0: float, x1: float, y1: float) -> tuple[slice, slice]:
+        return (
+            slice(*np.searchsorted(self._y, (y0, y1)).tolist()),
+            slice(*np.searchsorted(self._x, (x0, x1)).tolist()),
+        )
+
+    def carve(self, *boxes: Box) -> None:
+        """Make boxes free."""
+        for box in boxes:
+            self._free[self._window(*box)] = True
+
+    def door(self, *boxes: Box) -> None:
+        """Make boxes free, and let no furniture stand before them."""
+        self.carve(*boxes)
+        self._keep_out += boxes
+
+    def block(self, *boxes: Box) -> None:
+        """Put obstacles into free space."""
+        for box in boxes:
+            self._free[self._window(*box)] = False
+        self._keep_out += boxes
+
+    def disc(self, x: float, y: float, radius: float, *, free: bool) -> None:
+        """Carve a round room, or put up a round pillar."""
+        box = (x - radius, y - radius, x + radius, y + radius)
+        window = self._window(*box)
+        dx, dy = self._x[window[1]] - x, self._y[window[0], None] - y
+        self._free[window][dx * dx + dy * dy < radius * radius] = free
+        if not free:
+            self._keep_out.append(box)
+
+    def pillars(self, centres: Iterable[tuple[float, float]], radius: float) -> None:
+        """Put up round pillars."""
+        for x, y in centres:
+            self.disc(x, y, radius, free=False)
+
+    def polygon(self, corners: Sequence[tuple[float, float]]) -> None:
+        """Put a polygonal obstacle into free space."""
+        xs, ys = zip(*corners, strict=True)
+        box = (min(xs), min(ys), max(xs), max(ys))
+        window = self._window(*box)
+        x, y = self._x[window[1]], self._y[window[0], None]
+        inside = np.zeros((y.size, x.size), bool)
+        for (xa, ya), (xb, yb) in pairwise([*corners, corners[0]]):
+            if ya != yb:  # a level edge crosses no ray along x
+                inside ^= ((ya > y) != (yb > y)) & (x < xa + (y - ya) * (xb - xa) / (yb - ya))
+        self._free[window][inside] = False
+        self._keep_out.append(box)
+
+    def furnish(self, rng: np.random.Generator, room: Box, count: int, largest: float) -> None:
+        """Put up to `count` pieces of 0.3 m to `largest` metres along the walls or into a room.
+
+        Positions depend on the generator alone, not on the resolution.
+        """
+        x0, y0, x1, y1 = room
+        left = count
+        for _ in range(30 * count):
+            w, h = (int(v) / 10 for v in rng.integers(3, round(10 * largest) + 1, 2))
+            x, y = _place(rng, x0, x1 - w), _place(rng, y0, y1 - h)
+            wide = (x - _GAP, y - _GAP, x + w + _GAP, y + h + _GAP)
+            # Either against a wall or clear of it, and clear of all else: nothing is sealed off.
+            gaps = (x - x0, y - y0, x1 - x - w, y1 - y - h)
+            blocked = any(1e-6 < gap < _GAP - 1e-6 for gap in gaps) or min(gaps) < -1e-6
+            if not blocked and not any(_overlap(wide, other) for other in self._keep_out):
+                self.block((x, y, x + w, y + h))
+                left -= 1
+                if left == 0:
+                    return
+
+    def grid(self, name: str) -> OccupancyGrid:
+        """Put walls around the free space and leave the rest unknown, as a SLAM map looks."""
+        import cv2
+
+        solid = (~self._free).astype(np.uint8)
+        depth = np.asarray(cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+        # At least the eight neighbours, or walls would leak at their corners.
+        wall = depth <= max(_WALL / self.resolution, 1.5) + 0.01
+        cells = np.where(self._free, FREE, np.where(wall, OCCUPIED, UNKNOWN)).astype(np.uint8)
+        return OccupancyGrid(cells, self.resolution, (-_MARGIN, -_MARGIN, 0.0), name)
+
+
+def _place(rng: np.random.Generator, low: float, high: float) -> float:
+    """Either end, or a position between them, on a lattice of 0.1 m."""
+    end, step = int(rng.integers(4)), int(rng.integers(max(round(10 * (high - low)), 0) + 1))
+    return (low, high, low + step / 10, low + step / 10)[end]
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    return a[0] < b[2] - 1e-6 and b[0] < a[2] - 1e-6 and a[1] < b[3] - 1e-6 and b[1] < a[3] - 1e-6

@@ -1,0 +1,332 @@
+"""Occupancy grid maps on disk: the YAML and the image that ROS's map_server reads and writes."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import re
+import shutil
+import stat
+import tempfile
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.errors import MapError
+from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+if TYPE_CHECKING:
+    import yaml
+    from PIL import Image
+
+MODES = ("trinary", "scale", "raw")
+PIXELS = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
+LEVELS = [FREE, UNKNOWN, OCCUPIED]  # in the order of PIXELS
+NEGATE = {"0": False, "1": True, "false": False, "true": True}
+SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool", "null")}
+OTHER_RANGE = re.compile(rb"P[25](\s+|#.*\n)+\d+(\s+|#.*\n)+\d+(\s+|#.*\n)+(?!255\s)\d")
+IMAGE_FORMATS = ("PPM", "PNG", "BMP")  # PPM is PBM and PGM, too
+MAX_YAML_BYTES, MAX_IMAGE_BYTES, MAX_PIXELS = 2**16, 2**30, 2**28
+PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
+
+
+class MapWarning(UserWarning):
+    """A map file was read as it says, but hardly as it was meant."""
+
+
+def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
+    """Read a map_server YAML and its image (PGM, PBM, PNG or BMP).
+
+    Thresholds are compared as in Nav2, ends included. What lies between them is unknown, in
+    mode ``scale`` too; in mode ``raw`` they apply to the pixel's per cent. The image's bottom
+    row becomes row 0, the YAML's stem (of a map.yaml its folder) the name; the origin
+    [m, m, rad] keeps its yaw.
+
+    Raises
+    ------
+    MapError
+        If a file cannot be read or is damaged, or a key is missing or out of its range.
+        A MapWarning says when map_saver's grey for unknown makes over 1 % of the cells free.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_map(OccupancyGrid([[0, 254], [127, 254]], resolution=0.05), folder + "/room.yaml")
+    ...     grid = load_map(folder + "/room.yaml")
+    >>> grid.name, grid.cells.tolist()
+    ('room', [[0, 254], [127, 254]])
+    """
+    file = Path(path)
+    if file.is_dir():
+        raise _fault(file, "is a folder without any map", "give a map YAML, or a folder of them")
+    header = _read_header(file)
+    image = file.parent / header.image
+    pixels, transparent, rescaled = _read_pixels(image)
+    raw = header.mode == "raw"
+    if raw and (pixels.dtype != np.uint8 or rescaled):
+        raise _fault(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
+    top = int(np.iinfo(pixels.dtype).max)
+    cells = _level_of_value(header, top)[pixels]
+    if transparent is not None and not raw:
+        cells[transparent] = UNKNOWN
+    map_saver_grey = (50 if header.negate else 205) * (top // 255)
+    count = np.count_nonzero((pixels == map_saver_grey) & (cells == FREE))
+    if not raw and count > 0.01 * cells.size:
+        fault = f"{count} pixels ({count / cells.size:.0%}) of map_saver's unknown grey are free"
+        remedy = f"if unknown is meant, set free_thresh: 0.196 (it is {header.free_thresh})"
+        warnings.warn(MapWarning(_fault(file, fault, remedy)), stacklevel=2)
+    return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file))
+
+
+def name_of(map_file: Path) -> str:
+    """What the map in a file is called: by its stem, a map.yaml by its folder."""
+    return map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem
+
+
+def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
+    """Map files: those named, and in the folders named, and below, each YAML that names an image.
+
+    A folder without any stands for itself, for `load_map` to complain of.
+    """
+    found: list[Path] = []
+    for path in map(Path, paths):
+        files = sorted(path.rglob("*.y*ml")) if path.is_dir() else [path]
+        if path.is_dir():
+            files = [file for file in files if _names_an_image(file)] or [path]
+        found += files
+    return list(dict.fromkeys(found))
+
+
+def save_map(
+    grid: OccupancyGrid,
+    path: str | os.PathLike[str],
+    *,
+    mode: Literal["trinary", "scale", "raw"] = "trinary",
+    image_format: Literal["pgm", "png"] = "pgm",
+    negate: bool = False,
+) -> None:
+    """Write a map_server YAML (.yaml), with its image beside it under the same stem.
+
+    `load_map` gets the same grid back. Either both files are replaced or neither. In mode
+    ``scale`` unknown cells are transparent, so it needs png. With ``negate`` white is occupied;
+    it is without effect in mode ``raw``.
+
+    Raises
+    ------
+    MapError
+        If an option does not fit, or the files cannot be written.
+    """
+    import yaml
+
+    file = Path(path)
+    if file.suffix not in (".yaml", ".yml"):
+        raise _fault(file, "is no name for a map", "end it in .yaml")
+    if mode not in MODES:
+        raise _fault(file, "mode is unknown", "use trinary, scale or raw")
+    if image_format not in ("pgm", "png"):
+        raise _fault(file, "image_format is unknown", "use pgm or png")
+    if mode == "scale" and image_format == "pgm":
+        raise _fault(file, "mode scale needs transparency", "use image_format png")
+    image = file.with_suffix(f".{image_format}")
+    # Readers disagree on what negate does to raw values, so that it is never set there.
+    negate = bool(negate) and mode != "raw"
+    header = _Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
+    entries = header._asdict() | {"negate": int(negate)}  # ROS 1 does not read true and false
+    text = yaml.safe_dump(entries, default_flow_style=None, allow_unicode=True, width=math.inf)
+    try:
+        _replace_both(file, text, image, _draw(grid, header))
+    except (OSError, ValueError) as error:
+        remedy = "choose a name in an existing, writable folder"
+        raise _fault(file, f"cannot be written ({_reason(error)})", remedy) from error
+
+
+class _Header(NamedTuple):
+    image: str
+    resolution: float
+    origin: tuple[float, float, float]
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+    mode: str
+
+
+def _read_header(file: Path) -> _Header:
+    entries = {"negate": "0", "mode": "trinary"} | _read_entries(file)
+    image, origin, mode = entries.get("image"), entries.get("origin"), entries["mode"]
+    place = [_number(item) for item in origin] if isinstance(origin, list) else []
+    negate = NEGATE.get(str(entries["negate"]).lower())
+    resolution, occupied, free = (
+        _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
+    )
+    finite = len(place) == 3 and all(map(math.isfinite, place))
+    for key, rule, example, holds in (
+        ("image", "the name of a file", "map.pgm", isinstance(image, str) and image.strip()),
+        ("resolution", "a positive number of metres", "0.05", 0 < resolution < math.inf),
+        ("origin", "three finite numbers x, y, yaw", "[0.0, 0.0, 0.0]", finite),
+        ("negate", "0 or 1", "0", negate is not None),
+        ("occupied_thresh", "a fraction in 0..1, not per cent", "0.65", 0 <= occupied <= 1),
+        ("free_thresh", "a fraction up to the other, not per cent", "0.196", 0 <= free <= occupied),
+        ("mode", "trinary, scale or raw", "trinary", mode in MODES),
+    ):
+        if not holds:
+            fault = f"{key} must be {rule}, but is {_shown(entries.get(key))}"
+            raise _fault(file, fault, f"write e.g. {key}: {example}")
+    name, (x, y, yaw) = os.path.expanduser(str(image)), place
+    return _Header(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
+
+
+def _read_entries(file: Path) -> dict[str, Any]:
+    """Top level of a map YAML. Parsed into nodes only: no tag is obeyed, no alias expanded."""
+    import yaml
+
+    content = _read(file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image")
+    try:
+        root = yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
+    except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
+        raise _fault(file, fault, "write lines such as image: map.pgm") from error
+    if not isinstance(root, yaml.MappingNode):
+        raise _fault(file, "holds no keys", "write lines such as image: map.pgm")
+    entries: dict[str, Any] = {}
+    for key, value in root.value:
+        name = "".join(_plain(key))
+        if name in entries:
+            raise _fault(file, f"{_shown(name)} occurs twice", "keep one of the two")
+        entries[name] = _plain(value)
+    return entries
+
+
+def _plain(node: yaml.Node) -> str | list[str]:
+    """A scalar as text, a sequence as texts; ... stands for anything else."""
+    import yaml
+
+    if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
+        return str(node.value)
+    items = node.value if isinstance(node, yaml.SequenceNode) else [None]
+    return [str(item.value) if isinstance(item, yaml.ScalarNode) else "..." for item in items]
+
+
+def _number(entry: str | list[str] | None) -> float:
+    """The number that a text spells (5e-2 too, which PyYAML calls a string), or else NaN."""
+    try:
+        return float(entry) if isinstance(entry, str) else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
+    """Grey values over all of uint8 or uint16, top row first, where they are transparent, and
+    whether they had another range in the file."""
+    from PIL import Image
+
+    content = _read(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # Pillow's: of size, animation, palette
+            with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
+                if image.width * image.height > min(MAX_PIXELS, PIXELS_PER_BYTE * len(content)):
+                    raise ValueError("more pixels than its bytes can hold, or than 2**28")
+                image.verify()  # PNG checksums, which decoding skips; it spends the image
+            with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
+                return *_decode(image), OTHER_RANGE.match(content) is not None
+    except Exception as error:  # decoders raise almost anything on damaged files
+        fault = f"is no intact PGM, PBM, PNG or BMP image ({_reason(error)})"
+        raise _fault(file, fault, "export it again") from error
+
+
+def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    if image.mode in ("I", "I;16"):
+        pixels = np.asarray(image).astype(np.uint16)
+        return pixels, pixels == image.info.get("transparency", -1)
+    if image.mode not in ("1", "L", "P", "LA", "PA", "RGB", "RGBA"):
+        raise ValueError(f"pixels of type {image.mode}")
+    if not image.has_transparency_data:
+        return np.asarray(image.convert("L")), None
+    colours = image.convert("RGBA")
+    return np.asarray(colours.convert("L")), np.asarray(colours.getchannel("A")) < 255
+
+
+def _level_of_value(header: _Header, top: int) -> NDArray[np.uint8]:
+    """The level that each pixel value 0..top stands for."""
+    raw = header.mode == "raw"
+    occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)
+    occupancy = occupancy if raw or header.negate else 1 - occupancy
+    level = np.full(top + 1, UNKNOWN, np.uint8)
+    level[occupancy <= np.float32(header.free_thresh)] = FREE
+    level[occupancy >= np.float32(header.occupied_thresh)] = OCCUPIED
+    level[101 if raw else top + 1 :] = UNKNOWN
+    return level
+
+
+def _draw(grid: OccupancyGrid, header: _Header) -> Image.Image:
+    from PIL import Image
+
+    value_of_level = np.zeros(256, np.uint8)
+    value_of_level[LEVELS] = PIXELS[header.mode]
+    cells = grid.cells[::-1]
+    pixels = (255 - value_of_level if header.negate else value_of_level)[cells]
+    if header.mode == "scale":
+        pixels = np.dstack([pixels, np.where(cells == UNKNOWN, 0, 255).astype(np.uint8)])
+    return Image.fromarray(pixels)
+
+
+def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
+    """Replace both files, or neither; either way nothing else stays behind."""
+    with tempfile.TemporaryDirectory(prefix=".", dir=file.parent) as folder:
+        new_image, new_file, backup = (Path(folder, part) for part in ("image", "yaml", "old"))
+        picture.save(new_image, "PNG" if image.suffix == ".png" else "PPM")
+        new_file.write_text(text, encoding="utf-8")
+        if image.exists():
+            shutil.copy2(image, backup)
+        os.replace(new_image, image)
+        try:
+            os.replace(new_file, file)
+        except BaseException:
+            if backup.exists():
+                os.replace(backup, image)
+            else:
+                image.unlink()
+            raise
+
+
+def _read(file: Path, limit: int, remedy: str) -> bytes:
+    try:
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > limit:  # a pipe would block
+            raise OSError(f"it is no plain file of up to {limit // 1024} KB")
+        content = file.read_bytes()
+    except (OSError, ValueError) as error:
+        raise _fault(file, f"cannot be read ({_reason(error)})", remedy) from error
+    if not content:
+        raise _fault(file, "is empty", "copy or export it again")
+    if content.startswith(b"version https://git-lfs.github.com/spec/"):
+        raise _fault(file, "is a Git LFS pointer, not the content", "run git lfs pull")
+    return content
+
+
+def _fault(file: Path, fault: str, remedy: str) -> MapError:
+    message = f"{str(file)[-200:]}: {fault}; {remedy}"
+    return MapError("".join(c if c.isprintable() else "?" for c in message))
+
+
+def _shown(entry: str | list[str] | None) -> str:
+    text = f"[{', '.join(entry[:4])}]" if isinstance(entry, list) else entry
+    return "missing" if text is None else repr(text if len(text) <= 40 else text[:40] + "...")
+
+
+def _reason(error: Exception) -> str:
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr, or alarm
+
+
+def _names_an_image(file: Path) -> bool:
+    try:
+        with file.open("rb") as opened:
+            return bool(re.search(rb"(?m)^\s*image\s*:", opened.read(MAX_YAML_BYTES)))
+    except OSError:
+        return False

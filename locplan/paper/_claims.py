@@ -1,0 +1,205 @@
+"""The paper's experiments on our maps: seven models in one dimension, and its claims of places.
+
+Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
+(2023), doi 10.1186/s40648-023-00256-w.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.field import FieldConfig, position_axes, scalar
+from locplan.field.estimators import _sad as sad
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
+from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
+
+PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall"}
+"""The environment in which each of the paper's places lies, see `environments.landmarks`."""
+MARGIN = 1.01
+"""By what factor values must differ to count as different."""
+SPREAD = 0.4
+"""How far from each place the poses lie at which the claims are tested [m]."""
+CORRIDOR_ANGLE = np.radians(5)
+"""How far the ellipse's major axis may turn from the corridor's, which runs along x."""
+
+_FREE_ROOM = ((FREE, 6.0),)
+_HALF_ROOM = ((FREE, 3.0), (OCCUPIED, 3.0))
+_STRIPS = (
+    ("free on free | occupied", _FREE_ROOM, ((FREE, 7.5), (OCCUPIED, 7.5))),
+    ("free on free | unknown", _FREE_ROOM, ((FREE, 7.5), (UNKNOWN, 7.5))),
+    (
+        "free | occupied on free | occupied | unknown",
+        _HALF_ROOM,
+        ((FREE, 5.0), (OCCUPIED, 5.0), (UNKNOWN, 5.0)),
+    ),
+)
+_HEIGHT = 6.0  # of templates and strips [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Slide:
+    """A template slid along a strip of map (Figs. 4-11)."""
+
+    title: str
+    template: NDArray[np.uint8]
+    """Levels, 6 m x 6 m."""
+    strip: NDArray[np.uint8]
+    """Levels, 15 m x 6 m."""
+    shift: NDArray[np.float64]
+    """Of the template's left edge from the strip's, (n,) [m]."""
+    curves: Mapping[str, NDArray[np.float64]]
+    """Of each of the seven models, (n,); NaN where it is undefined."""
+
+    def constant_until(self, model: str, shift: float) -> bool:
+        """Whether a model is defined, and the same, from no shift up to this one [m]."""
+        values = self.curves[model][self.shift <= shift + 1e-9]
+        return bool((values == values[0]).all())
+
+    def peaks(self, model: str) -> NDArray[np.float64]:
+        """The shifts at which a model has its best value [m]; none where it tells nothing apart."""
+        values = self.curves[model] * (-1 if model in DIFFERENCES else 1)
+        if np.isnan(values).all() or np.nanmax(values) == np.nanmin(values):
+            return np.empty(0)
+        return self.shift[values == np.nanmax(values)]
+
+
+def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
+    """The one-dimensional comparison of the seven models (Figs. 4-11).
+
+    Templates of 6 m x 6 m, free or half free and half occupied, are slid by 9 m along strips of
+    15 m x 6 m whose levels change at halves or thirds.
+
+    Examples
+    --------
+    >>> [float(slide.peaks("SAD").max()) for slide in one_dimensional()]
+    [1.5, 1.5, 2.0]
+    """
+    slides = []
+    for title, room, parts in _STRIPS:
+        template, strip = (_side_by_side(widths, resolution) for widths in (room, parts))
+        curves = slid_along_x(template, strip)
+        shift = np.arange(len(curves["SAD"]), dtype=np.float64) * resolution
+        slides.append(Slide(title, template, strip, shift, curves))
+    return tuple(slides)
+
+
+def _side_by_side(parts: tuple[tuple[int, float], ...], resolution: float) -> NDArray[np.uint8]:
+    levels = [np.full(round(width / resolution), level, np.uint8) for level, width in parts]
+    return np.tile(np.concatenate(levels), (round(_HEIGHT / resolution), 1))
+
+
+Covariances = Mapping[str, NDArray[np.float64]]
+"""Of each place, at the same offsets from it, (n, 3, 3)."""
+
+
+Test = Callable[[Covariances], NDArray[np.bool_]]
+
+
+def _above(lower: str, upper: str, name: str = "e") -> Test:
+    """That a scalar at each of some places is below that at each of others."""
+
+    def holds(found: Covariances) -> NDArray[np.bool_]:
+        low, high = (np.array([scalar(found[k], name) for k in ks]) for ks in (lower, upper))
+        return low.max(axis=0) * MARGIN < high.min(axis=0)
+
+    return holds
+
+
+def _lies_along_x(found: Covariances) -> NDArray[np.bool_]:
+    major, minor, direction = position_axes(found["B"])
+    return (abs(direction) < CORRIDOR_ANGLE) & (major > 2 * minor)
+
+
+CLAIMS: dict[str, Test] = {
+    "A, the complex room, has the least e": _above("A", "BCDE"),
+    "B, the corridor, is above A": _above("A", "B"),
+    "the ellipse at B lies along the corridor": _lies_along_x,
+    "C, the round room, has the largest heading deviation of A-D": _above(
+        "ABD", "C", "heading_std"
+    ),
+    "D, the repeating corridor, is above A": _above("A", "D"),
+    "E, open beyond the range, has the largest e": _above("ABCD", "E"),
+}
+"""What the paper says of its places (Figs. 29-32), as tests on the covariances there."""
+
+
+def maps_of_places(
+    *, resolution: float = 0.05, boundary_noise: float = 0.0, seed: int = 0
+) -> dict[str, OccupancyGrid]:
+    """The maps that the places lie in, by name; see `environments.make`."""
+    return {
+        name: environments.make(
+            name, resolution=resolution, boundary_noise=boundary_noise, seed=seed
+        )
+        for name in dict.fromkeys(PLACES.values())
+    }
+
+
+def mismatch_at(
+    maps: Mapping[str, OccupancyGrid], place: str, config: FieldConfig
+) -> NDArray[np.float64]:
+    """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2]."""
+    grid = maps[PLACES[place]]
+    return mismatch(grid, *environments.landmarks(PLACES[place])[place], config)
+
+
+def at_places(
+    maps: Mapping[str, OccupancyGrid], config: FieldConfig, *, spread: float = SPREAD
+) -> Covariances:
+    """The covariances at the places A-E.
+
+    Parameters
+    ----------
+    maps : mapping of str to OccupancyGrid
+        As `maps_of_places` makes them.
+    config : FieldConfig
+        Of estimator "sad".
+    spread : float
+        Besides, at the corners and edges of a square around each place, so far from it [m].
+
+    Returns
+    -------
+    mapping of str to (n, 3, 3) array
+        n is 1, or 9 with a spread.
+    """
+    shifts = np.unique([-spread, 0.0, spread])
+    dx, dy = (axis.ravel() for axis in np.meshgrid(shifts, shifts))
+    found = {}
+    for place, name in PLACES.items():
+        x, y = environments.landmarks(name)[place]
+        rows, cols = np.floor(maps[name].world_to_grid(x + dx, y + dy)).astype(np.int64)
+        found[place] = _covariances(maps[name], rows, cols, config)
+    return found
+
+
+def shares_of_claims(
+    maps: Mapping[str, OccupancyGrid], config: FieldConfig, *, spread: float = SPREAD
+) -> dict[str, float]:
+    """For each claim the share of poses at which it holds; arguments as for `at_places`."""
+    found = at_places(maps, config, spread=spread)
+    return {claim: float(holds(found).mean()) for claim, holds in CLAIMS.items()}
+
+
+def share_smaller_with_range(
+    grid: OccupancyGrid, config: FieldConfig, longer: float = 8.0, *, spacing: float = 1.0
+) -> float:
+    """Share of the poses, `spacing` [m] apart, where e is no greater with a longer range [m]."""
+    step = round(spacing / grid.resolution)
+    chosen = np.zeros(grid.shape, bool)
+    chosen[step // 2 :: step, step // 2 :: step] = True
+    rows, cols = np.nonzero(chosen & grid.free)
+    shorter, further = (
+        scalar(_covariances(grid, rows, cols, each), "e")
+        for each in (config, replace(config, sensor_range=longer))
+    )
+    return float(np.mean(further <= shorter * (1 + 1e-9)))
+
+
+def _covariances(
+    grid: OccupancyGrid, rows: NDArray[np.int64], cols: NDArray[np.int64], config: FieldConfig
+) -> NDArray[np.float64]:
+    return sad.covariances(grid.cells, rows, cols, grid.resolution, config)["covariance"]

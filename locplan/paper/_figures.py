@@ -1,0 +1,182 @@
+"""Figures of matches: the seven models along an axis, and mismatch over the search window."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from locplan.field import SearchWindow
+from locplan.maps import FREE, OCCUPIED, UNKNOWN
+from locplan.paper._claims import Slide
+from locplan.plotting._maps import MAP_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MODEL_STYLES: dict[str, dict[str, Any]] = {
+    "SSD": {"color": "#d55e00", "linestyle": "-", "linewidth": 1.2},
+    "SAD": {"color": "#0072b2", "linestyle": "-", "linewidth": 3.5, "zorder": 1.5},
+    "NSSD": {"color": "#e69f00", "linestyle": (0, (5, 1.5))},
+    "NCC": {"color": "#009e73", "linestyle": (0, (5, 1.5))},
+    "ZNCC": {"color": "#cc79a7", "linestyle": "-", "linewidth": 2.8, "zorder": 1.6},
+    "ZCC": {"color": "black", "linestyle": (0, (1, 1))},
+    "CC": {"color": "#56b4e9", "linestyle": (0, (6, 1, 1, 1))},
+}
+"""Told apart by dash as well as by colour; SAD, the paper's choice, is broad."""
+PLANES = (("x", "y"), ("x", "θ"), ("y", "θ"))
+MISMATCH_COLOURS = "cividis"
+MIN_SCALE = 1.0
+"""Where the scale of mismatch ends at least [m^2], so that a featureless place looks like one."""
+
+
+def slides_figure(slides: Sequence[Slide]) -> Figure:
+    """The one-dimensional comparison (Figs. 4-11): template and map above, seven curves below.
+
+    Parameters
+    ----------
+    slides : sequence of Slide
+        Side by side, see `locplan.paper.one_dimensional`.
+    """
+    figure = Figure(figsize=(5 * len(slides), 6.4), layout="constrained")
+    rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
+    for upper, lower, slide in zip(*rows, slides, strict=True):
+        _draw_strip(upper, slide)
+        draw_models(lower, slide.shift, slide.curves)
+        lower.set_xlabel("shift of the template [m]")
+        upper.set_title(slide.title, fontsize="medium")
+    rows[1][0].set_ylabel("share of each model's own greatest value")
+    handles, labels = rows[1][-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=7, frameon=False)
+    return figure
+
+
+def models_figure(
+    offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], axis: str, title: str
+) -> Figure:
+    """The seven models along one axis of the search window at a place.
+
+    Parameters
+    ----------
+    offsets : (n,) array
+        [m], or [rad] of axis "theta".
+    curves : mapping of str to (n,) array
+        See `locplan.paper.template_matching.along_axis`.
+    axis : str
+        "x", "y" or "theta".
+    title : str
+    """
+    figure = Figure(figsize=(7, 4.6), layout="constrained")
+    axes = figure.subplots()
+    turned = axis == "theta"
+    draw_models(axes, np.degrees(offsets) if turned else offsets, curves)
+    axes.set_xlabel("turn θ of the template [°]" if turned else f"shift {axis} of the template [m]")
+    axes.set_ylabel("share of each model's own greatest value")
+    axes.set_title(title, fontsize="medium")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", frameon=False)
+    return figure
+
+
+def draw_models(
+    axes: Axes, offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]]
+) -> None:
+    """The seven models over offsets, each divided by its own greatest magnitude."""
+    undefined = []
+    for name, values in curves.items():
+        known = values[np.isfinite(values)]
+        greatest = np.abs(known).max() if known.size else 0.0
+        style = {"linewidth": 1.8} | MODEL_STYLES[name]
+        axes.plot(offsets, values / (greatest or 1.0), label=name, **style)
+        if known.size < values.size:
+            undefined.append(name if known.size == 0 else f"{name} in parts")
+    if undefined:
+        text = f"undefined: {', '.join(undefined)}"
+        axes.set_title(text, fontsize="small", loc="right", color="0.3")
+    axes.axhline(0, color="0.8", linewidth=0.8, zorder=0)
+    axes.margins(x=0.01)
+
+
+def distribution_figure(
+    distributions: Mapping[str, NDArray[np.float64]], window: SearchWindow
+) -> Figure:
+    """Mismatch over the planes of the search window, as surfaces and as heat maps (Figs. 18-28).
+
+    Parameters
+    ----------
+    distributions : mapping of str to (nx, ny, ntheta) array
+        Of each place, by the name to show: mismatch at every offset [m^2]; 0 at no offset.
+    window : SearchWindow
+        The offsets.
+    """
+    turning = window.dimension == 3
+    planes = PLANES if turning else PLANES[:1]
+    figure = Figure(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
+    parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
+    for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
+        nothing = "" if mismatch.any() else ": S = 0 everywhere"
+        part.suptitle(label + nothing, fontsize="large")
+        norm = Normalize(0, max(mismatch.max(), MIN_SCALE))
+        for column, plane in enumerate(planes):
+            offsets, values = _plane(mismatch, window, plane)
+            above = part.add_subplot(2, len(planes), column + 1, projection="3d")
+            below = part.add_subplot(2, len(planes), len(planes) + column + 1)
+            _draw_surface(above, plane, offsets, values, norm)
+            image = _draw_plane(below, plane, offsets, values, norm)
+            part.colorbar(image, ax=below, label="mismatch S [m²]", shrink=0.9)
+        part.subplots_adjust(0.07, 0.09, 0.94, 0.92, wspace=0.35, hspace=0.22)
+    return figure
+
+
+def _plane(
+    mismatch: NDArray[np.float64], window: SearchWindow, plane: tuple[str, str]
+) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
+    """The offsets along both axes of a plane [m, or deg], and the mismatch in it, (n, m)."""
+    axes = {"x": window.offsets, "y": window.offsets, "θ": np.degrees(window.angles)}
+    middle = window.half_steps, window.half_steps, window.half_rotations
+    cut = tuple(slice(None) if name in plane else middle[k] for k, name in enumerate(axes))
+    return (axes[plane[0]], axes[plane[1]]), mismatch[cut]
+
+
+def _draw_surface(
+    axes: Any, plane: tuple[str, str], offsets: Any, values: NDArray, norm: Normalize
+) -> None:
+    across, along = np.meshgrid(*offsets, indexing="ij")
+    style = {"cmap": MISMATCH_COLOURS, "norm": norm, "rstride": 1, "cstride": 1, "linewidth": 0.2}
+    axes.plot_surface(across, along, values, **style)
+    axes.set(xlabel=_label(plane[0]), ylabel=_label(plane[1]), zlim=(norm.vmin, norm.vmax))
+    axes.set_zlabel("S [m²]")
+    axes.view_init(elev=32, azim=-55)
+
+
+def _draw_plane(
+    axes: Axes, plane: tuple[str, str], offsets: Any, values: NDArray, norm: Normalize
+) -> Any:
+    style: dict[str, Any] = {"cmap": MISMATCH_COLOURS, "norm": norm, "shading": "nearest"}
+    image = axes.pcolormesh(*offsets, values.T, **style)
+    axes.plot(0, 0, "+", color="white", markersize=9, markeredgewidth=2)
+    axes.set(xlabel=_label(plane[0]), ylabel=_label(plane[1]))
+    return image
+
+
+def _label(axis: str) -> str:
+    return "turn θ [°]" if axis == "θ" else f"shift {axis} [m]"
+
+
+def _draw_strip(axes: Axes, slide: Slide) -> None:
+    """The strip of map, and the template above it where its slide begins."""
+    length = slide.shift[-1] / (len(slide.shift) - 1) if len(slide.shift) > 1 else 1.0
+    for levels, bottom in ((slide.strip, 0.0), (slide.template, 7.0)):
+        height, width = (size * length for size in levels.shape)
+        shades = np.select([levels == OCCUPIED, levels == UNKNOWN, levels == FREE], [0, 1, 2])
+        extent = (0, width, bottom, bottom + height)
+        axes.imshow(shades, cmap=MAP_COLOURS, vmin=0, vmax=2, extent=extent, origin="lower")
+        axes.add_patch(Rectangle((0, bottom), width, height, fill=False, edgecolor="black"))
+    axes.annotate("template", (6.4, 10), va="center")
+    axes.annotate("", (9.0, 8.4), (6.4, 8.4), arrowprops={"arrowstyle": "->", "color": "#0072b2"})
+    axes.set(xlim=(-0.3, 15.3), ylim=(-0.3, 13.3), aspect="equal", yticks=(0, 6))
+    axes.set(xlabel="x [m]", ylabel="y [m]")

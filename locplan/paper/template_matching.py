@@ -1,0 +1,284 @@
+"""Template matching at one pose, by the formulas: readable, slow, the reference for the kernels.
+
+The seven models that the paper compares take the levels of a template T and of the part M of the
+map that it lies on, arrays of any one shape. Of SSD, SAD and NSSD the least value is the best
+match, of the others the greatest. Where a model divides by zero it is undefined: NaN.
+
+Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
+(2023), doi 10.1186/s40648-023-00256-w.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan.errors import ConfigError, MapError, PoseError
+from locplan.field import FieldConfig, SearchWindow
+from locplan.field._template import disc, local_map, rotated_template, visible_part
+from locplan.maps import FREE, OccupancyGrid
+
+
+def ssd(template: NDArray, levels: NDArray) -> float:
+    """Sum of squared differences (Eq. 1)."""
+    return float(((template - levels) ** 2).sum())
+
+
+def sad(template: NDArray, levels: NDArray) -> float:
+    """Sum of absolute differences (Eq. 2)."""
+    return float(np.abs(template - levels).sum())
+
+
+def nssd(template: NDArray, levels: NDArray) -> float:
+    """Normalised sum of squared differences (Eq. 3)."""
+    return _ratio(ssd(template, levels), _norms(template, levels))
+
+
+def ncc(template: NDArray, levels: NDArray) -> float:
+    """Normalised cross-correlation (Eq. 4)."""
+    return _ratio(cc(template, levels), _norms(template, levels))
+
+
+def zncc(template: NDArray, levels: NDArray) -> float:
+    """Zero-mean normalised cross-correlation (Eq. 5)."""
+    return ncc(template - template.mean(), levels - levels.mean())
+
+
+def zcc(template: NDArray, levels: NDArray) -> float:
+    """Zero-mean cross-correlation (Eq. 6)."""
+    return cc(template - template.mean(), levels - levels.mean())
+
+
+def cc(template: NDArray, levels: NDArray) -> float:
+    """Cross-correlation (Eq. 7)."""
+    return float((template * levels).sum())
+
+
+MODELS: dict[str, Callable[[NDArray, NDArray], float]] = {
+    "SSD": ssd,
+    "SAD": sad,
+    "NSSD": nssd,
+    "NCC": ncc,
+    "ZNCC": zncc,
+    "ZCC": zcc,
+    "CC": cc,
+}
+"""In the order of Eq. 1-7."""
+DIFFERENCES = ("SSD", "SAD", "NSSD")
+"""The models whose least value is the best match."""
+
+
+def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
+    """All seven models at one pose.
+
+    Parameters
+    ----------
+    template, levels : array
+        Levels of the template and of the map under it, of one shape.
+
+    Raises
+    ------
+    MapError
+        If the shapes differ, or there is no cell.
+
+    Examples
+    --------
+    >>> found = similarities([0, 254], [127, 254])
+    >>> found["SAD"], found["SSD"], round(found["NCC"], 2)
+    (127.0, 16129.0, 0.89)
+    """
+    t, m = np.asarray(template, float), np.asarray(levels, float)
+    if t.shape != m.shape or t.size == 0:
+        raise MapError(f"template {t.shape} and map {m.shape} must be of one shape, with cells")
+    return {name: model(t, m) for name, model in MODELS.items()}
+
+
+def slid_along_x(
+    template: NDArray[np.uint8], cells: NDArray[np.uint8]
+) -> dict[str, NDArray[np.float64]]:
+    """The seven models for a template slid along a strip of map of its height.
+
+    Parameters
+    ----------
+    template : (h, w) array
+    cells : (h, W) array
+        Levels, W >= w.
+
+    Returns
+    -------
+    dict of str to (W - w + 1,) array of float64
+        Of the template's left edge at each column.
+
+    Raises
+    ------
+    MapError
+        If the heights differ or the template is wider than the map.
+    """
+    (height, width), (map_height, map_width) = template.shape, cells.shape
+    if height != map_height or width > map_width:
+        raise MapError(f"a template {template.shape} cannot slide along a map {cells.shape}")
+    return _curves((template, cells[:, k : k + width]) for k in range(map_width - width + 1))
+
+
+def along_axis(
+    grid: OccupancyGrid, x: float, y: float, axis: str, config: FieldConfig
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """The seven models for the disc around a position, moved along one axis of the map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    x, y : float
+        The position [m].
+    axis : str
+        "x", "y" or "theta".
+    config : FieldConfig
+        How far: to the ends of its search window, cell by cell, or degree by degree.
+
+    Returns
+    -------
+    offsets : (n,) array
+        [m], or counter-clockwise [rad].
+    curves : dict of str to (n,) array
+
+    Raises
+    ------
+    LocplanError
+        If the position is not in free space, or the axis is none of the window's.
+    """
+    row, col, radius = _disc_at(grid, x, y, config)
+    window = SearchWindow.from_config(config, grid.resolution)
+    if axis not in ("x", "y", "theta")[: window.dimension]:
+        raise ConfigError(f"axis must be x, y, or theta if the window has headings, not {axis!r}")
+    mask = disc(radius)
+    unmoved = local_map(grid.cells, row, col, radius)[mask]
+    if axis == "theta":
+        turns = round(config.rotation_window_deg)
+        angles = np.radians(np.arange(-turns, turns + 1, dtype=np.float64))
+        return angles, _curves(
+            (rotated_template(grid.cells, row, col, radius, angle)[mask], unmoved)
+            for angle in angles
+        )
+    reach = window.half_steps * window.step_cells
+    cells = np.arange(-reach, reach + 1, dtype=np.float64)
+    aside = (0, 1) if axis == "x" else (1, 0)
+    return cells * grid.resolution, _curves(
+        (unmoved, local_map(grid.cells, row + k * aside[0], col + k * aside[1], radius)[mask])
+        for k in range(-reach, reach + 1)
+    )
+
+
+def _curves(pairs: Iterable[tuple[NDArray, NDArray]]) -> dict[str, NDArray[np.float64]]:
+    rows = [similarities(template, levels) for template, levels in pairs]
+    return {name: np.array([row[name] for row in rows]) for name in MODELS}
+
+
+def _norms(template: NDArray, levels: NDArray) -> float:
+    return math.sqrt((template**2).sum() * (levels**2).sum())
+
+
+def _ratio(numerator: float, denominator: float) -> float:
+    return numerator / denominator if denominator > 0 else math.nan
+
+
+def sad_distribution(
+    cells: NDArray[np.uint8],
+    row: int,
+    col: int,
+    radius: int,
+    window: SearchWindow,
+    *,
+    visible: bool = False,
+) -> NDArray[np.int64]:
+    """Sums of absolute differences over the search window at one cell (Eq. 2).
+
+    S(c; dx, dy, theta) = sum over the disc of ``|T_theta(u) - M(c + d + u)|``, where T_theta is
+    the template around c on the map turned by theta.
+
+    Parameters
+    ----------
+    cells : (H, W) array of uint8
+        Levels of the map.
+    row, col : int
+        The cell c.
+    radius : int
+        Radius of the disc [cells].
+    window : SearchWindow
+        The offsets d and the headings theta.
+    visible : bool
+        Whether only the cells of the disc count that are seen from c, see `visible_part`.
+
+    Returns
+    -------
+    (dx, dy, theta) array of int64
+        In units of the levels: 254 for a free cell on an occupied one. Zero at zero lag.
+
+    Examples
+    --------
+    >>> from locplan.field import FieldConfig
+    >>> cells = np.full((9, 9), 254, np.uint8)
+    >>> cells[:, 6] = 0
+    >>> config = FieldConfig(window=1, step=1, rotation_window_deg=0)
+    >>> window = SearchWindow.from_config(config, resolution=1.0)
+    >>> sad_distribution(cells, 4, 4, 2, window)[:, :, 0]
+    array([[ 254,  254,  254],
+           [   0,    0,    0],
+           [1016, 1016, 1016]])
+    """
+    import cv2
+
+    mask = disc(radius).astype(np.uint8)
+    size = 2 * radius + 1
+    reach = window.half_steps * window.step_cells
+    around = local_map(cells, row, col, radius + reach)
+    shifts = range(0, 2 * reach + 1, window.step_cells)
+    mismatch = np.empty((len(shifts), len(shifts), len(window.angles)), np.int64)
+    for k, theta in enumerate(window.angles):
+        template = rotated_template(cells, row, col, radius, theta)
+        if visible:
+            mask = visible_part(cells, row, col, radius, theta).astype(np.uint8)
+        for j, dy in enumerate(shifts):
+            for i, dx in enumerate(shifts):
+                shifted = around[dy : dy + size, dx : dx + size]
+                mismatch[i, j, k] = cv2.norm(template, shifted, cv2.NORM_L1, mask)
+    return mismatch
+
+
+def mismatch(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> NDArray[np.float64]:
+    """Mismatch area of a position at every offset of the search window.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    x, y : float
+        The position [m].
+    config : FieldConfig
+        Template and search window.
+
+    Returns
+    -------
+    (dx, dy, theta) array of float64
+        `sad_distribution` in m^2: 1 m^2 of free cells on occupied ones is 1.
+
+    Raises
+    ------
+    PoseError
+        If the position is not in free space.
+    """
+    row, col, radius = _disc_at(grid, x, y, config)
+    window = SearchWindow.from_config(config, grid.resolution)
+    sums = sad_distribution(
+        grid.cells, row, col, radius, window, visible=config.template == "visible"
+    )
+    return sums * np.float64(grid.resolution**2 / FREE)
+
+
+def _disc_at(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> tuple[int, int, int]:
+    """The cell at a position, and the template's radius there [cells]."""
+    row, col = grid.world_to_cell(x, y)
+    if not (grid.contains(row, col) and grid.free[row, col]):
+        raise PoseError(f"{x:g},{y:g} is not in the map's free space; name a place that is")
+    return row, col, max(1, math.floor(config.sensor_range / grid.resolution + 1e-9))

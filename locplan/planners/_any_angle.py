@@ -1,0 +1,197 @@
+"""Any-angle paths: a path over the grid, straightened and shifted to where it costs least."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs import Costmap, Path, path_metrics
+from locplan.errors import ConfigError
+from locplan.planners._grid import (
+    bordered_index,
+    cells_of,
+    cheapest_cells,
+    distinct,
+    through_centres,
+)
+from locplan.planners._grid import prepare as prepare_grid
+
+ACCURACIES = ("normal", "high")
+REACH = 3
+"""Of the longest of the 32 moves, along an axis [cells]."""
+LOOKAHEAD = 20
+"""From how many positions back a position may be reached in a straight line."""
+COARSER = 4
+"""Ratio of the spacings of positions from one straightening to the next."""
+SHIFT_SPACING = 8.0
+"""Spacing of the positions that are shifted [cells]."""
+SHIFTS = (2.0, 1.0, 0.5)
+"""By how much they are, in turn [cells]."""
+SWEEPS = 20
+"""How often at most for each."""
+
+
+def solve(
+    costs: Costmap,
+    start: Sequence[float],
+    goal: Sequence[float],
+    *,
+    accuracy: Literal["normal", "high"] = "normal",
+    allow_corner_cutting: bool = False,
+) -> Path | None:
+    """A path of straight lines in any direction, or None if there is none.
+
+    It begins with the path of the grid planner, or with accuracy "high" the cheapest one over 32
+    neighbours, and never costs more than the grid planner's.
+
+    Parameters
+    ----------
+    costs : Costmap
+        What travel costs.
+    start, goal : (x, y)
+        World positions [m] in free cells; the path begins and ends exactly there.
+    accuracy : "normal" or "high"
+        "high" takes about five times as long.
+    allow_corner_cutting : bool
+        Whether a line may pass the corner of a blocked cell.
+    """
+    cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
+    if cells is None:
+        return None
+    on_grid = through_centres(costs, cells, start, goal, trim=True)
+    if accuracy == "high":
+        wider = _cells_of_32_moves(costs, start, goal, allow_corner_cutting)
+        cells = cells if wider is None else wider
+    ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
+    positions = np.vstack([ends[:1], cells + 0.5, ends[1:]])
+    straight = _improved(costs, positions, start, goal, allow_corner_cutting)
+    # Rounding can push a line along a wall's edge into the wall: then the grid's path is better.
+    return min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost)
+
+
+def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
+    """A path with the same ends, straightened and shifted until it costs least; never more."""
+    start, goal = (tuple(map(float, path.xy[end])) for end in (0, -1))
+    positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
+    straight = _improved(costs, positions, start, goal, allow_corner_cutting)
+    return min(straight, path, key=lambda path: path_metrics(costs, path).cost)
+
+
+def check_options(*, accuracy: str = "normal", allow_corner_cutting: bool = False) -> None:
+    """Raise a ConfigError unless `solve` takes these."""
+    if accuracy not in ACCURACIES:
+        raise ConfigError(f"accuracy must be one of {', '.join(ACCURACIES)}, not {accuracy!r}")
+
+
+def prepare(**options: Any) -> None:
+    """Compile the kernels, so that the first plan is not timed with them."""
+    from locplan.maps import FREE, OccupancyGrid
+
+    prepare_grid()
+    costs = Costmap.blank(OccupancyGrid(np.full((3, 9), FREE), 1.0))
+    solve(costs, (0.5, 0.5), (8.5, 1.5), **options)
+
+
+def _improved(
+    costs: Costmap,
+    positions: NDArray[np.float64],
+    start: Sequence[float],
+    goal: Sequence[float],
+    allow_corner_cutting: bool,
+) -> Path:
+    """The path through positions (n, 2), continuous (row, col), improved; its ends are exact."""
+    from locplan._kernels.search import bordered_half
+
+    half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
+    positions = improved(half, columns, positions + 1, allow_corner_cutting) - 1
+    xy = np.column_stack(costs.grid.grid_to_world(*positions.T))
+    return distinct(costs, np.vstack([start, xy[1:-1], goal]))
+
+
+def improved(
+    half: NDArray[np.float64],
+    columns: int,
+    positions: NDArray[np.float64],
+    allow_corner_cutting: bool,
+) -> NDArray[np.float64]:
+    """A path of (n, 2) positions in a bordered grid, straightened at all scales and shifted."""
+    from locplan._kernels.any_angle import shift, shortcut
+
+    spacing = 1.0
+    while True:
+        kept = shortcut(half, columns, positions, LOOKAHEAD, allow_corner_cutting)
+        positions = positions[kept]
+        length = np.hypot(*np.diff(positions, axis=0).T).sum()
+        if LOOKAHEAD * spacing >= length:
+            break
+        spacing *= COARSER
+        positions = subdivided(positions, spacing)
+    positions = subdivided(positions, SHIFT_SPACING)
+    for step in SHIFTS:
+        positions = shift(half, columns, positions, step, SWEEPS, allow_corner_cutting)
+    return positions[shortcut(half, columns, positions, LOOKAHEAD // 2, allow_corner_cutting)]
+
+
+def subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+    """The same line with positions at most `spacing` apart."""
+    steps = np.diff(positions, axis=0)
+    counts = np.maximum(1, np.ceil(np.hypot(*steps.T) / spacing)).astype(int)
+    share = np.concatenate([np.arange(1, count + 1) / count for count in counts])[:, None]
+    inner = np.repeat(positions[:-1], counts, axis=0) + share * np.repeat(steps, counts, axis=0)
+    inner[np.cumsum(counts) - 1] = positions[1:]
+    return np.vstack([positions[:1], inner])
+
+
+def _cells_of_32_moves(
+    costs: Costmap,
+    start: Sequence[float],
+    goal: Sequence[float],
+    allow_corner_cutting: bool,
+) -> NDArray[np.int64] | None:
+    """None, too, where costs are too far apart for buckets."""
+    from locplan._kernels.any_angle import cheapest_moves
+    from locplan._kernels.search import bordered_half
+
+    columns = costs.grid.shape[1] + 2 * REACH
+    source, target = (
+        bordered_index(costs, xy, role, REACH) for xy, role in ((start, "start"), (goal, "goal"))
+    )
+    half = bordered_half(costs.density, REACH)
+    moves = _moves(columns, allow_corner_cutting)
+    flat = cheapest_moves(half, source, target, *moves)
+    return cells_of(flat, columns, REACH) if flat.size else None
+
+
+@cache
+def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """The 32 moves for `cheapest_moves`: where to, what they cross at what length and touch."""
+    from locplan._kernels.rays import cells_along
+
+    whole = range(-REACH, REACH + 1)
+    moves = [move for move in itertools.product(whole, whole) if math.gcd(*move) == 1]
+    crossed, lengths, touched = [], [], []
+    for move in moves:
+        rows, cols, inside = cells_along(np.array([(0.5, 0.5), (move[0] + 0.5, move[1] + 0.5)]))
+        crossed.append(rows * columns + cols)
+        lengths.append(2 * inside)
+        corners = (np.diff(rows) != 0) & (np.diff(cols) != 0)
+        beside = rows[:-1] * columns + cols[1:], rows[1:] * columns + cols[:-1]
+        touched.append(np.concatenate([cells[corners] for cells in beside]))
+    if allow_corner_cutting:
+        touched = [np.empty(0, np.int64) for _ in moves]
+    offsets = np.array([row * columns + col for row, col in moves])
+    return offsets, _padded(crossed), _padded(lengths), _padded(touched)
+
+
+def _padded(rows: list[NDArray]) -> NDArray:
+    """Rows of unequal length as an array, filled up with zeros."""
+    result = np.zeros((len(rows), max(1, *map(len, rows))), rows[0].dtype)
+    for row, values in zip(result, rows, strict=True):
+        row[: len(values)] = values
+    return result

@@ -1,0 +1,108 @@
+"""The exact planner on the grid: 8 neighbours, least J."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs import Costmap, Path, path_metrics
+
+
+def solve(
+    costs: Costmap,
+    start: Sequence[float],
+    goal: Sequence[float],
+    *,
+    allow_corner_cutting: bool = False,
+) -> Path | None:
+    """The path of least cost over the centres of neighbouring cells, or None if there is none.
+
+    Parameters
+    ----------
+    costs : Costmap
+        What travel costs.
+    start, goal : (x, y)
+        World positions [m] in free cells; the path begins and ends exactly there.
+    allow_corner_cutting : bool
+        Whether a diagonal step may pass a blocked cell's corner.
+    """
+    cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
+    return None if cells is None else through_centres(costs, cells, start, goal, trim=True)
+
+
+def check_options(**_: Any) -> None:
+    """Any option of `solve` will do."""
+
+
+def prepare(**_: Any) -> None:
+    """Compile the search, so that the first plan is not timed with it."""
+    from locplan.maps import FREE, OccupancyGrid
+
+    solve(Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0)), (0.5, 0.5), (2.5, 0.5))
+
+
+def cheapest_cells(
+    costs: Costmap,
+    start: Sequence[float],
+    goal: Sequence[float],
+    allow_corner_cutting: bool,
+) -> NDArray[np.int64] | None:
+    """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none."""
+    from locplan._kernels.search import bordered_half, shortest_costs, trace
+
+    half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
+    source, target = (
+        bordered_index(costs, xy, role) for xy, role in ((start, "start"), (goal, "goal"))
+    )
+    cost = shortest_costs(half, columns, source, target, allow_corner_cutting)
+    if not np.isfinite(cost[target]):
+        return None
+    return cells_of(trace(half, columns, cost, target, allow_corner_cutting), columns)
+
+
+def bordered_index(costs: Costmap, xy: Sequence[float], role: str, border: int = 1) -> int:
+    """The flat index, in a grid with a border, of the cell at a world position [m]."""
+    row, col = costs.cell_of(xy, role)
+    return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
+
+
+def cells_of(flat: NDArray[np.int64], columns: int, border: int = 1) -> NDArray[np.int64]:
+    """The inverse: (n, 2) of (row, col)."""
+    return np.column_stack([flat // columns - border, flat % columns - border])
+
+
+def through_centres(
+    costs: Costmap,
+    cells: NDArray[np.int64],
+    start: Sequence[float],
+    goal: Sequence[float],
+    *,
+    trim: bool = False,
+) -> Path:
+    """A path from start over the cells' centres, (n, 2) of (row, col), to the goal.
+
+    Centres on a straight line between their neighbours are left out and, to `trim` the path, at
+    either end that of the end's own cell if the way without it costs no more.
+    """
+    direction = np.diff(cells, axis=0)
+    turns = np.any(direction[1:] != direction[:-1], axis=1)
+    kept = cells[np.concatenate([[True], turns, [True]])] if len(cells) > 1 else cells
+    centres = np.column_stack(costs.grid.grid_to_world(kept[:, 0] + 0.5, kept[:, 1] + 0.5))
+    xy = np.vstack([start, centres, goal])
+    if trim:
+        for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
+            if len(xy) > 2:
+                direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
+                if path_metrics(costs, direct).cost <= path_metrics(costs, around).cost:
+                    xy = np.delete(xy, between, axis=0)
+    return distinct(costs, xy)
+
+
+def distinct(costs: Costmap, xy: NDArray[np.float64]) -> Path:
+    """The path over positions (n, 2) [m] without those that repeat the one before."""
+    moved = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
+    moved[-1] |= not moved.any()  # a path has two ends, even in one place
+    return Path(xy[np.concatenate([[True], moved])])

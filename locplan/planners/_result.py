@@ -1,0 +1,84 @@
+"""What planners return."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from locplan.costs import Costmap, Path, PathMetrics, path_metrics
+
+Position = tuple[float, ...]
+"""x, y in the world [m], and a heading [rad] where the planner's space has one."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a planner returned."""
+
+    status: Literal["solved", "unreachable", "infeasible", "timeout"]
+    """Whether there is a path.
+
+    None to the goal ("unreachable"), none within the limits given ("infeasible"), or none found in
+    time ("timeout"), is a result, not an error.
+    """
+    planner: str
+    """The planner's name."""
+    start: Position
+    """World position [m], or pose."""
+    goal: Position
+    """World position [m], or pose."""
+    path: Path | None = field(repr=False)
+    """The path from start to goal, or None."""
+    metrics: PathMetrics | None
+    """What the path costs, or None."""
+    solve_time: float
+    """Time spent planning, without compilation [s]."""
+    via: tuple[Position, ...] = ()
+    """World positions visited on the way [m]."""
+    max_e: float | None = None
+    """The limit it was to keep, if any [m^2 rad]."""
+    budget: float | None = None
+    """The limit of its integral, if any [m, or m^2 rad m]."""
+    footprint: tuple[Position, ...] | None = None
+    """The outline it was to keep clear of walls, if any [m]."""
+    bound: float | None = None
+    """With a budget: no path within it is shorter [m]."""
+    feasible_from: float | None = None
+    """If infeasible: the least `budget` or `max_e` with which there is a path."""
+    minimises: bool = True
+    """Whether the planner seeks the least J; some of OMPL's stop at the first path they find."""
+    history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+    """Of a sampling planner: seconds since it began and its best J [m], whenever that fell.
+
+    Of a path over waypoints there is none.
+    """
+    note: str = ""
+    """Why there is no path, and what would help, if that is known."""
+
+    def measured_on(self, costs: Costmap) -> Plan:
+        """The same path with its metrics on another costmap of the same map, without history."""
+        if self.path is None:
+            return self
+        return dataclasses.replace(self, metrics=path_metrics(costs, self.path), history=())
+
+
+Solver = Callable[[Costmap, list[Position]], dict[str, Any]]
+"""Finds the path over some stops: what it returns are fields of `Plan`, "path" if there is one."""
+
+
+def finished(
+    planner: str,
+    costs: Costmap,
+    start: Sequence[float],
+    goal: Sequence[float],
+    path: Path | None,
+    elapsed: float,
+) -> Plan:
+    """A plan with its metrics, "unreachable" without a path."""
+    ends = tuple(start), tuple(goal)
+    if path is None:
+        note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
+        return Plan("unreachable", planner, *ends, None, None, elapsed, note=note)
+    return Plan("solved", planner, *ends, path, path_metrics(costs, path), elapsed)

@@ -1,0 +1,56 @@
+"""The spaces that a robot plans in, and poses in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from numbers import Real
+
+from locplan.costs import Costmap
+from locplan.errors import ConfigError, PoseError
+
+SPACES: tuple[str, ...] = ("R2", "SE2", "Dubins", "ReedsShepp")
+"""Positions; poses that turn on the spot; curves driven forward; curves that may reverse."""
+CURVED = ("Dubins", "ReedsShepp")
+
+
+def check_space(space: str, turning_radius: float | None) -> None:
+    """Raise a ConfigError unless the two go together."""
+    if space not in SPACES:
+        raise ConfigError(f"space must be one of {', '.join(SPACES)}, not {space!r}")
+    if space not in CURVED:
+        if turning_radius is not None:
+            raise ConfigError(f"a turning radius is for the spaces {', '.join(CURVED)}")
+    elif turning_radius is None:
+        raise ConfigError(f"space {space!r} needs a turning radius, in metres")
+    elif not (
+        isinstance(turning_radius, Real)
+        and not isinstance(turning_radius, bool)
+        and 0 < float(turning_radius) < math.inf
+    ):
+        raise ConfigError(f"turning_radius must be a positive number of m, not {turning_radius!r}")
+
+
+def check_pose(
+    costs: Costmap, pose: Sequence[float], role: str, *, headed: bool
+) -> tuple[float, ...]:
+    """A pose as numbers, if the robot can stand there; see `Motions.checked`."""
+    try:
+        numbers = tuple(float(value) for value in pose)
+    except (TypeError, ValueError):
+        numbers = ()
+    if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
+        raise PoseError(f"{role} must be x, y [m] and a heading, not {pose!r}")
+    if not headed and len(numbers) == 3:
+        raise PoseError(f"{role} must be x, y [m]: without SE2, Dubins or ReedsShepp no heading")
+    costs.cell_of(numbers[:2] if headed else pose, role)
+    if headed:
+        return (*numbers[:2], wrapped(numbers[2]))
+    return numbers
+
+
+def wrapped(heading: float) -> float:
+    """The same heading in -pi..pi [rad], pi itself as -pi: in OMPL's spaces it is not valid."""
+    if -math.pi <= heading < math.pi:
+        return heading
+    return (heading + math.pi) % (2 * math.pi) - math.pi

@@ -1,0 +1,137 @@
+"""What a robot's motions between poses cost: straight lines, Dubins' and Reeds-Shepp curves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError
+from locplan.planners._spaces import check_pose, check_space
+
+MIN_RADIUS, MAX_RADIUS = 0.01, 10.0
+"""Of turns, in cells and in diagonals of the map: others are as good as none, or as straight."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """The motions of a robot between two poses (x, y, heading) in the world [m, m, rad].
+
+    A motion's cost is the exact integral of the costmap's density along its true curve, found in
+    one compiled call. In "R2" headings do not count; elsewhere that of the heading counts, where
+    the costmap has several.
+
+    Raises
+    ------
+    ConfigError
+        If the space is unknown, or a turning radius is missing, not positive, or of no use.
+
+    Examples
+    --------
+    >>> from locplan.maps import FREE, OccupancyGrid
+    >>> costs = Costmap.blank(OccupancyGrid(np.full((8, 8), FREE), resolution=1.0))
+    >>> turn = Motions(costs, "Dubins", turning_radius=2.0)
+    >>> round(turn.cost((1.0, 2.0, 0.0), (1.0, 6.0, math.pi)), 3)  # half a circle
+    6.283
+    >>> turn.cost((1.0, 2.0, 0.0), (7.5, 6.0, 0.0)) < turn.cost((1.0, 2.0, 0.0), (7.5, 6.0, 3.0))
+    True
+    """
+
+    costs: Costmap = field(repr=False)
+    """What travel costs."""
+    space: str = "R2"
+    """One of "R2", "SE2", "Dubins", "ReedsShepp"."""
+    turning_radius: float | None = None
+    """Least radius of the curves [m]."""
+
+    def __post_init__(self) -> None:
+        check_space(self.space, self.turning_radius)
+        if self.turning_radius is None:
+            return
+        grid = self.costs.grid
+        least, greatest = MIN_RADIUS * grid.resolution, math.hypot(*grid.shape) * grid.resolution
+        if not least <= self.turning_radius <= MAX_RADIUS * greatest:
+            raise ConfigError(
+                f"turning_radius must lie in {least:g}..{MAX_RADIUS * greatest:.4g} m"
+                f" on this map, not {self.turning_radius:g}"
+            )
+
+    def checked(self, pose: Sequence[float], role: str) -> tuple[float, ...]:
+        """A pose of the space where the robot can stand: (x, y), or (x, y, heading in -pi..pi).
+
+        Raises
+        ------
+        PoseError
+            If it has no such form, or the robot cannot stand there.
+        """
+        return check_pose(self.costs, pose, role, headed=self.space != "R2")
+
+    def cost(self, start: Sequence[float], end: Sequence[float]) -> float:
+        """J of the motion from one pose to another [m]; infinite if it is blocked."""
+        from locplan._kernels.motions import world_cost
+
+        return world_cost(
+            *self.arguments, *map(float, _pose(start)), *map(float, _pose(end)), math.inf
+        )
+
+    def is_free(self, x: float, y: float) -> bool:
+        """Whether the robot can stand at a position [m]."""
+        from locplan._kernels.motions import stands
+
+        half, columns, _, _, frame = self.arguments
+        return stands(half, columns, frame, float(x), float(y))
+
+    def costs_between(
+        self, poses: NDArray[np.float64], pairs: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """The same for pairs (m, 2) out of poses (n, 3): (m,)."""
+        from locplan._kernels.motions import world_costs
+
+        return world_costs(*self.arguments, poses, pairs)
+
+    def path(self, poses: NDArray[np.float64]) -> Path:
+        """The path of the motions through poses (n, 3), in order.
+
+        Curves become so many straight lines that they cross the same cells.
+        """
+        if self.space == "R2":
+            return Path(poses[:, :2])
+        if self.space == "SE2":
+            return Path(poses[:, :2], poses[:, 2])
+        pieces = [self._poses_between(*two) for two in itertools.pairwise(poses)]
+        joined = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
+        return Path(joined[:, :2], joined[:, 2])
+
+    def _poses_between(self, start: NDArray, end: NDArray) -> NDArray[np.float64]:
+        from locplan._kernels.motions import world_poses
+
+        return world_poses(*self.arguments[2:], *_pose(start), *_pose(end))
+
+    @cached_property
+    def arguments(self) -> tuple[Any, ...]:
+        """What the kernels take: the bordered grid and its frame, the kind and radius of curves."""
+        from locplan._kernels.curves import DUBINS, REEDS_SHEPP, STRAIGHT
+        from locplan._kernels.search import bordered_half
+
+        grid = self.costs.grid
+        x, y, yaw = grid.origin
+        along, across = math.cos(yaw) / grid.resolution, math.sin(yaw) / grid.resolution
+        frame = along, across, 1 - along * x - across * y, 1 - along * y + across * x, yaw
+        kind = {"Dubins": DUBINS, "ReedsShepp": REEDS_SHEPP}.get(self.space, STRAIGHT)
+        radius = (self.turning_radius or grid.resolution) / grid.resolution
+        # Without a heading the merged cost counts.
+        density = self.costs.density[None] if self.space == "R2" else self.costs.density_of_heading
+        half = np.array([bordered_half(layer, 1) for layer in density])
+        return half, grid.shape[1] + 2, kind, radius, frame
+
+
+def _pose(pose: Iterable[float]) -> tuple[float, float, float]:
+    x, y, heading = map(float, (*pose, 0.0)[:3])
+    return x, y, heading

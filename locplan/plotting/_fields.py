@@ -1,0 +1,191 @@
+"""Figures of fields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Wedge
+
+from locplan.field import CovarianceField, position_axes, scalar
+from locplan.field._samples import sampled
+from locplan.maps import OCCUPIED
+from locplan.plotting._captions import LABELS, how, unit_of
+from locplan.plotting._maps import draw_cells, draw_field, draw_map, map_size
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+E_COLOURS = "viridis"
+WALL_SHADE = 150
+"""How opaque the white is that shows walls over e = 0, of 255."""
+E_QUANTILE = 0.98
+"""Of the free cells' e, where the linear colour scale of `e_figure` ends by default."""
+ELLIPSE, AXIS, TURN = "#0072b2", "black", "#d62728"
+WEDGE = 0.4
+"""Radius of the wedges that show the heading's deviation, as a share of the spacing."""
+
+
+def field_figure(field: CovarianceField, name: str = "e") -> Figure:
+    """The map with one scalar of its field as a heat map.
+
+    Parameters
+    ----------
+    field : CovarianceField
+        The field.
+    name : str
+        "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
+        one of the field's layers. Of several headings that of the mean information is drawn.
+    """
+    figure = Figure(figsize=map_size(field.grid), layout="constrained")
+    axes = figure.add_subplot()
+    image = draw_field(axes, field, name)
+    figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit_of(field, name)}]", shrink=0.9)
+    config = field.config
+    axes.set_title(
+        f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated\n"
+        f"{how(config)}, range {config.sensor_range:g} m",
+        fontsize="medium",
+    )
+    return figure
+
+
+def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e") -> Figure:
+    """A scalar of several fields side by side on one scale, a row for each map.
+
+    Parameters
+    ----------
+    rows : sequence of mappings of str to CovarianceField
+        Of each map its fields, by the name to show; all rows alike, e in one unit.
+    name : str
+        As for `field_figure`.
+    """
+    columns = max(map(len, rows))
+    sizes = [map_size(next(iter(fields.values())).grid) for fields in rows]
+    heights = [height / width for width, height in sizes]
+    size = 3.6 * columns + 1, sum(3.6 * height + 0.6 for height in heights)
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
+    image = unit = None
+    for axes_of_row, fields in zip(grid, rows, strict=True):
+        for axes, (label, field) in zip(axes_of_row, fields.items(), strict=False):
+            image, unit = draw_field(axes, field, name), unit_of(field, name)
+            axes.set_title(label, fontsize="medium")
+            axes.set(xlabel="", ylabel="")
+    assert image is not None
+    figure.colorbar(image, ax=grid.ravel().tolist(), label=f"{LABELS[name]} [{unit}]", shrink=0.6)
+    figure.supxlabel("x [m]", fontsize="medium")
+    figure.supylabel("y [m]", fontsize="medium")
+    return figure
+
+
+def ellipses_figure(
+    fields: Mapping[str, CovarianceField], *, spacing: float = 2.0, magnify: float = 1.0
+) -> Figure:
+    """Error ellipses at sampled poses, of several fields side by side (Figs. 29 and 31).
+
+    Parameters
+    ----------
+    fields : mapping of str to CovarianceField
+        Of one map, by the title to show.
+    spacing : float
+        Least distance of the poses from one another [m].
+    magnify : float
+        Factor on the ellipses; 1 draws one standard deviation to the map's scale.
+    """
+    figure, grid_of_axes = _side_by_side(fields)
+    for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
+        draw_ellipses(axes, field, spacing=spacing, magnify=magnify)
+        axes.set_title(title, fontsize="medium")
+    factor = "" if magnify == 1 else f", {magnify:g} times as large"
+    handles = [
+        Line2D([], [], color=ELLIPSE, label=f"position, one std. deviation{factor}"),
+        Line2D([], [], color=AXIS, label="first eigenvector"),
+        Line2D([], [], color=TURN, linewidth=6, alpha=0.6, label="heading ± one std. deviation"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def draw_ellipses(
+    axes: Axes, field: CovarianceField, *, spacing: float = 2.0, magnify: float = 1.0
+) -> None:
+    """The map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
+    draw_map(axes, field.grid)
+    xy, covariance = sampled(field, spacing)
+    if not len(xy):
+        return
+    major, minor, direction = position_axes(covariance)
+    along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
+    ellipses = EllipseCollection(
+        2 * magnify * major,
+        2 * magnify * minor,
+        np.degrees(direction),
+        units="xy",
+        offsets=xy,
+        offset_transform=axes.transData,
+        facecolors="none",
+        edgecolors=ELLIPSE,
+        linewidths=1.4,
+        zorder=4,
+    )
+    if covariance.shape[-1] == 3:
+        half = np.degrees(scalar(covariance, "heading_std"))
+        wedges = [
+            Wedge(centre, WEDGE * spacing, -turn, turn)
+            for centre, turn in zip(xy, half.tolist(), strict=True)
+        ]
+        axes.add_collection(PatchCollection(wedges, color=TURN, alpha=0.6, linewidth=0.8))
+    axes.add_collection(ellipses)
+    lines = np.stack([xy - along, xy + along], axis=1)
+    axes.add_collection(LineCollection(list(lines), colors=AXIS, linewidths=0.8, zorder=3))
+
+
+def e_figure(
+    fields: Mapping[str, CovarianceField], limits: tuple[float, float] | None = None
+) -> Figure:
+    """Maps of e on one linear scale, 0 in unknown and occupied cells (Figs. 30 and 32).
+
+    Parameters
+    ----------
+    fields : mapping of str to CovarianceField
+        Of one map, by the title to show.
+    limits : (float, float), optional
+        Of the colours; by default from 0 to what 98 % of the free cells do not exceed.
+    """
+    maps = {
+        title: field.on_map(field.scalar("e", headings="mean")) for title, field in fields.items()
+    }
+    if limits is None:
+        known = np.concatenate([values[np.isfinite(values)] for values in maps.values()])
+        limits = 0.0, float(np.quantile(known, E_QUANTILE)) if known.size else 1.0
+    figure, grid_of_axes = _side_by_side(fields)
+    image = None
+    for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
+        draw_map(axes, field.grid)  # for its axes: the values cover all of it
+        values = np.nan_to_num(maps[title], nan=0.0)
+        image = draw_cells(axes, field.grid, values, cmap=E_COLOURS, norm=Normalize(*limits))
+        walls = np.where(field.grid.cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
+        white = np.full((*walls.shape, 3), 255, np.uint8)
+        draw_cells(axes, field.grid, np.dstack([white, walls]))
+        axes.set_title(title, fontsize="medium")
+    assert image is not None
+    unit = next(iter(fields.values())).e_unit
+    label = f"{LABELS['e']} [{unit}]"
+    figure.colorbar(image, ax=grid_of_axes, label=label, extend="max", shrink=0.8)
+    return figure
+
+
+def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
+    """Axes for maps of one size, above one another where that shows them larger."""
+    width, height = map_size(next(iter(fields.values())).grid)
+    count = len(fields)
+    shape = (count, 1) if width > 1.4 * height else (1, count)
+    size = width * shape[1], height * shape[0]
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()

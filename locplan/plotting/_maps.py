@@ -1,0 +1,121 @@
+"""Drawing on given Axes: maps, fields and paths; and writing figures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.patheffects as effects
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.transforms import Affine2D
+from numpy.typing import NDArray
+
+from locplan._util.files import PICTURES, check_target, replacing
+from locplan.field import CovarianceField
+from locplan.maps import FREE, UNKNOWN, OccupancyGrid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+
+    from locplan.costs import Path
+
+FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
+"""Never as dark as a wall."""
+MAP_COLOURS = ListedColormap(["black", "0.82", "white"])
+"""Of occupied, unknown and free cells."""
+END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
+
+
+def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
+    """The occupancy grid in world coordinates: walls black, unknown space grey, free white."""
+    shades = np.zeros(grid.shape, np.uint8)
+    shades[grid.cells == UNKNOWN] = 1
+    shades[grid.cells == FREE] = 2
+    draw_cells(axes, grid, shades, cmap=MAP_COLOURS, vmin=0, vmax=2)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    _limit_to(axes, grid)
+
+
+def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage:
+    """A scalar of the field over its map, on a logarithmic scale between its anchors."""
+    draw_map(axes, field.grid)
+    layer = name in field.layers
+    values = field.on_map(field.scalar(name, headings="mean"), logarithmic=not layer)
+    low, high = field.anchors(name)
+    if layer:
+        return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=Normalize(low, high))
+    if not field.config.quantisation and field.evaluated.any():
+        low, high = np.nanmin(values), np.nanmax(values)
+    low = max(low, np.finfo(float).tiny)
+    norm = LogNorm(low, max(high, low * 1.001))
+    return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=norm)
+
+
+def draw_path(axes: Axes, path: Path, **style: Any) -> None:
+    """A path as a line; the style is matplotlib's."""
+    axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": outline(), **style})
+
+
+def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
+    """Start (circle) and goal (star), each with an arrow if it has a heading."""
+    axes.plot(*start[:2], "o", markersize=7, zorder=4, **END_STYLE)
+    axes.plot(*goal[:2], "*", markersize=13, zorder=4, **END_STYLE)
+    for x, y, *heading in (start, goal):
+        if heading:
+            ahead = 22 * np.cos(heading[0]), 22 * np.sin(heading[0])  # in points, at any scale
+            arrow = {"arrowstyle": "<|-", "color": "black", "linewidth": 1.5, "shrinkA": 0}
+            axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow)
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
+    """Write a figure, whole or not at all; the suffix chooses the format (.png, .pdf, .svg)."""
+    check_target(FilePath(path), *PICTURES)
+    suffix = FilePath(path).suffix.lower().lstrip(".")
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
+
+
+def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray, **options: Any) -> AxesImage:
+    height, width = (size * grid.resolution for size in grid.shape)
+    x, y, yaw = grid.origin
+    image = axes.imshow(
+        values,
+        origin="lower",
+        extent=(0, width, 0, height),
+        interpolation="antialiased" if values.dtype == np.uint8 else "nearest",
+        **options,
+    )
+    image.set_transform(Affine2D().rotate(yaw).translate(x, y) + axes.transData)
+    return image
+
+
+def _limit_to(axes: Axes, grid: OccupancyGrid) -> None:
+    """Show the cells that are known, with a margin."""
+    rows, cols = np.nonzero(grid.cells != UNKNOWN)
+    if rows.size == 0:
+        rows, cols = np.array([0, grid.shape[0] - 1]), np.array([0, grid.shape[1] - 1])
+    corner_rows = np.array([rows.min(), rows.min(), rows.max() + 1, rows.max() + 1])
+    corner_cols = np.array([cols.min(), cols.max() + 1, cols.min(), cols.max() + 1])
+    x, y = grid.grid_to_world(corner_rows, corner_cols)
+    margin = 0.02 * max(np.ptp(x), np.ptp(y)) + grid.resolution
+    axes.set(xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin))
+
+
+def map_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Figure size [inch] for the known part of a map with a colour bar at its side."""
+    rows, cols = np.nonzero(grid.cells != UNKNOWN)
+    height, width = (np.ptp(rows) + 1, np.ptp(cols) + 1) if rows.size else grid.shape
+    cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
+    height, width = sin * width + cos * height, cos * width + sin * height
+    drawn_width = min(9.0, 8.0 * width / height)
+    return max(drawn_width, 5.0) + 1.6, max(drawn_width * height / width, 2.0) + 0.8
+
+
+def outline() -> list[Any]:
+    return [effects.Stroke(linewidth=4, foreground="white"), effects.Normal()]

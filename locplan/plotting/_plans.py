@@ -1,0 +1,180 @@
+"""Figures of paths, of fronts, and of how searches went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from locplan.costs import Costmap, profile
+from locplan.costs._metrics import DEGENERATE
+from locplan.field import CovarianceField
+from locplan.plotting._captions import LABELS, request
+from locplan.plotting._maps import (
+    END_STYLE,
+    draw_ends,
+    draw_field,
+    draw_map,
+    draw_path,
+    map_size,
+    outline,
+)
+
+if TYPE_CHECKING:
+    from locplan.planners import ParetoFront, Plan
+
+FRONT_COLOURS = "viridis"
+FRONT_PATHS = 12
+"""How many paths of a front are drawn at most."""
+PATH_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": "black", "linestyle": (0, (4, 1.5))},
+    {"color": "#0072b2", "linestyle": "-"},
+    {"color": "#009e73", "linestyle": (0, (1, 1))},
+    {"color": "#cc79a7", "linestyle": (0, (6, 1, 1, 1))},
+)
+"""In the order of the plans; told apart by dash as well as by colour."""
+
+
+def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
+    """Paths over the e field of the map and, below, u along each of them.
+
+    Parameters
+    ----------
+    costs : Costmap
+        What the paths were planned on.
+    field : CovarianceField
+        The field behind it.
+    plans : mapping of str to Plan
+        At most four, by the name to show; unreachable ones are only named.
+    """
+    width, height = map_size(costs.grid)
+    figure = Figure(figsize=(width, height + 2.4), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
+    image = draw_field(upper, field)
+    figure.colorbar(image, ax=upper, label=f"{LABELS['e']} [{field.e_unit}]", shrink=0.9)
+    solved = {label: plan for label, plan in plans.items() if plan.path is not None}
+    handles = []
+    for (label, plan), style in zip(solved.items(), PATH_STYLES, strict=False):
+        assert plan.path is not None
+        assert plan.metrics is not None
+        metrics = plan.metrics
+        text = (
+            f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
+            f" ∫e ds = {metrics.integrated_e:.3g} {field.e_unit} m"
+        )
+        degeneracy: NDArray[np.floating] = costs.u
+        if plan.path.heading is not None and costs.u_of_heading is not None:
+            degeneracy = costs.u_of_heading
+        distance, u = profile(costs, plan.path, degeneracy)
+        lower.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
+        handles.append(Line2D([], [], path_effects=outline(), linewidth=2, label=text, **style))
+    handles += [
+        Line2D([], [], linestyle="none", label=f"{label}: {plan.status}")
+        for label, plan in plans.items()
+        if label not in solved
+    ]
+    # The first plan comes out on top, with its dashes visible where paths coincide.
+    for plan, style in reversed(list(zip(solved.values(), PATH_STYLES, strict=False))):
+        assert plan.path is not None
+        draw_path(upper, plan.path, **style)
+    for plan in plans.values():
+        draw_ends(upper, plan.start, plan.goal)
+        if plan.via:
+            upper.plot(
+                *np.transpose([xy[:2] for xy in plan.via]), "s", markersize=6, zorder=4, **END_STYLE
+            )
+    handles += [
+        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
+        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
+    ]
+    if any(plan.via for plan in plans.values()):
+        square = Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE)
+        handles.append(square)
+    lower.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
+    lower.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
+    lower.margins(x=0.01)
+    if not solved:
+        lower.text(0.5, 0.25, "no path", transform=lower.transAxes, ha="center", va="center")
+        lower.set_xticks([])
+    figure.legend(
+        handles=handles, loc="outside lower center", frameon=False, fontsize="medium", ncols=2
+    )
+    upper.set_title(f"{costs.grid.name or 'map'}: {request(costs, plans)}", fontsize="medium")
+    return figure
+
+
+def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
+    """A Pareto front and, over the map, paths along it in the same colours, the knee's bold.
+
+    Parameters
+    ----------
+    front : ParetoFront
+        With at least one path.
+    e_unit : str
+        `CovarianceField.e_unit`.
+    """
+    grid = front.costs.grid
+    width, height = map_size(grid)
+    figure = Figure(figsize=(width, height + 3.2), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 3.0))
+    draw_map(upper, grid)
+    norm = Normalize(front.length[0], max(front.length[-1], front.length[0] + 1))
+    wanted = np.linspace(front.length[0], front.length[-1], FRONT_PATHS)
+    chosen = np.unique(np.abs(front.length[:, None] - wanted).argmin(axis=0))
+    for index in chosen:
+        plan = front.plan(int(index))
+        assert plan.path is not None
+        colour = colormaps[FRONT_COLOURS](norm(front.length[index]))
+        draw_path(upper, plan.path, color=colour, linewidth=1.6, path_effects=[])
+    knee = front.knee
+    best = front.plan(knee).path
+    assert best is not None
+    draw_path(upper, best, color=colormaps[FRONT_COLOURS](norm(front.length[knee])), linewidth=3)
+    draw_ends(upper, front.start, front.goal)
+    epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
+    name = grid.name or "map"
+    upper.set_title(f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}")
+    unit = "m" if front.objective == "u" else f"{e_unit} m"
+    lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
+    image = lower.scatter(
+        front.length, front.integral, c=front.length, cmap=FRONT_COLOURS, norm=norm, s=14
+    )
+    label = f"knee, bold above: {front.length[knee]:.1f} m long, {front.integral[knee]:.3g} {unit}"
+    lower.plot(
+        front.length[knee], front.integral[knee], "D", markersize=9, label=label, **END_STYLE
+    )
+    label = "degenerate, ∫u ds" if front.objective == "u" else "∫e ds"
+    lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
+    lower.legend(loc="upper right", frameon=False)
+    figure.colorbar(image, ax=[upper, lower], label="length [m]", shrink=0.6)
+    return figure
+
+
+def history_figure(plans: Mapping[str, Plan]) -> Figure:
+    """The best J of sampling planners over the time since they began.
+
+    Parameters
+    ----------
+    plans : mapping of str to Plan
+        At most four that have a history, by the name to show.
+    """
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots()
+    for (label, plan), style in zip(plans.items(), PATH_STYLES, strict=False):
+        if not plan.history:
+            continue
+        seconds, cost = np.transpose(plan.history)
+        name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
+        axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
+    axes.set(
+        xscale="log", xlabel="time since the search began [s]", ylabel="best cost J so far [m]"
+    )
+    axes.set_title("best cost of each search, as it went on", fontsize="medium")
+    axes.legend(frameon=False)
+    return figure

@@ -1,0 +1,248 @@
+"""The noise level k, and tau, at which the field's Sigma is as large as the errors in metres."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.intervals import Interval
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.errors import ConfigError
+from locplan.field import FieldConfig, SearchWindow
+from locplan.simulation._places import ErrorKind, Places
+from locplan.simulation._predictors import covariances_at
+from locplan.simulation._ranking import spearman
+
+Array = NDArray[np.float64]
+TAUS = tuple(np.geomspace(0.03, 3.0, 13).tolist())
+"""That are tried [m^2]."""
+LEVELS = 1e-6, 1e4
+"""Between which the noise level is looked for."""
+MIN_PLACES = 10
+"""Places that a calibration needs."""
+RESAMPLES = 200
+MIN_VARIANCE = 1e-12
+"""Added, so that no covariance is singular [m^2]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A field's noise level, and tau, that fit the errors, and how well they do.
+
+    How well is measured at the places that they were fitted to.
+    """
+
+    config: FieldConfig
+    """With `noise_level`, and `tau` where it was fitted."""
+    noise_level: Interval
+    """k, with the 95 % interval of a bootstrap over the places, at this tau."""
+    fitted_tau: bool
+    factor: float
+    """By which a place's rms error typically differs from Sigma's: exp of the rms difference of
+    their logarithms."""
+    factor_before: float
+    """The same as the config was."""
+    within_two: float
+    """Share of the places whose rms error is within a factor 2 of Sigma's."""
+    r_squared: float
+    """Share of the variance of the errors' logarithm that Sigma explains; below 0 it is worse than
+    one value for all places."""
+    spearman: float
+    """Rank correlation of Sigma's deviation with the error."""
+    consistency: float
+    """Mean of e' inv(Sigma) e / 2 over all position errors e; 1 where Sigma is neither too small
+    nor too large."""
+    floor_share: float
+    """Share of the places with errors below what Q alone adds, which no k can reach."""
+    predicted: Array
+    """Rms position deviation of each place, (n,) [m]."""
+    measured: Array
+    """Rms position error of each place, (n,) [m]."""
+    maps: Sequence[str]
+    error: ErrorKind
+
+    @property
+    def useful(self) -> bool:
+        """Whether Sigma tells more of the errors than one value for all places would."""
+        return self.r_squared > 0
+
+    def summary(self) -> dict[str, Any]:
+        """In numbers, fit for JSON."""
+        numbers = ("factor", "factor_before", "within_two", "r_squared", "spearman")
+        about: dict[str, Any] = {
+            "error": self.error,
+            "maps": list(self.maps),
+            "places": len(self.measured),
+            "noise_level": list(self.noise_level),
+            "tau_m2": self.config.mismatch_scale if self.fitted_tau else None,
+            **{name: getattr(self, name) for name in (*numbers, "consistency", "floor_share")},
+        }
+        return finite(about)
+
+
+def calibrate(
+    places: Sequence[Places],
+    config: FieldConfig | None = None,
+    *,
+    error: ErrorKind = "tracking",
+    fit_tau: bool = False,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Calibration:
+    """Fit the noise level, and if wanted tau, to errors at places.
+
+    The least squares of the logarithms of the rms position deviation and error, so that no place
+    counts more than another however large its error is. A likelihood of Gaussian errors instead
+    follows the few places where Sigma is far too small, and makes it far too large elsewhere.
+
+    Parameters
+    ----------
+    places : sequence of Places
+        As `locplan.simulation.measure` makes them; those of an evaluation are its `places`.
+    config : FieldConfig, optional
+        What to calibrate.
+    error : str
+        "tracking" or "match".
+    fit_tau : bool
+        Whether tau is free, too, where the weight law is exponential and the estimator "sad". A
+        tau for errors in metres is not one for planning: a large one sees no corridor.
+    threads : int, optional
+        All cores by default.
+    progress : callable, optional
+        Called with (done, total) values of tau.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    ConfigError
+        If there are too few places with errors, if tau shall be fitted and there is none, or if
+        the errors do not determine k.
+    """
+    config = config or FieldConfig()
+    if error not in get_args(ErrorKind):
+        raise ConfigError(f"error must be one of {', '.join(get_args(ErrorKind))}, not {error!r}")
+    if fit_tau and not (config.estimator == "sad" and config.weight_law == "exponential"):
+        raise ConfigError("tau is of the exponential weights of estimator sad; fit k alone")
+    errors = _errors(places, error)
+    measured = _rms(errors)
+    q = np.concatenate([_q(each, config) for each in places])
+    before = _bare(places, config, threads)
+    fits = []
+    for n, tau in enumerate(TAUS if fit_tau else (None,)):
+        trial = config if tau is None else dataclasses.replace(config, tau=tau)
+        bare = before if tau is None else _bare(places, trial, threads)
+        level, loss = _fit(bare, q, measured)
+        fits.append((loss, n, dataclasses.replace(trial, noise_level=level), bare))
+        if progress:
+            progress(n + 1, len(TAUS) if fit_tau else 1)
+    _, _, fitted, bare = min(fits, key=lambda fit: fit[:2])
+    _check_determined(fitted.noise_level)
+    covariance = fitted.noise_level * bare + q
+    predicted = _rms(covariance)
+    difference, variance = np.log(predicted / measured), np.log(measured).var()
+    return Calibration(
+        config=fitted,
+        noise_level=Interval(fitted.noise_level, *_bootstrapped(bare, q, measured)),
+        fitted_tau=fit_tau,
+        factor=_factor(predicted, measured),
+        factor_before=_factor(_rms(config.noise_level * before + q), measured),
+        within_two=float(np.mean(np.abs(difference) <= math.log(2))),
+        r_squared=float(1 - np.mean(difference**2) / variance) if variance > 0 else 0.0,
+        spearman=spearman(predicted, measured),
+        consistency=_consistency(covariance, errors),
+        floor_share=float(np.mean(measured < _rms(q))),
+        predicted=predicted,
+        measured=measured,
+        maps=[each.grid.name for each in places],
+        error=error,
+    )
+
+
+def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
+    """Second moments of the position errors of all places, (n, 2, 2) [m^2]."""
+    found = [each.moments(error)[:, :2, :2] for each in places]
+    moments = np.concatenate([np.empty((0, 2, 2)), *found])
+    known = int(np.isfinite(moments).all(axis=(1, 2)).sum())
+    if known < max(MIN_PLACES, len(moments)):
+        raise ConfigError(
+            f"a calibration needs at least {MIN_PLACES} places, all with {error} errors;"
+            f" there are {known} of {len(moments)}"
+        )
+    return moments + MIN_VARIANCE * np.eye(2)
+
+
+def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
+    """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
+    plain = dataclasses.replace(config, noise_level=1.0, quantisation=False)
+    found = [covariances_at(each.grid, plain, each.points, threads=threads) for each in places]
+    return np.concatenate([each[:, :2, :2] for each in found])
+
+
+def _q(places: Places, config: FieldConfig) -> Array:
+    """What the config adds to the positions of a map's places, (n, 2, 2) [m^2]."""
+    added = np.full((2, 2), 0.0)
+    if config.quantisation:
+        added = SearchWindow.from_config(config, places.grid.resolution).quantisation[:2, :2]
+    return np.tile(added + MIN_VARIANCE * np.eye(2), (len(places.points), 1, 1))
+
+
+def _rms(covariance: Array) -> Array:
+    """Deviation of positions, (n,) [m]."""
+    return np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+
+
+def _consistency(covariance: Array, errors: Array) -> float:
+    """Mean of e' inv(Sigma) e / 2 over the errors of all places."""
+    return float(np.einsum("nij,nji->n", np.linalg.inv(covariance), errors).mean() / 2)
+
+
+def _fit(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
+    """The noise level of least loss, and that: the mean squared difference of logarithms."""
+    from scipy.optimize import minimize_scalar
+
+    variance, added = np.trace(bare, axis1=1, axis2=2), np.trace(q, axis1=1, axis2=2)
+
+    def loss(log_level: float) -> float:
+        predicted = np.sqrt(math.exp(log_level) * variance + added)
+        return float(np.mean(np.log(predicted / measured) ** 2))
+
+    low, high = map(math.log, LEVELS)
+    coarse = np.linspace(low, high, 60)
+    nearest = coarse[int(np.argmin([loss(each) for each in coarse]))]
+    step = coarse[1] - coarse[0]
+    bounds = max(low, nearest - step), min(high, nearest + step)
+    found = minimize_scalar(loss, bounds=bounds, method="bounded")
+    return math.exp(found.x), float(found.fun)
+
+
+def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
+    """The ends of the noise level's 95 % interval."""
+    random = np.random.default_rng(0)
+    draws = random.integers(0, len(bare), (RESAMPLES, len(bare)))
+    low, high = np.quantile([_fit(bare[n], q[n], measured[n])[0] for n in draws], (0.025, 0.975))
+    return float(low), float(high)
+
+
+def _check_determined(level: float) -> None:
+    low, high = LEVELS
+    if level < 2 * low:
+        raise ConfigError(
+            "the errors do not determine k: they are below what Q adds, or Sigma says nothing of"
+            " them; calibrate with quantisation false, or on other maps"
+        )
+    if level > high / 2:
+        raise ConfigError(f"the errors do not determine k: it would be above {high:g}")
+
+
+def _factor(predicted: Array, measured: Array) -> float:
+    return float(np.exp(np.sqrt(np.mean(np.log(predicted / measured) ** 2))))

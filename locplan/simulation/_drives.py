@@ -1,0 +1,118 @@
+"""What came of driving: how far off the filter was along the way, and how often it was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.intervals import Interval, of_rms, wilson
+from locplan._util.tables import finite
+
+LOST = 1.0
+"""A robot farther off than this, at any time, counts as lost [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """Simulated drives along one line.
+
+    The same drive of two lines has the same world and seed, so that they can be compared in pairs.
+    """
+
+    poses: NDArray[np.float64]
+    """The true poses, (n, 3), in the world [m, m, rad]."""
+    errors: NDArray[np.float64]
+    """The filter's pose less the true one, (drives, n, 3), in the world [m, m, rad]."""
+
+    @property
+    def distance(self) -> NDArray[np.float64]:
+        """Driven at each pose, (n,) [m]."""
+        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def position_error(self) -> NDArray[np.float64]:
+        """Distance of the filter's position from the true one, (drives, n) [m]."""
+        return np.hypot(self.errors[..., 0], self.errors[..., 1])
+
+    @property
+    def rmse(self) -> Interval:
+        """Root mean square of the position error along the way [m]."""
+        return of_rms(self.mean_squares)
+
+    @property
+    def heading_rmse(self) -> Interval:
+        """The same of the heading [rad]."""
+        return of_rms((self.errors[..., 2] ** 2).mean(axis=1))
+
+    @property
+    def mean_squares(self) -> NDArray[np.float64]:
+        """Of the position error, of each drive, (drives,) [m^2]."""
+        return (self.position_error**2).mean(axis=1)
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Which drives were lost at any time, (drives,)."""
+        return self.position_error.max(axis=1) > LOST
+
+    @property
+    def lost_rate(self) -> Interval:
+        """Share of the drives that were lost at any time."""
+        return wilson(float(self.lost.mean()), len(self.lost))
+
+    @property
+    def final_rmse(self) -> Interval:
+        """Root mean square of the position error where the drive ends [m]."""
+        return of_rms(self.position_error[:, -1] ** 2)
+
+    def summary(self) -> dict[str, Any]:
+        """All of this in numbers, fit for JSON."""
+        about: dict[str, Any] = {
+            "drives": len(self.errors),
+            "length_m": float(self.distance[-1]),
+        }
+        for name, interval in (
+            ("rmse_m", self.rmse),
+            ("final_rmse_m", self.final_rmse),
+            ("heading_rmse_rad", self.heading_rmse),
+            ("lost_rate", self.lost_rate),
+        ):
+            about[name] = list(interval)
+        return finite(about)
+
+    def profile(self) -> NDArray[np.float64]:
+        """Poses and errors along the way, (n, 9), by the names of `PROFILE`."""
+        error = self.position_error
+        low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
+        heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
+        columns = self.distance, self.poses, error.mean(axis=0), median, low, high, heading
+        return np.column_stack(columns)
+
+
+PROFILE = (
+    "distance_m",
+    "x_m",
+    "y_m",
+    "heading_rad",
+    "error_mean_m",
+    "error_median_m",
+    "error_percentile_10_m",
+    "error_percentile_90_m",
+    "heading_error_rms_rad",
+)
+"""Columns of `Drives.profile`."""
+
+
+def rmse_ratio(drives: Drives, others: Drives) -> Interval:
+    """RMSE of some drives over that of others with the same seeds."""
+    return of_rms(drives.mean_squares, others.mean_squares)
+
+
+def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
+    """RMSE of each over that of the first."""
+    first, *rest = drives
+    return {name: rmse_ratio(drives[name], drives[first]) for name in rest}

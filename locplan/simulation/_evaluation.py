@@ -1,0 +1,204 @@
+"""How well the fields predict where a robot is badly localized, on maps of one's own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.intervals import Interval
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.tables import finite
+from locplan.field._config import DISC
+from locplan.maps import OccupancyGrid
+from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, places_of
+from locplan.simulation._predictors import Predictor, configs, predictions
+from locplan.simulation._ranking import Rank, Resamples, rank
+from locplan.simulation._settings import Amcl, Disturbances, check_whole
+
+KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
+KIND_LABELS: dict[ErrorKind, str] = {
+    "tracking": "error of a particle filter, 10 m drives",
+    "match": "error of single-scan matches",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Errors at places of some maps, and what each predictor says of them."""
+
+    places: Sequence[Places]
+    """One of each map."""
+    predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
+    """Likewise, (n,) of each predictor."""
+    amcl: Amcl
+    disturbances: Disturbances
+    drives: int
+    scans: int
+    seed: int
+
+    @cached_property
+    def ranks(self) -> dict[tuple[Predictor, ErrorKind], Rank]:
+        """How well each predictor ranks the places by each kind of error.
+
+        Those of a heading's deviation by the heading's error, all others by that of the position.
+        """
+        drawn = Resamples.of([len(places.points) for places in self.places])
+        return {
+            (predictor, kind): rank(
+                [found[predictor] for found in self.predictions],
+                [self._errors(places, predictor, kind) for places in self.places],
+                drawn,
+            )
+            for predictor in self.predictions[0]
+            for kind in KINDS
+        }
+
+    @staticmethod
+    def _errors(places: Places, predictor: Predictor, kind: ErrorKind) -> NDArray[np.float64]:
+        if predictor.of_heading:
+            return places.heading_rmse(kind)
+        return places.position_rmse(kind)
+
+    def of_map(self, number: int) -> Evaluation:
+        """That of one map by itself."""
+        return dataclasses.replace(
+            self, places=[self.places[number]], predictions=[self.predictions[number]]
+        )
+
+    def quantiles(self, number: int, kind: ErrorKind) -> list[float]:
+        """Of a map's places, the RMSE of the position at 10, 50 and 90 % of them [m]."""
+        return np.quantile(self.places[number].position_rmse(kind), (0.1, 0.5, 0.9)).tolist()
+
+    def summary(self) -> dict[str, Any]:
+        """All ranks and settings, fit for JSON."""
+        about: dict[str, Any] = {
+            "maps": [
+                {"name": each.grid.name, "digest": each.grid.digest, "places": len(each.points)}
+                | {f"{kind}_rmse_m_10_50_90": self.quantiles(n, kind) for kind in KINDS}
+                for n, each in enumerate(self.places)
+            ],
+            "predictors": [
+                {
+                    "source": predictor.source,
+                    "scalar": predictor.scalar or None,
+                    "error": kind,
+                    "of": "heading" if predictor.of_heading else "position",
+                    **{name: list(getattr(found, name)) for name in ("spearman", "within", "auc")},
+                }
+                for (predictor, kind), found in self.ranks.items()
+            ],
+            "drives": self.drives,
+            "scans": self.scans,
+            "seed": self.seed,
+            "amcl": dataclasses.asdict(self.amcl),
+            "disturbances": dataclasses.asdict(self.disturbances),
+        }
+        return finite(about)
+
+    def rows(self) -> Iterator[tuple[str, NDArray[np.float64]]]:
+        """Map's name, and x, y, then all errors and predictions of each place, as `columns`."""
+        for places, found in zip(self.places, self.predictions, strict=True):
+            errors = [
+                each
+                for kind in KINDS
+                for each in (places.position_rmse(kind), places.heading_rmse(kind))
+            ]
+            said = [np.abs(each) for each in found.values()]  # a count that predicts is negated
+            yield places.grid.name, np.column_stack([places.xy, *errors, *said])
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the values in `rows`."""
+        errors = [name for kind in KINDS for name in (f"{kind}_rmse_m", f"{kind}_heading_rmse_rad")]
+        found = [each.column for each in self.predictions[0]]
+        return ["x_m", "y_m", *errors, *found]
+
+
+def evaluate(
+    grids: Sequence[OccupancyGrid] | OccupancyGrid,
+    *,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    places: int = PLACES,
+    drives: int = DRIVES,
+    scans: int = SCANS,
+    disc: float = DISC,
+    robot_radius: float = 0.25,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Evaluation:
+    """Measure errors at places of maps, and rank predictors by them.
+
+    Parameters
+    ----------
+    grids : sequence of OccupancyGrid
+        The maps, or one.
+    amcl, disturbances : optional
+        The filter, and what it is up against.
+    places : int
+        On each map, at random, at least 1 m apart; as many as there are.
+    drives, scans : int
+        To each place.
+    disc : float
+        Radius of the templates of "sad" [m].
+    robot_radius : float
+        Of where drives may go [m].
+    seed : int
+        Of all random numbers; the same gives the same result.
+    threads : int, optional
+        All cores by default.
+    progress : callable, optional
+        Called with (done, total) drives, places and fields of all maps.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    ConfigError
+        If there is no map, a number is out of its range, or a robot has no room on a map.
+    """
+    grids = [grids] if isinstance(grids, OccupancyGrid) else list(grids)
+    amcl, disturbances = amcl or Amcl(), disturbances or Disturbances()
+    for name, value in (("drives", drives), ("scans", scans)):
+        check_whole(name, value, 1)
+    fields = configs(disturbances.sensor, disc)
+    effort = len(grids) * places * (drives + 1)
+    callbacks = parts(progress, [effort, *[max(1, effort // 50)] * len(grids)])
+    measured = places_of(
+        grids,
+        amcl=amcl,
+        disturbances=disturbances,
+        places=places,
+        drives=drives,
+        scans=scans,
+        robot_radius=robot_radius,
+        seed=seed,
+        threads=threads,
+        progress=callbacks[0],
+    )
+    found = []
+    for each, part in zip(measured, callbacks[1:], strict=True):
+        found.append(predictions(each.grid, fields, each.points, threads=threads))
+        part(max(1, effort // 50), 0)
+    return Evaluation(measured, found, amcl, disturbances, drives, scans, seed)
+
+
+def best(evaluation: Evaluation, kind: ErrorKind) -> tuple[Predictor, Interval]:
+    """The predictor of positions' errors that ranks best, over all places together."""
+    return max(
+        (
+            (predictor, found.spearman)
+            for (predictor, its), found in evaluation.ranks.items()
+            if its == kind and not predictor.of_heading
+        ),
+        key=lambda pair: pair[1].value,
+    )

@@ -1,0 +1,250 @@
+"""Figures of simulated drives, of how predictors rank, and of calibrations."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from locplan._util.intervals import Interval
+from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
+from locplan.plotting._plans import PATH_STYLES
+from locplan.simulation._calibration import Calibration
+from locplan.simulation._drives import LOST, contrasts
+from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
+from locplan.simulation._predictors import Predictor
+from locplan.simulation._routes import Routes, Simulation
+
+ERROR_COLOURS = "viridis"
+MIN_ERROR = 0.02
+"""Below, errors are drawn alike [m]."""
+POOLED, WITHIN = "#0072b2", "#d55e00"
+MAP_MARKS = (
+    ("#0072b2", "o"),
+    ("#d55e00", "^"),
+    ("#009e73", "s"),
+    ("#cc79a7", "D"),
+    ("#e69f00", "v"),
+    ("#56b4e9", "P"),
+)
+"""Of maps; of more they are drawn alike."""
+
+
+def simulation_figure(simulation: Simulation) -> Figure:
+    """Paths over the map, coloured by the mean error there, and the error along each of them.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Of at most four paths, or colours repeat.
+    """
+    grid = simulation.grid
+    width, height = map_size(grid)
+    figure = Figure(figsize=(width, height + 2.8), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
+    draw_map(upper, grid)
+    profiles = {name: each.profile() for name, each in simulation.drives.items()}
+    every = np.concatenate([profile[:, 4] for profile in profiles.values()])
+    low = max(MIN_ERROR, float(every.min()))
+    norm = LogNorm(low, max(float(every.max()), 2 * low), clip=True)
+    ratios, handles, image = contrasts(simulation.drives), [], None
+    for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
+        distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
+        colour = style["color"]
+        draw_path(upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[])
+        lines = np.stack([xy[:-1], xy[1:]], axis=1)
+        image = upper.add_collection(
+            LineCollection(
+                list(lines), array=mean[:-1], cmap=ERROR_COLOURS, norm=norm, linewidths=4, zorder=3
+            )
+        )
+        lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
+        lower.plot(distance, mean, linewidth=1.8, **style)
+        drives = simulation.drives[name]
+        text = (
+            f"{name}: {distance[-1]:.1f} m, RMSE {_formatted(drives.rmse, 'm')},"
+            f" lost {drives.lost_rate.value:.0%}"
+        )
+        if name in ratios:
+            text += f"; RMSE {_formatted(ratios[name])} of {next(iter(profiles))}'s"
+        handles.append(Line2D([], [], linewidth=2, label=text, **style))
+        draw_ends(upper, xy[0], xy[-1])
+    assert image is not None
+    bar = figure.colorbar(image, ax=upper, label="mean position error [m]", shrink=0.9)
+    _plainly(bar.ax.yaxis)
+    lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+    lower.annotate(
+        "lost", (1, LOST), (-4, 3), ("axes fraction", "data"), "offset points", ha="right"
+    )
+    lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
+    _logarithmic(lower.yaxis)
+    lower.margins(x=0.01)
+    handles += [
+        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
+        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=1)
+    count = len(next(iter(simulation.drives.values())).errors)
+    upper.set_title(
+        f"{grid.name or 'map'}: {count} simulated drives of each path\n"
+        "below: mean error of the position, and where 80 % of the drives are",
+        fontsize="medium",
+    )
+    return figure
+
+
+def queries_figure(routes: Routes) -> Figure:
+    """Errors and lost drives of both paths of each query, and lengths."""
+    figure = Figure(figsize=(9.5, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    rmse = np.array([each.rmse for each in routes.routes])
+    lost = np.array([each.lost for each in routes.routes])
+    ends = rmse.min() * 0.8, rmse.max() * 1.25
+    left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
+    left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
+    for axis in (left.xaxis, left.yaxis):
+        _logarithmic(axis)
+    left.set(
+        xlim=tuple(ends),
+        ylim=tuple(ends),
+        aspect="equal",
+        xlabel="RMSE along the shortest path [m]",
+        ylabel="RMSE along the aware path [m]",
+    )
+    right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
+    right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
+    right.set(
+        xlim=(-0.03, 1.03),
+        ylim=(-0.03, 1.03),
+        aspect="equal",
+        xlabel="lost on the shortest path, share of drives",
+        ylabel="lost on the aware path",
+    )
+    for number, xy in enumerate(rmse, 1):
+        left.annotate(str(number), xy, (4, 4), textcoords="offset points", fontsize="x-small")
+    figure.suptitle(
+        f"{routes.grid.name or 'map'}, {len(routes.routes)} queries: {routes.verdict}\n"
+        f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
+        f" length {_formatted(routes.length_ratio)}",
+        fontsize="medium",
+    )
+    return figure
+
+
+def evaluation_figure(evaluation: Evaluation) -> Figure:
+    """How well each predictor ranks places by either kind of error; and two predictors' places."""
+    predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
+    rows = np.arange(len(predictors))[::-1]
+    figure = Figure(figsize=(11, 5.2 + 0.24 * len(predictors)), layout="constrained")
+    parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
+    upper, lower = parts
+    panels: Any = upper.subplots(1, 2, sharey=True)
+    for axes, kind in zip(panels, KINDS, strict=True):
+        for row, predictor in zip(rows, predictors, strict=True):
+            found = evaluation.ranks[predictor, kind]
+            shown = [(found.spearman, POOLED, 0.12, POOLED), (found.within, WITHIN, -0.12, "white")]
+            for interval, colour, aside, fill in shown[: 2 if several else 1]:
+                axes.plot(interval[1:], [row + aside] * 2, color=colour, linewidth=1.5)
+                axes.plot(interval.value, row + aside, "o", color=colour, markerfacecolor=fill)
+        axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
+        axes.set(
+            xlim=(-1.1, 1.1),
+            xticks=(-1, -0.5, 0, 0.5, 1),
+            xlabel="Spearman's rank correlation, 95 %",
+        )
+        axes.set_title(KIND_LABELS[kind], fontsize="medium")
+        axes.grid(axis="y", color="0.92")
+        axes.set_yticks(rows, [_label(predictor) for predictor in predictors])
+    handles = [
+        Line2D([], [], color=POOLED, marker="o", label="all places together"),
+        Line2D([], [], color=WITHIN, marker="o", markerfacecolor="white", label="mean over maps"),
+    ]
+    if several:
+        upper.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False)
+    names = ", ".join(each.grid.name for each in evaluation.places)
+    title = names if len(names) < 60 else f"{len(evaluation.places)} maps"
+    count = sum(len(each.points) for each in evaluation.places)
+    upper.suptitle(f"{title}: {count} places", x=0.02, ha="left", fontsize="medium")
+    examples = Predictor("sad", "e"), best(evaluation, "tracking")[0]
+    few = len(evaluation.places) <= len(MAP_MARKS)
+    for axes, predictor in zip(lower.subplots(1, 2, sharey=True), examples, strict=True):
+        for n, (places, values) in enumerate(
+            zip(evaluation.places, evaluation.predictions, strict=True)
+        ):
+            colour, mark = MAP_MARKS[n] if few else MAP_MARKS[0]
+            error = places.position_rmse("tracking")
+            style: dict[str, Any] = {"color": colour, "ms": 4, "alpha": 0.6}
+            axes.plot(np.abs(values[predictor]), error, mark, label=places.grid.name, **style)
+        unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
+        axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
+        _logarithmic(axes.xaxis)
+        axes.set_title("default" if predictor == examples[0] else "best", fontsize="medium")
+        _logarithmic(axes.yaxis)
+    if few:
+        lower.legend(
+            *lower.axes[0].get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=3,
+            frameon=False,
+        )
+    lower.axes[0].set_ylabel("RMSE of the filter's position [m]")
+    return figure
+
+
+def calibration_figure(calibration: Calibration) -> Figure:
+    """Measured errors over the calibrated deviation of each place."""
+    figure = Figure(figsize=(6.2, 5.6), layout="constrained")
+    axes = figure.subplots()
+    both = np.concatenate([calibration.predicted, calibration.measured])
+    ends = np.array([both.min() * 0.8, both.max() * 1.25])
+    axes.fill_between(ends, ends / 2, ends * 2, color="0.92", label="within a factor 2")
+    axes.plot(ends, ends, color="0.5", linewidth=1)
+    axes.plot(calibration.predicted, calibration.measured, "o", color=POOLED, ms=4, alpha=0.5)
+    for axis in (axes.xaxis, axes.yaxis):
+        _logarithmic(axis)
+    axes.set(
+        xlim=tuple(ends),
+        ylim=tuple(ends),
+        aspect="equal",
+        xlabel="rms deviation of the position by Σ [m]",
+        ylabel=f"{KIND_LABELS[calibration.error]}: RMSE [m]",
+    )
+    config = calibration.config
+    tau = f", τ = {config.mismatch_scale:.3g} m²" if calibration.fitted_tau else ""
+    axes.set_title(
+        f"{config.estimator}, k = {_formatted(calibration.noise_level)}{tau}\n"
+        f"typically off by a factor of {calibration.factor:.2f}"
+        f" ({calibration.factor_before:.2f} before), {calibration.within_two:.0%} within 2",
+        fontsize="medium",
+    )
+    axes.legend(loc="upper left", frameon=False)
+    return figure
+
+
+def _logarithmic(axis: Any) -> None:
+    """A scale with plain numbers."""
+    getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
+    _plainly(axis)
+
+
+def _plainly(axis: Any) -> None:
+    """Plain numbers on a logarithmic axis."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _label(predictor: Predictor) -> str:
+    return f"{predictor}{' (of heading error)' if predictor.of_heading else ''}"
+
+
+def _formatted(interval: Interval, unit: str = "") -> str:
+    value, low, high = interval
+    ends = "" if np.isnan(low) else f" [{low:.3g}, {high:.3g}]"
+    return f"{value:.3g}{' ' * bool(unit)}{unit}{ends}"

@@ -1,0 +1,124 @@
+"""The poses that a simulated robot drives through."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs import Costmap, Path
+from locplan.errors import LocplanError
+from locplan.maps import OccupancyGrid
+from locplan.planners import plan_field
+
+SPACING = 0.05
+"""Of the poses, at most [m]."""
+AHEAD = 0.3
+"""A robot on a path without headings faces what is so far ahead of it [m]."""
+TURN = 0.1
+"""Between poses, at most [rad]."""
+BAND = 0.5
+"""Ways that differ by less than this are of one length [m]."""
+
+Poses = NDArray[np.float64]
+"""(n, 3): x, y, heading in the world [m, m, rad]."""
+
+
+def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
+    """Poses every `SPACING` along a path, in its own headings or facing `AHEAD`.
+
+    Raises
+    ------
+    LocplanError
+        If the path has no length, leaves the map, or crosses cells that are not free.
+    """
+    if path.length <= 0:
+        raise LocplanError("has no length; a path to drive must lead somewhere")
+    fine = path.resampled(SPACING)
+    rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
+    if not free.all():
+        x, y = fine.xy[np.argmin(free)]
+        raise LocplanError(
+            f"leaves the free cells of {grid.name or 'the map'} at {x:.2f},{y:.2f};"
+            " drive a path that was planned on this map"
+        )
+    if fine.heading is not None:
+        return _turning(np.column_stack([fine.xy, fine.heading]))
+    return _turning(_facing_ahead(fine, fine.distance))
+
+
+def approaches(
+    costs: Costmap,
+    cell: tuple[int, int],
+    count: int,
+    length: float,
+    random: np.random.Generator,
+) -> list[Poses]:
+    """Drives that end in a cell, along shortest paths, all with as many poses.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Blocked where the robot does not fit, which it does in the cell.
+    cell : (row, col)
+        Where they end.
+    count : int
+        How many. They begin at random where the way to the cell is as long as `length`, or as
+        long as it gets.
+    length : float
+        [m]
+    random : numpy.random.Generator
+        Of the beginnings.
+    """
+    near, (row, col) = _cut_out(costs, cell, length)
+    to_cell = plan_field(near, near.grid.cell_to_world(row, col))
+    way = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
+    rows, cols = np.nonzero(way >= max(way.max() - BAND, 0.0))
+    drives = []
+    for n in random.choice(len(rows), count, replace=len(rows) < count):
+        path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))
+        assert path is not None
+        drives.append(
+            _facing_ahead(path, np.linspace(0.0, path.length, round(length / SPACING) + 1))
+        )
+    return drives
+
+
+def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
+    """Poses at distances along a path, facing what is `AHEAD` of them."""
+    here, ahead = (
+        np.column_stack([np.interp(where, path.distance, v) for v in path.xy.T])
+        for where in (at, np.minimum(at + AHEAD, path.length))
+    )
+    dx, dy = (ahead - here).T
+    heading = np.arctan2(dy, dx)
+    moving = np.flatnonzero(np.hypot(dx, dy) > AHEAD / 10)
+    if moving.size:  # at the end there is nothing ahead: as before
+        last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
+        heading = heading[moving[np.maximum(last, 0)]]
+    return np.column_stack([here, np.unwrap(heading)])
+
+
+def _turning(poses: Poses) -> Poses:
+    """With poses in between where the robot turns faster than it could be watched."""
+    turns = np.abs(np.diff(poses[:, 2]))
+    steps = np.maximum(1, np.ceil(turns / TURN)).astype(np.int64)
+    at = np.concatenate([[0], np.cumsum(steps)])
+    every = np.arange(at[-1] + 1)
+    return np.column_stack([np.interp(every, at, v) for v in poses.T])
+
+
+def _cut_out(
+    costs: Costmap, cell: tuple[int, int], reach: float
+) -> tuple[Costmap, tuple[int, int]]:
+    """The part of a costmap within `reach` [m] of a cell, and the cell in it."""
+    cells = int(np.ceil(reach / costs.grid.resolution)) + 1
+    (top, left) = (max(0, index - cells) for index in cell)
+    part = slice(top, cell[0] + cells + 1), slice(left, cell[1] + cells + 1)
+    grid = costs.grid
+    x, y = grid.grid_to_world(top, left)
+    near = OccupancyGrid(
+        grid.cells[part], grid.resolution, (float(x), float(y), grid.origin[2]), grid.name
+    )
+    return Costmap.from_density(near, costs.density[part]), (cell[0] - top, cell[1] - left)

@@ -1,0 +1,88 @@
+"""AMCL's parameters from a parameter file of Nav2."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from locplan.errors import LocplanError
+from locplan.maps._ros_parameters import read_parameters
+from locplan.simulation._settings import Amcl
+
+DIFFERENTIAL = "nav2_amcl::DifferentialMotionModel"
+NO_MATTER = {
+    "allow_parameter_qos_overrides",
+    "alpha5",
+    "always_reset_initial_pose",
+    "base_frame_id",
+    "beam_skip_distance",
+    "beam_skip_error_threshold",
+    "beam_skip_threshold",
+    "do_beamskip",
+    "first_map_only",
+    "freespace_downsampling",
+    "global_frame_id",
+    "initial_pose",
+    "initialize_at_saved_pose",
+    "lambda_short",
+    "laser_min_range",
+    "map_topic",
+    "odom_frame_id",
+    "random_seed",
+    "recovery_alpha_fast",
+    "recovery_alpha_slow",
+    "robot_model_type",
+    "save_pose_rate",
+    "saved_pose_filepath",
+    "scan_topic",
+    "set_initial_pose",
+    "tf_broadcast",
+    "transform_tolerance",
+    "use_sim_time",
+    "z_max",
+    "z_short",
+}
+"""AMCL's other parameters; for what is simulated most of them do not matter."""
+
+
+def read_amcl(path: str | os.PathLike[str]) -> Amcl:
+    """The filter as a file of Nav2's parameters has it; what is not there has its default.
+
+    Warns of what the file sets and is not simulated.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, has no parameters of amcl, or a value is out of its range.
+    """
+    own = read_parameters(Path(path)).get("amcl")
+    given = own.get("ros__parameters") if isinstance(own, dict) else None
+    if not isinstance(given, dict):
+        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
+    known = {each.name for each in dataclasses.fields(Amcl)}
+    try:
+        amcl = Amcl(**{name: value for name, value in given.items() if name in known})
+    except LocplanError as error:
+        raise LocplanError(f"{path}: amcl: {error}") from None
+    left_out = [*_not_simulated(given), *sorted(set(given) - known - NO_MATTER)]
+    if left_out:
+        warnings.warn(f"{path}: not simulated: {', '.join(left_out)}", stacklevel=2)
+    return amcl
+
+
+def _not_simulated(given: Mapping[str, Any]) -> Iterator[str]:
+    """Of the parameters in `NO_MATTER` those that do matter as they are set."""
+    for name in ("recovery_alpha_slow", "recovery_alpha_fast"):
+        if given.get(name):
+            yield name
+    if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
+        yield "do_beamskip"
+    if given.get("robot_model_type", DIFFERENTIAL) != DIFFERENTIAL:
+        yield "robot_model_type"
+    least = given.get("laser_min_range", -1.0)
+    if isinstance(least, (int, float)) and least > 0:
+        yield "laser_min_range"

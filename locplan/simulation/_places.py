@@ -1,0 +1,210 @@
+"""Places of a map, and how badly a robot is localized there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.progress import ProgressCallback, parts
+from locplan.costs import Costmap
+from locplan.errors import ConfigError
+from locplan.field import FieldConfig
+from locplan.field._lattice import stride_cells, well_spaced
+from locplan.maps import OccupancyGrid
+from locplan.simulation._motion import approaches
+from locplan.simulation._settings import Amcl, Disturbances, check_whole
+from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
+
+APART = 1.0
+"""Least distance between places [m]."""
+PLACES = 100
+"""On each map."""
+DRIVES, SCANS = 16, 16
+"""To each place, and at each."""
+LENGTH = 10.0
+"""Of a drive to a place [m]."""
+LAST = 0.1
+"""The share of it, at its end, whose error counts."""
+
+ErrorKind = Literal["tracking", "match"]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places of a map and the errors there, as second moments of (x, y, heading).
+
+    "tracking" is that of the particle filter over the last metre of drives of 10 m that end at the
+    place, along shortest paths from all around (on a smaller map over the last tenth of drives as
+    long as there are); "match" that of the most likely pose of single scans. Without drives
+    or scans they are NaN.
+    """
+
+    grid: OccupancyGrid
+    points: NDArray[np.int64]
+    """(n, 2): rows and columns of the lattice of a field's default stride."""
+    tracking: NDArray[np.float64]
+    """(n, 3, 3), in the world [m, m, rad]."""
+    match: NDArray[np.float64]
+    """The same."""
+
+    @property
+    def xy(self) -> NDArray[np.float64]:
+        """Where they are, (n, 2) [m]."""
+        rows, cols = (_cells(self.grid, self.points) + 0.5).T
+        return np.column_stack(self.grid.grid_to_world(rows, cols))
+
+    def moments(self, kind: ErrorKind) -> NDArray[np.float64]:
+        """Second moments of one kind of error, (n, 3, 3)."""
+        return self.tracking if kind == "tracking" else self.match
+
+    def position_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
+        """Root mean square of the distance, (n,) [m]."""
+        return np.sqrt(self.moments(kind)[:, 0, 0] + self.moments(kind)[:, 1, 1])
+
+    def heading_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
+        """And of the heading, (n,) [rad]."""
+        return np.sqrt(self.moments(kind)[:, 2, 2])
+
+
+def choose_points(
+    grid: OccupancyGrid, count: int, *, robot_radius: float, seed: int
+) -> NDArray[np.int64]:
+    """Lattice points at random where a robot can stand, at least 1 m apart.
+
+    Of the largest part of the map that holds together for a robot of this radius.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    count : int
+        How many at most; as many as there are.
+    robot_radius : float
+        [m]
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    (n, 2) array of int
+        Rows and columns of the lattice of a field's default stride.
+
+    Raises
+    ------
+    ConfigError
+        If there are fewer than two.
+    """
+    import cv2
+
+    check_whole("places", count, 2)
+    wide = grid.free & (grid.clearance >= robot_radius)
+    _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)
+    if len(about) < 2:
+        raise ConfigError(f"{grid.name or 'the map'}: has no cell where the robot fits")
+    largest = 1 + int(np.argmax(about[1:, cv2.CC_STAT_AREA]))
+    stride = _stride(grid)
+    points = np.argwhere(labels[::stride, ::stride] == largest).reshape(-1, 2)
+    priority = random_of(seed, POINTS).random(len(points))
+    spacing = APART / (stride * grid.resolution)
+    chosen = well_spaced(points.astype(float), priority, spacing)[:count]
+    if len(chosen) < 2:
+        raise ConfigError(f"{grid.name or 'the map'}: is too small for two places 1 m apart")
+    return points[chosen]
+
+
+def measure(
+    simulator: Simulator,
+    points: NDArray[np.int64],
+    *,
+    robot_radius: float,
+    drives: int = DRIVES,
+    scans: int = SCANS,
+    progress: ProgressCallback | None = None,
+) -> Places:
+    """Drive to each place, and match scans there.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Of the map.
+    points : (n, 2) array of int
+        As `choose_points` has them.
+    robot_radius : float
+        Of where drives may go [m].
+    drives, scans : int
+        To and at each; 0 leaves them out.
+    progress : callable, optional
+        Called with (done, total) drives and places.
+
+    Returns
+    -------
+    Places
+    """
+    grid = simulator.grid
+    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    random = random_of(simulator.seed, APPROACH)
+    callbacks = parts(progress, [drives * len(points), len(points)])
+    tracking = matching = np.full((len(points), 1, 3), np.nan)
+    if drives:
+        lines = [
+            line
+            for row, col in _cells(grid, points)
+            for line in approaches(costs, (int(row), int(col)), drives, LENGTH, random)
+        ]
+        errors = simulator.drive(lines, progress=callbacks[0])
+        last = errors[:, -round(LAST * errors.shape[1]) :]
+        tracking = last.reshape(len(points), -1, 3)
+    if scans:
+        matching = simulator.match(_cells(grid, points), scans, progress=callbacks[1])
+    return Places(grid, points, _moments(tracking), _moments(matching))
+
+
+def places_of(
+    grids: Sequence[OccupancyGrid],
+    *,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    places: int = PLACES,
+    drives: int = DRIVES,
+    scans: int = SCANS,
+    robot_radius: float = 0.25,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> list[Places]:
+    """Choose places on each map, and measure there; see `locplan.simulation.evaluate`."""
+    if not grids:
+        raise ConfigError("there must be at least one map")
+    for name, value in (("drives", drives), ("scans", scans)):
+        check_whole(name, value, 0)
+    chosen = [choose_points(grid, places, robot_radius=robot_radius, seed=seed) for grid in grids]
+    callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
+    return [
+        measure(
+            Simulator(grid, amcl, disturbances, seed=seed, threads=threads),
+            points,
+            robot_radius=robot_radius,
+            drives=drives,
+            scans=scans,
+            progress=part,
+        )
+        for grid, points, part in zip(grids, chosen, callbacks, strict=True)
+    ]
+
+
+def _stride(grid: OccupancyGrid) -> int:
+    return stride_cells(FieldConfig(), grid.resolution)
+
+
+def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row and column of lattice points."""
+    return points * _stride(grid)
+
+
+def _moments(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean outer product of errors (n, k, 3), (n, 3, 3)."""
+    return np.einsum("nki,nkj->nij", errors, errors) / errors.shape[1]

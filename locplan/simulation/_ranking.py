@@ -1,0 +1,132 @@
+"""How well predictors rank places by their error: Spearman's coefficient and AUC."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.intervals import Interval
+
+Array = NDArray[np.float64]
+WORST = 0.2
+"""The share of the places that AUC has to find."""
+RESAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Rank:
+    """How well one predictor ranks.
+
+    Intervals are percentiles of a bootstrap: of the places or, of several maps, of the maps and
+    then of the places in each. They hold for more places like these.
+    """
+
+    spearman: Interval
+    """Over all places together."""
+    within: Interval
+    """Mean over the maps of that within each."""
+    auc: Interval
+    """Probability that of a place among the worst 20 % and one of the others the former ranks
+    higher, over all places together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resamples:
+    """How often each place is drawn in each of `RESAMPLES` bootstraps."""
+
+    places: Sequence[Array]
+    """Of each map by itself, (RESAMPLES, n)."""
+    maps: Array
+    """How often each map is drawn, (RESAMPLES, maps)."""
+
+    @classmethod
+    def of(cls, counts: Sequence[int], seed: int = 0) -> Resamples:
+        """Of maps with so many places."""
+        random = np.random.default_rng(seed)
+        places = [_draws(random, count) for count in counts]
+        maps = _draws(random, len(counts)) if len(counts) > 1 else np.ones((RESAMPLES, 1))
+        return cls(places, maps)
+
+
+def rank(values: Sequence[Array], errors: Sequence[Array], drawn: Resamples) -> Rank:
+    """How well values rank errors.
+
+    Parameters
+    ----------
+    values, errors : sequence of (n,) arrays
+        One of each a map; greater values shall mean greater errors. What is the same everywhere
+        ranks nothing: 0.
+    drawn : Resamples
+        Of as many maps and places.
+    """
+    every, every_error = np.concatenate(values), np.concatenate(errors)
+    weights = np.concatenate(
+        [own * drawn.maps[:, m, None] for m, own in enumerate(drawn.places)], axis=1
+    )
+    within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
+    within_drawn = np.stack(
+        [_spearmans(v, e, w) for v, e, w in zip(values, errors, drawn.places, strict=True)], axis=1
+    )
+    means = (within_drawn * drawn.maps).sum(axis=1) / drawn.maps.sum(axis=1)
+    return Rank(
+        _interval(spearman(every, every_error), _spearmans(every, every_error, weights)),
+        _interval(float(within.mean()), means),
+        _interval(auc(every, every_error), _aucs(every, every_error, weights)),
+    )
+
+
+def spearman(values: Array, errors: Array) -> float:
+    """Spearman's rank correlation, 0 if either is constant."""
+    return float(_spearmans(values, errors, np.ones((1, len(values))))[0])
+
+
+def auc(values: Array, errors: Array) -> float:
+    """Area under the ROC curve of finding the worst errors, by Mann and Whitney; ties count half.
+
+    Examples
+    --------
+    >>> errors = np.array([0.1, 0.2, 0.3, 0.4, 5.0])
+    >>> auc(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), errors), auc(np.ones(5), errors)
+    (1.0, 0.5)
+    """
+    return float(_aucs(values, errors, np.ones((1, len(values))))[0])
+
+
+def _ranks(values: Array, weights: Array) -> Array:
+    """Mean ranks (m, n) of values of which each is there so often as `weights` (m, n) say."""
+    _, group = np.unique(values, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    sizes = np.add.reduceat(weights[:, order], starts, axis=1)
+    return (np.cumsum(sizes, axis=1) - (sizes - 1) / 2)[:, group]
+
+
+def _spearmans(values: Array, errors: Array, weights: Array) -> Array:
+    """For each row of weights (m, n)."""
+    total = weights.sum(axis=1, keepdims=True)
+    a, b = (_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
+    size = np.sqrt((weights * a * a).sum(axis=1) * (weights * b * b).sum(axis=1))
+    return np.divide((weights * a * b).sum(axis=1), size, out=np.zeros(len(a)), where=size > 0)
+
+
+def _aucs(values: Array, errors: Array, weights: Array) -> Array:
+    """For each row of weights (m, n); what counts as bad is the same in all."""
+    bad = errors >= np.quantile(errors, 1 - WORST, method="higher")
+    ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
+    count, others = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
+    pairs = count * others
+    above = ranks - count * (count + 1) / 2
+    return np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0)
+
+
+def _draws(random: np.random.Generator, count: int) -> Array:
+    """How often each of `count` is drawn, (RESAMPLES, count)."""
+    return random.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
+
+
+def _interval(value: float, spread: Array) -> Interval:
+    low, high = np.quantile(spread, (0.025, 0.975)).tolist()
+    return Interval(value, low, high)

@@ -1,0 +1,290 @@
+"""What simulations, evaluations and calibrations say: tables for people, and files."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan import __version__
+from locplan._util.files import make_folder, replacing
+from locplan._util.intervals import Interval
+from locplan._util.tables import table
+from locplan.field import save_config
+from locplan.simulation._calibration import Calibration
+from locplan.simulation._drives import PROFILE, contrasts
+from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
+from locplan.simulation._predictors import CLEARANCE, Predictor
+from locplan.simulation._routes import COLUMNS, Routes, Simulation
+
+FEW_PLACES = 20
+"""Below, nothing is said of predictors."""
+
+
+def simulation_table(simulation: Simulation) -> str:
+    """The errors along each path, side by side."""
+    drives, ratios = simulation.drives, contrasts(simulation.drives)
+    rows = [
+        ["length", *(f"{each.distance[-1]:.2f} m" for each in drives.values())],
+        ["position RMSE", *(_formatted(each.rmse, "m") for each in drives.values())],
+        ["at the goal", *(_formatted(each.final_rmse, "m") for each in drives.values())],
+        [
+            "heading RMSE",
+            *(_formatted(_degrees(each.heading_rmse), "deg") for each in drives.values()),
+        ],
+        ["lost (> 1 m at any time)", *(_share(each.lost_rate) for each in drives.values())],
+    ]
+    if ratios:
+        rows.append([f"RMSE over {next(iter(drives))}'s", "", *map(_formatted, ratios.values())])
+    count = len(next(iter(drives.values())).errors)
+    lidar = simulation.disturbances.sensor
+    return (
+        f"{table(['', *drives], rows)}\n{count} drives each, [95 % intervals]; lidar of"
+        f" {lidar.range:g} m, {lidar.field_of_view_deg:g} deg; AMCL of"
+        f" {simulation.amcl.min_particles}-{simulation.amcl.max_particles} particles"
+    )
+
+
+def routes_table(every: Sequence[Routes]) -> str:
+    """Both paths of many queries, a map a row."""
+    rows = [
+        [
+            routes.grid.name,
+            f"{100 * (routes.length_ratio.value - 1):+.1f} %",
+            f"{routes.rmse[0]:.2f} m",
+            _short(routes.rmse_ratio),
+            f"{routes.lost[0]:.0%} -> {routes.lost[1]:.0%}",
+            routes.verdict,
+        ]
+        for routes in every
+    ]
+    columns = ["map", "length", "RMSE", "RMSE ratio", "lost", "aware paths"]
+    counts = sorted({len(routes.routes) for routes in every})
+    queries = " to ".join(str(count) for count in {counts[0]: 0, counts[-1]: 0})
+    return (
+        f"{table(columns, rows)}\naware path over shortest, of {queries} queries: geometric means"
+        " [95 %]; RMSE that of the shortest"
+    )
+
+
+def evaluation_table(evaluation: Evaluation) -> str:
+    """How well each predictor ranks places, and how large the errors were."""
+    several = len(evaluation.places) > 1
+    columns = ["predictor", "correlation", *(["in a map"] if several else []), "AUC"]
+    parts = []
+    for kind in KINDS:
+        rows = []
+        for predictor in evaluation.predictions[0]:
+            found = evaluation.ranks[predictor, kind]
+            within = [f"{found.within.value:.2f}"] if several else []
+            name = f"{predictor}{' *' if predictor.of_heading else ''}"
+            rows.append([name, _short(found.spearman), *within, _short(found.auc)])
+        parts += [f"{KIND_LABELS[kind]}:", table(columns, rows)]
+    parts += [
+        "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
+        "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
+        *_verdicts(evaluation),
+        table(
+            ["map", "places", *(f"{kind} RMSE, 10/50/90 %" for kind in KINDS)], _sizes(evaluation)
+        ),
+    ]
+    return "\n".join(parts)
+
+
+def _verdicts(evaluation: Evaluation) -> list[str]:
+    """Of each error, whether e ranks it better than chance, and what ranks it best."""
+    count = sum(len(each.points) for each in evaluation.places)
+    if count < FEW_PLACES:
+        return [f"{count} places are too few to tell: take at least {FEW_PLACES}"]
+    lines = []
+    for kind in KINDS:
+        default, simple = Predictor("sad", "e"), Predictor(CLEARANCE, "")
+        found = evaluation.ranks[default, kind].spearman
+        said = "better than chance" if found.low > 0 else "no better than chance"
+        if found.high < 0:
+            said = "WRONG WAY ROUND"
+        chosen, value = best(evaluation, kind)
+        other = evaluation.ranks[simple, kind].spearman.value
+        lines.append(
+            f"{kind}: the default field's e {_plain(found.value)}, {said};"
+            f" best {chosen} {_plain(value.value)}; {simple} {_plain(other)}"
+        )
+    return lines
+
+
+def _sizes(evaluation: Evaluation) -> list[list[str]]:
+    """Of each map, how large the errors were [m]."""
+    return [
+        [
+            places.grid.name,
+            str(len(places.points)),
+            *(" / ".join(f"{v:.2f}" for v in evaluation.quantiles(n, k)) + " m" for k in KINDS),
+        ]
+        for n, places in enumerate(evaluation.places)
+    ]
+
+
+def calibration_table(calibration: Calibration) -> str:
+    """What was fitted, and how well it fits."""
+    rows = [
+        ["maps", ", ".join(calibration.maps)],
+        ["places", str(len(calibration.measured))],
+        ["error", f"{calibration.error}, RMSE of the position"],
+        ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*calibration.noise_level)],
+    ]
+    if calibration.fitted_tau:
+        rows.append(["tau", f"{calibration.config.mismatch_scale:.3g} m²"])
+    rows += [
+        [
+            "typically off by a factor",
+            f"{calibration.factor:.2f}; as it was {calibration.factor_before:.2f}",
+        ],
+        ["within a factor 2", f"{calibration.within_two:.0%} of the places"],
+        [
+            "variance of ln error explained",
+            f"{calibration.r_squared:.0%}" if calibration.useful else "none",
+        ],
+        ["rank correlation", f"{calibration.spearman:.2f}"],
+        ["consistency, 1 if Σ fits", f"{calibration.consistency:.2f}"],
+        ["errors below the steps' own, Q", f"{calibration.floor_share:.0%} of the places"],
+    ]
+    verdict = (
+        "Σ follows the errors, within the factor above"
+        if calibration.useful
+        else "NOT IN METRES: Σ follows these errors less than one value for all places would"
+    )
+    return f"{table([], rows)}\n{verdict}"
+
+
+def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
+    """Write simulation.json, simulation.png, and errors.csv with the error along each path.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan.plotting import save_figure
+    from locplan.simulation import _figures
+
+    make_folder(folder)
+    files = [folder / name for name in ("simulation.png", "simulation.json", "errors.csv")]
+    save_figure(_figures.simulation_figure(simulation), files[0])
+    _write_json(files[1], simulation.summary())
+    rows = ([name, *row] for name, each in simulation.drives.items() for row in each.profile())
+    _write_rows(files[2], ["path", *PROFILE], rows)
+    return files
+
+
+def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
+    """Write queries.json, queries.csv, and a picture of each map.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan.plotting import save_figure
+    from locplan.simulation import _figures
+
+    make_folder(folder)
+    _write_json(folder / "queries.json", routes_summary(every))
+    table_file = folder / "queries.csv"
+    rows = ([routes.grid.name, *row] for routes in every for row in routes.rows())
+    _write_rows(table_file, ["map", *COLUMNS], rows)
+    written = [folder / "queries.json", table_file]
+    for number, routes in enumerate(every, 1):
+        file = folder / f"{number:02}-{_file_name(routes.grid.name or 'map')}.png"
+        save_figure(_figures.queries_figure(routes), file)
+        written.append(file)
+    return written
+
+
+def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
+    """Write evaluation.json, evaluation.png, and places.csv with a place a row.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan.plotting import save_figure
+    from locplan.simulation import _figures
+
+    make_folder(folder)
+    files = [folder / f"evaluation{suffix}" for suffix in (".png", ".json")]
+    save_figure(_figures.evaluation_figure(evaluation), files[0])
+    _write_json(files[1], evaluation.summary())
+    rows = folder / "places.csv"
+    each = ([name, *row] for name, values in evaluation.rows() for row in values)
+    _write_rows(rows, ["map", *evaluation.columns], each)
+    return [*files, rows]
+
+
+def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
+    """Write the calibrated settings as `locplan.save_config` does, and a picture beside them.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be written.
+    """
+    from locplan.plotting import save_figure
+    from locplan.simulation import _figures
+
+    save_config(target, calibration.config, calibration=calibration.summary())
+    picture = target.with_suffix(".png")
+    save_figure(_figures.calibration_figure(calibration), picture)
+    return [target, picture]
+
+
+def routes_summary(every: Sequence[Routes]) -> dict[str, Any]:
+    """All maps' queries, fit for JSON."""
+    return {"maps": [routes.summary() for routes in every]}
+
+
+def _write_json(file: Path, about: Mapping[str, Any]) -> None:
+    with replacing(file) as temporary:
+        text = json.dumps({"locplan": __version__, **about}, indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def _write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Rows of names and numbers, whole or not at all."""
+    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(
+            [value if isinstance(value, str) else f"{value:.9g}" for value in row] for row in rows
+        )
+
+
+def _file_name(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+
+
+def _degrees(interval: Interval) -> Interval:
+    return Interval(*np.degrees(interval).tolist())
+
+
+def _share(interval: Interval) -> str:
+    return f"{interval.value:.0%} [{interval.low:.0%}, {interval.high:.0%}]"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.2f}".replace("0.", ".", 1)
+
+
+def _short(interval: Interval) -> str:
+    value, low, high = map(_plain, interval)
+    return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
+
+
+def _formatted(interval: Interval, unit: str = "") -> str:
+    value, low, high = interval
+    ends = "" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]"
+    return f"{value:.2f}{' ' * bool(unit)}{unit}{ends}"

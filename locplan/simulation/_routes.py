@@ -1,0 +1,333 @@
+"""Simulated drives along the shortest and the aware path, of one query or of many."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._util.intervals import Interval, of_geometric_mean, of_mean
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.tables import finite
+from locplan.costs import Costmap, Path, about_costs
+from locplan.errors import ConfigError, LocplanError
+from locplan.maps import OccupancyGrid
+from locplan.planners import Query, plan_beside_shortest
+from locplan.simulation._drives import Drives, contrasts
+from locplan.simulation._motion import poses_along
+from locplan.simulation._settings import Amcl, Disturbances, check_whole
+from locplan.simulation._simulator import Simulator
+
+DRIVES = 100
+"""Along each path."""
+SHORTEST, AWARE = "shortest", "localizability-aware"
+"""The names of `locplan.planners.plan_beside_shortest`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Drives along some paths on one map."""
+
+    grid: OccupancyGrid
+    paths: Mapping[str, Path]
+    """By name; others are compared with the first."""
+    drives: Mapping[str, Drives]
+    """As many of each, the n-th of all in the same world with the same seed."""
+    amcl: Amcl
+    disturbances: Disturbances
+    seed: int
+    made_of: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """What the paths were planned on, fit for JSON."""
+
+    def summary(self) -> dict[str, Any]:
+        """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
+        about: dict[str, Any] = {
+            **(self.made_of or {"map": {"name": self.grid.name, "digest": self.grid.digest}}),
+            "paths": {name: each.summary() for name, each in self.drives.items()},
+            "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
+            "seed": self.seed,
+            "amcl": dataclasses.asdict(self.amcl),
+            "disturbances": dataclasses.asdict(self.disturbances),
+        }
+        return finite(about)
+
+
+def simulate(
+    grid: OccupancyGrid,
+    paths: Mapping[str, Path | ArrayLike],
+    *,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    drives: int = DRIVES,
+    seed: int = 1,
+    threads: int | None = None,
+    made_of: Mapping[str, Any] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Simulation:
+    """Drive some paths of one map with a particle filter.
+
+    The robot follows the path exactly, whatever the filter thinks.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : mapping of str to Path, or to (n, 2) array
+        By name, each within the free cells; the others are compared with the first. Arrays are
+        positions in the world [m].
+    amcl, disturbances : optional
+        The filter, and what it is up against.
+    drives : int
+        Along each path, at least 2.
+    seed : int
+        Of all random numbers; the same gives the same result, on any number of threads.
+    threads : int, optional
+        All cores by default.
+    made_of : mapping, optional
+        What the paths were planned on, for the result's summary.
+    progress : callable, optional
+        Called with (done, total) drives.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    LocplanError
+        If there is no path, one leaves the free cells, or a number is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> straight = Path(np.array([[2.0, 3.0], [6.0, 3.0]]))
+    >>> result = simulate(grid, {"straight": straight}, drives=4)
+    >>> result.drives["straight"].lost_rate.value
+    0.0
+    """
+    check_whole("drives", drives, 2)
+    if not paths:
+        raise ConfigError("there must be at least one path to drive")
+    simulator = Simulator(grid, amcl, disturbances, seed=seed, threads=threads)
+    routes = {
+        name: path if isinstance(path, Path) else Path(np.asarray(path))
+        for name, path in paths.items()
+    }
+    driven = _driven(simulator, routes, drives, 0, progress)
+    return Simulation(
+        grid, routes, driven, simulator.amcl, simulator.disturbances, seed, dict(made_of or {})
+    )
+
+
+def _driven(
+    simulator: Simulator,
+    paths: Mapping[str, Path],
+    drives: int,
+    stream: int,
+    progress: ProgressCallback | None,
+) -> dict[str, Drives]:
+    """Drives of each path, the n-th of all with the same random numbers."""
+    lines = {}
+    for name, path in paths.items():
+        try:
+            lines[name] = poses_along(path, simulator.grid)
+        except LocplanError as error:
+            raise LocplanError(f"path {name}: {error}") from None
+    callbacks = parts(progress, [drives] * len(lines))
+    return {
+        name: simulator.drive_along(poses, drives, stream=stream, progress=part)
+        for (name, poses), part in zip(lines.items(), callbacks, strict=True)
+    }
+
+
+def planned(costs: Costmap, query: Query) -> dict[str, Path]:
+    """The shortest and the aware path of any-angle; nothing if there is no path."""
+    plans = plan_beside_shortest(costs, query.start, query.goal, planner="any-angle")
+    return {name: plan.path for name, plan in plans.items() if plan.path is not None}
+
+
+@dataclass(frozen=True)
+class Route:
+    """Both paths of one query, driven."""
+
+    query: Query
+    lengths: tuple[float, float]
+    """Of the shortest and of the aware path [m]."""
+    rmse: tuple[float, float]
+    """Of the position along each [m]."""
+    lost: tuple[float, float]
+    """Share of the drives of each that were lost at any time."""
+    summary: Mapping[str, Any]
+    """Of each path's drives, fit for JSON."""
+
+
+COLUMNS = (
+    "query",
+    "start_x_m",
+    "start_y_m",
+    "goal_x_m",
+    "goal_y_m",
+    "length_shortest_m",
+    "length_aware_m",
+    "rmse_shortest_m",
+    "rmse_aware_m",
+    "lost_shortest",
+    "lost_aware",
+)
+"""Of `Routes.rows`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Routes:
+    """Both paths of many queries on one map, driven. Queries are the samples of all intervals."""
+
+    grid: OccupancyGrid
+    routes: Sequence[Route]
+    about: Mapping[str, Any]
+    """Of the costs, the filter and the worlds, fit for JSON."""
+
+    @property
+    def length_ratio(self) -> Interval:
+        """Length of the aware over that of the shortest path: geometric mean over the queries."""
+        return of_geometric_mean(
+            np.array([each.lengths[1] / each.lengths[0] for each in self.routes])
+        )
+
+    @property
+    def rmse_ratio(self) -> Interval:
+        """The same of the RMSE of the position."""
+        return of_geometric_mean(np.array([each.rmse[1] / each.rmse[0] for each in self.routes]))
+
+    @property
+    def rmse(self) -> tuple[float, float]:
+        """Of the shortest and of the aware paths: geometric means over the queries [m]."""
+        shortest, aware = np.exp(np.log([each.rmse for each in self.routes]).mean(axis=0)).tolist()
+        return shortest, aware
+
+    @property
+    def lost(self) -> tuple[float, float]:
+        """Share of the drives of the shortest and of the aware paths that were lost."""
+        shortest, aware = np.mean([each.lost for each in self.routes], axis=0).tolist()
+        return shortest, aware
+
+    @property
+    def lost_difference(self) -> Interval:
+        """The latter less the former: mean over the queries."""
+        return of_mean(np.array([each.lost[1] - each.lost[0] for each in self.routes]))
+
+    @property
+    def verdict(self) -> str:
+        """Whether the RMSE along the aware paths is lower, by its 95 % interval."""
+        ratio = self.rmse_ratio
+        if math.isnan(ratio.low):
+            return "too few queries"
+        if ratio.high < 1:
+            return "helps"
+        return "harms" if ratio.low > 1 else "unclear"
+
+    def rows(self) -> list[list[Any]]:
+        """A row for each query, by the names of `COLUMNS`."""
+        return [
+            [
+                each.query.name,
+                *each.query.start[:2],
+                *each.query.goal[:2],
+                *each.lengths,
+                *each.rmse,
+                *each.lost,
+            ]
+            for each in self.routes
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """In numbers, fit for JSON; pairs are of the shortest and of the aware path."""
+        about: dict[str, Any] = {
+            **self.about,
+            "verdict": self.verdict,
+            "length_ratio": list(self.length_ratio),
+            "rmse_ratio": list(self.rmse_ratio),
+            "rmse_m": list(self.rmse),
+            "lost": list(self.lost),
+            "lost_difference": list(self.lost_difference),
+            "queries": [
+                {
+                    "name": each.query.name,
+                    "start": list(each.query.start),
+                    "goal": list(each.query.goal),
+                    **each.summary,
+                }
+                for each in self.routes
+            ],
+        }
+        return finite(about)
+
+
+def simulate_queries(
+    costs: Costmap,
+    queries: Sequence[Query],
+    *,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    drives: int = DRIVES,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Routes:
+    """Drive the shortest and the aware path of each query.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Of a field, with the weight of the aware paths; the planner is any-angle.
+    queries : sequence of Query
+        Those without a path are left out.
+    amcl, disturbances, drives, seed, threads, progress
+        As for `simulate`.
+
+    Returns
+    -------
+    Routes
+
+    Raises
+    ------
+    LocplanError
+        If no query has a path, or a number is out of its range.
+    """
+    check_whole("drives", drives, 2)
+    simulator = Simulator(costs.grid, amcl, disturbances, seed=seed, threads=threads)
+    ways = {query: planned(costs, query) for query in queries}
+    found = {query: paths for query, paths in ways.items() if len(paths) == 2}
+    if not found:
+        raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
+    callbacks = parts(progress, [2 * drives] * len(found))
+    routes = [
+        _route(query, _driven(simulator, paths, drives, n, part))
+        for n, ((query, paths), part) in enumerate(zip(found.items(), callbacks, strict=True))
+    ]
+    about = {
+        **about_costs(costs),
+        "drives": drives,
+        "seed": seed,
+        "amcl": dataclasses.asdict(simulator.amcl),
+        "disturbances": dataclasses.asdict(simulator.disturbances),
+    }
+    return Routes(costs.grid, routes, about)
+
+
+def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
+    shortest, aware = drives[SHORTEST], drives[AWARE]
+    ratio = contrasts({SHORTEST: shortest, AWARE: aware})[AWARE]
+    summary = {name: each.summary() for name, each in drives.items()}
+    return Route(
+        query,
+        (float(shortest.distance[-1]), float(aware.distance[-1])),
+        (shortest.rmse.value, aware.rmse.value),
+        (shortest.lost_rate.value, aware.lost_rate.value),
+        {"paths": summary, "rmse_ratio": list(ratio)},
+    )

@@ -1,0 +1,217 @@
+"""What is simulated: the filter as AMCL is configured, and what it is up against."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from typing import Any, Literal
+
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+
+MODELS = ("likelihood_field", "likelihood_field_prob")
+MIN_BEAMS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Amcl:
+    """Parameters of Nav2's AMCL, by its names and with its defaults.
+
+    Those of its differential motion model and its likelihood fields; `recovery_alpha_fast` and
+    `_slow` are 0 as there: no particles at random. Unlike here, Nav2 reads its likelihood field
+    half a cell aside, and takes no account of a map's yaw.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Amcl(min_particles=500, max_particles=500).max_beams
+    60
+    """
+
+    alpha1: float = 0.2
+    """Variance that a turn adds to turns, by its square [1]."""
+    alpha2: float = 0.2
+    """Variance that driving adds to turns, by the square of each update's way [rad^2 / m^2]."""
+    alpha3: float = 0.2
+    """Variance that driving adds to the way, by its square [1]."""
+    alpha4: float = 0.2
+    """Variance that a turn adds to the way, by its square [m^2 / rad^2]."""
+    laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = "likelihood_field"
+    """How beams combine: 1 plus the sum of their cubes, or their product."""
+    laser_likelihood_max_dist: float = 2.0
+    """Beyond, all distances from a wall are this [m]."""
+    laser_max_range: float = 100.0
+    """Longer beams say nothing, as those without a return [m]; 0 or less is the sensor's own."""
+    max_beams: int = 60
+    """About so many of a scan's beams, evenly spaced, are compared."""
+    max_particles: int = 2000
+    """Equal to `min_particles`: always so many."""
+    min_particles: int = 500
+    """KLD sampling takes at least so many."""
+    pf_err: float = 0.05
+    """KLD sampling's greatest error: less takes more particles."""
+    pf_z: float = 0.99
+    """Its quantile of the normal distribution, as AMCL takes it: not the probability."""
+    resample_interval: int = 1
+    """Of updates."""
+    sigma_hit: float = 0.2
+    """Standard deviation of the distance of a beam's end from a wall [m]."""
+    update_min_a: float = 0.2
+    """Turn before an update [rad]."""
+    update_min_d: float = 0.25
+    """Way along x or y before an update [m]."""
+    z_hit: float = 0.5
+    """Weight of beams that end at a wall."""
+    z_rand: float = 0.5
+    """Weight of beams that end anywhere."""
+
+    def __post_init__(self) -> None:
+        if self.laser_model_type not in MODELS:
+            raise ConfigError(
+                f"laser_model_type must be one of {', '.join(MODELS)},"
+                f" not {self.laser_model_type!r}"
+            )
+        for name in ("laser_likelihood_max_dist", "sigma_hit", "pf_err", "pf_z"):
+            _keep_positive(self, name)
+        for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
+            _keep(self, name, 0.0, math.inf)
+        _keep(self, "laser_max_range", -math.inf, math.inf)
+        for name in ("update_min_a", "update_min_d"):
+            _keep(self, name, 0.0, math.inf)
+        for name in ("z_hit", "z_rand"):
+            _keep(self, name, 0.0, 1.0)
+        for name in ("resample_interval", "min_particles", "max_particles"):
+            _keep_whole(self, name, 1)
+        _keep_whole(self, "max_beams", MIN_BEAMS)
+        if self.min_particles > self.max_particles:
+            raise ConfigError(
+                f"min_particles ({self.min_particles}) must not exceed max_particles"
+                f" ({self.max_particles})"
+            )
+        if self.z_hit + self.z_rand == 0:
+            raise ConfigError("one of z_hit and z_rand must be above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disturbances:
+    """What a filter is up against: the lidar, the wheels, and a world that is not quite the map.
+
+    The defaults were set before anything was measured with them: a lidar of 6 m as the field's
+    default disc, and odometry of a small robot indoors.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Disturbances(boundary_noise=0.0).sensor.range
+    6.0
+    """
+
+    sensor: Lidar = field(default_factory=lambda: Lidar(range=6.0, range_sigma=0.025))
+    """The lidar: range, beams, field of view, noise and mount."""
+    boundary_noise: float = 0.1
+    """Share of the cells between free space and walls in which the world differs from the map."""
+    worlds: int = 8
+    """How many such worlds there are; drives take them in turn."""
+    outliers: float = 0.04
+    """Share of the beams that end anywhere within the range."""
+    occlusion: float = 0.2
+    """Share of the scans in which something stands in view of the lidar, 0.5 to 2 m away."""
+    occlusion_deg: float = 20.0
+    """How much of the view it takes [deg]."""
+    distance_drift: float = 0.02
+    """Of odometry: standard deviation after a metre, growing with the root of the way [m]."""
+    heading_drift_deg: float = 1.0
+    """The same of the heading [deg]."""
+    turn_drift_deg: float = 1.0
+    """And of the heading after a turn of 1 rad, growing with the root of the turn [deg]."""
+    distance_bias: float = 0.02
+    """Standard deviation, from drive to drive, of the factor on distances."""
+    heading_bias_deg: float = 1.0
+    """The same of a bend to one side [deg/m]."""
+    turn_bias: float = 0.02
+    """The same of the factor on turns."""
+    start_sigma: float = 0.1
+    """How well the filter knows where it begins: standard deviation in x and y [m]."""
+    start_sigma_deg: float = 3.0
+    """And in heading [deg]."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.sensor, Mapping):
+            object.__setattr__(self, "sensor", Lidar(**self.sensor))
+        if not isinstance(self.sensor, Lidar):
+            raise ConfigError(f"sensor must be a Lidar, not {self.sensor!r}")
+        for name in ("boundary_noise", "outliers", "occlusion"):
+            _keep(self, name, 0.0, 1.0)
+        _keep_whole(self, "worlds", 1)
+        _keep(self, "occlusion_deg", 0.0, 360.0)
+        others = {"sensor", "boundary_noise", "outliers", "occlusion", "occlusion_deg", "worlds"}
+        for each in dataclasses.fields(self):
+            if each.name not in others:
+                _keep(self, each.name, 0.0, math.inf)
+
+
+def changed(
+    amcl: Amcl, disturbances: Disturbances, changes: Mapping[str, Any]
+) -> tuple[Amcl, Disturbances]:
+    """Both with some of their fields changed, by name.
+
+    Raises
+    ------
+    ConfigError
+        If neither has such a field, or a value is out of its range.
+    """
+    ours = {each.name for each in dataclasses.fields(amcl)}
+    theirs = {each.name for each in dataclasses.fields(disturbances)} - {"sensor"}
+    for name in changes:
+        if name not in ours | theirs:
+            raise ConfigError(
+                f"nothing simulated is called {name!r}; there are"
+                f" {', '.join(sorted(ours | theirs))}"
+            )
+    return (
+        dataclasses.replace(amcl, **{k: v for k, v in changes.items() if k in ours}),
+        dataclasses.replace(disturbances, **{k: v for k, v in changes.items() if k in theirs}),
+    )
+
+
+def _number(owner: Any, name: str) -> float:
+    value = getattr(owner, name)
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        raise ConfigError(f"{name} must be a number, not {value!r}")
+    return float(value)
+
+
+def _keep(owner: Any, name: str, low: float, high: float) -> None:
+    value = _number(owner, name)
+    if not low <= value <= high:
+        limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+        raise ConfigError(f"{name} must be {limits}, not {value:g}")
+    object.__setattr__(owner, name, value)
+
+
+def _keep_positive(owner: Any, name: str) -> None:
+    if not _number(owner, name) > 0:
+        raise ConfigError(f"{name} must be positive, not {getattr(owner, name)!r}")
+    object.__setattr__(owner, name, _number(owner, name))
+
+
+def _keep_whole(owner: Any, name: str, least: int) -> None:
+    check_whole(name, getattr(owner, name), least)
+    object.__setattr__(owner, name, int(getattr(owner, name)))
+
+
+def check_whole(name: str, value: Any, least: int) -> None:
+    """Raise a ConfigError unless a value is a whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise ConfigError(f"{name} must be a whole number of at least {least}, not {value!r}")

@@ -1,0 +1,245 @@
+"""A map, worlds that differ from it, and robots in them: drives with a filter, and single scans."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.progress import ProgressCallback
+from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.maps.environments import with_boundary_noise
+from locplan.simulation._arguments import Arguments, arguments_of
+from locplan.simulation._drives import Drives
+from locplan.simulation._motion import Poses
+from locplan.simulation._settings import Amcl, Disturbances, check_whole
+
+MATCH_WINDOW = 2.0
+"""Half width of the window in which single scans are matched [m]."""
+MATCH_STEP = 0.05
+"""Spacing of its offsets [m], rounded to whole cells."""
+MATCH_ROTATIONS = 61
+"""Headings of the window, over 120 deg."""
+MATCH_SIGMA, MATCH_Z_RAND = 0.1, 0.05
+"""Of the likelihood field on which they are matched: sigma_hit [m] and z_rand."""
+
+
+DRIVE, MATCH, WORLD, POINTS, APPROACH = range(5)
+"""Streams of random numbers, see `random_of`."""
+
+
+class Simulator:
+    """Drives and scans on one map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map that the robot has. Worlds are made of it with `Disturbances.boundary_noise`.
+    amcl : Amcl, optional
+        The filter.
+    disturbances : Disturbances, optional
+        What it is up against.
+    seed : int
+        Of all random numbers. Drive n has the same ones whatever is driven beside it.
+    threads : int, optional
+        All cores by default. The results do not depend on it.
+
+    Raises
+    ------
+    ConfigError
+        If seed or threads are out of their range.
+    """
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        amcl: Amcl | None = None,
+        disturbances: Disturbances | None = None,
+        *,
+        seed: int = 1,
+        threads: int | None = None,
+    ) -> None:
+        check_whole("seed", seed, 0)
+        if threads is not None:
+            check_whole("threads", threads, 1)
+        self.grid, self.seed, self.threads = grid, seed, threads
+        self.amcl, self.disturbances = amcl or Amcl(), disturbances or Disturbances()
+
+    @cached_property
+    def worlds(self) -> list[NDArray[np.uint8]]:
+        """What rays meet in each world, as `locplan._kernels.rays.empty_squares`."""
+        from locplan._kernels.rays import empty_squares
+
+        noise = self.disturbances.boundary_noise
+        count = self.disturbances.worlds if noise else 1
+        return [
+            empty_squares(
+                with_boundary_noise(self.grid, noise, seed=self._world_seed(n)).cells == OCCUPIED
+            )
+            for n in range(count)
+        ]
+
+    def drive(
+        self,
+        lines: Sequence[Poses],
+        *,
+        stream: int = 0,
+        progress: ProgressCallback | None = None,
+    ) -> NDArray[np.float64]:
+        """Drive each line once, all with as many poses.
+
+        Parameters
+        ----------
+        lines : sequence of (n, 3) arrays
+            True poses in the world [m, m, rad]; the k-th is driven in the k-th world, and over
+            again.
+        stream : int
+            Of random numbers: those of another one are independent.
+        progress : callable, optional
+            Called with (done, total) drives.
+
+        Returns
+        -------
+        (lines, n, 3) array
+            The filter's pose less the true one, in the world [m, m, rad].
+        """
+        from locplan._kernels import drives as kernel
+
+        own = [self._on_grid(line) for line in lines]
+        errors = np.empty((len(own), *own[0].shape))
+
+        def run(n: int) -> None:
+            kernel.drive(
+                random_of(self.seed, DRIVE, stream, n),
+                own[n],
+                self.worlds[n % len(self.worlds)],
+                *self.arguments,
+                errors[n],
+            )
+
+        self._in_threads(run, len(own), progress)
+        return _turned(errors, self.grid.origin[2])
+
+    def drive_along(
+        self,
+        poses: Poses,
+        drives: int,
+        *,
+        stream: int = 0,
+        progress: ProgressCallback | None = None,
+    ) -> Drives:
+        """Drive one line so many times; see `drive`."""
+        return Drives(poses, self.drive([poses] * drives, stream=stream, progress=progress))
+
+    def match(
+        self,
+        cells: NDArray[np.int64],
+        scans: int,
+        *,
+        progress: ProgressCallback | None = None,
+    ) -> NDArray[np.float64]:
+        """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
+
+        Of each scan as many beams are compared as AMCL does, on a likelihood field of its own.
+
+        Parameters
+        ----------
+        cells : (n, 2) array
+            Row and column of each place; the robot stands and heads anywhere in the cell.
+        scans : int
+            How many at each.
+        progress : callable, optional
+            Called with (done, total) places.
+
+        Returns
+        -------
+        (n, scans, 3) array
+            The most likely pose less the true one, in the world [m, m, rad]. Offsets are whole
+            cells of about 0.05 m, and headings 2 deg apart.
+        """
+        from locplan._kernels.matches import match
+        from locplan._kernels.offsets import make_lattice
+        from locplan.field.estimators._scan import likelihood_field
+
+        resolution = self.grid.resolution
+        step = max(1, round(MATCH_STEP / resolution))
+        half_steps = round(MATCH_WINDOW / (step * resolution))
+        field = likelihood_field(
+            self.grid.cells,
+            resolution,
+            step,
+            half_steps,
+            sigma_hit=MATCH_SIGMA,
+            z_rand=MATCH_Z_RAND,
+        )
+        angles = np.linspace(-np.pi / 3, np.pi / 3, MATCH_ROTATIONS)
+        lattice = make_lattice(half_steps, angles)
+        errors = np.empty((len(cells), scans, 3))
+
+        def run(n: int) -> None:
+            random = random_of(self.seed, MATCH, n)
+            for scan in range(scans):
+                match(
+                    random,
+                    field,
+                    lattice,
+                    angles,
+                    self.worlds[scan % len(self.worlds)],
+                    resolution,
+                    int(cells[n, 0]),
+                    int(cells[n, 1]),
+                    self.arguments.lidar,
+                    self.arguments.disturbances,
+                    errors[n, scan : scan + 1],
+                )
+
+        self._in_threads(run, len(cells), progress)
+        errors[..., :2] *= resolution
+        return _turned(errors, self.grid.origin[2])
+
+    def _on_grid(self, poses: Poses) -> Poses:
+        """In the map's own axes [m, m, rad]."""
+        rows, cols = self.grid.world_to_grid(*poses[:, :2].T)
+        heading = poses[:, 2] - self.grid.origin[2]
+        return np.column_stack([cols * self.grid.resolution, rows * self.grid.resolution, heading])
+
+    def _world_seed(self, world: int) -> int:
+        return int(random_of(self.seed, WORLD, world).integers(2**63))
+
+    @cached_property
+    def arguments(self) -> Arguments:
+        """What the kernels take of the map, the filter and what it is up against."""
+        return arguments_of(self.grid, self.amcl, self.disturbances)
+
+    def _in_threads(
+        self, run: Callable[[int], None], count: int, progress: ProgressCallback | None
+    ) -> None:
+        _ = self.worlds, self.arguments  # made once, not by every thread
+        pool = ThreadPoolExecutor(self.threads or os.cpu_count())
+        try:
+            tasks = [pool.submit(run, n) for n in range(count)]
+            for done, task in enumerate(as_completed(tasks), 1):
+                task.result()
+                if progress:
+                    progress(done, count)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def random_of(seed: int, *stream: int) -> np.random.Generator:
+    """Random numbers that are independent of those of any other stream."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream))
+
+
+def _turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+    """From the map's own axes into the world's."""
+    if not yaw:
+        return errors
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    x, y = errors[..., 0], errors[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y, errors[..., 2]], axis=-1)
