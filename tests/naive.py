@@ -534,7 +534,7 @@ def joined_within(inside, start, reach):
         joined |= more
 
 
-def spread(inside, cells, reach):
+def cover(inside, cells, reach):
     """The (row, col), in their order, that are not joined within `reach` to one taken before."""
     taken = []
     for cell in cells:

@@ -150,8 +150,8 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
     for seed in range(12):
         pose = np.array([12.3, 13.7, 0.7 * seed])
         random = np.random.default_rng(seed)
-        lidar, disturbances = here.arguments.lidar, here.arguments.disturbances
-        measured.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
+        lidar, of_beams = here.arguments.lidar, here.arguments.disturbances
+        measured.measured_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
         expected = naive.measured_ends(
             np.random.default_rng(seed),
             grid.cells,

@@ -87,7 +87,7 @@ def test_spread_takes_what_the_plain_floods_leave(shape, reach):
         nodes = kernels.spread(
             np.pad(inside, 1).reshape(-1), shape[1] + 2, flat(cells, shape), reach
         )
-        assert unflat(nodes, shape) == naive.spread(inside, cells, reach)
+        assert unflat(nodes, shape) == naive.cover(inside, cells, reach)
 
 
 def test_spread_within_reach_of_all_takes_one_cell_in_each_piece():

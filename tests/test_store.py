@@ -23,9 +23,10 @@ QUICK = FieldConfig(sensor_range=0.6, window=0.4)
 
 CHILD = """
 import sys
-from locplan import load_map, store
-from locplan.config import FieldConfig
-from locplan.estimators import sad
+from locplan import load_map
+from locplan.field import FieldConfig
+from locplan.field import _store as store
+from locplan.field.estimators import _sad as sad
 
 calls, compute = [], sad.covariances
 def slowly(*, rows, **options):

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.lidar import Lidar
-from locplan._kernels.measured import Disturbances, measured_ends
+from locplan._kernels.measured import BeamDisturbances, measured_ends
 from locplan._kernels.particles import (
     BeamScores,
     Filter,
@@ -74,7 +74,7 @@ def drive(
     squares: NDArray[np.uint8],
     scores: BeamScores,
     lidar: Lidar,
-    disturbances: Disturbances,
+    disturbances: BeamDisturbances,
     odometry: Odometry,
     start: Start,
     settings: Filter,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from locplan._kernels.lidar import Lidar
 from locplan._kernels.likelihood import LikelihoodField
-from locplan._kernels.measured import Disturbances, measured_ends
+from locplan._kernels.measured import BeamDisturbances, measured_ends
 from locplan._kernels.offsets import NOWHERE, Lattice
 from locplan._kernels.posterior import score
 
@@ -40,7 +40,7 @@ def match(
     row: int,
     col: int,
     lidar: Lidar,
-    disturbances: Disturbances,
+    disturbances: BeamDisturbances,
     errors: NDArray[np.float64],
 ) -> None:
     """Match scans from a cell, and write how far the most likely pose is off, into (n, 3).

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from locplan._kernels.lidar import Lidar, lever, scan_ends
 
 
-class Disturbances(NamedTuple):
+class BeamDisturbances(NamedTuple):
     """What a scan shows beside the walls, which beams hit half way through a cell."""
 
     outliers: float  # share of the beams that end anywhere within the range
@@ -28,7 +28,7 @@ def measured_ends(
     resolution: float,
     pose: NDArray[np.float64],
     lidar: Lidar,
-    disturbances: Disturbances,
+    disturbances: BeamDisturbances,
     ends: NDArray[np.float64],
 ) -> None:
     """Where the beams seem to end, ahead and to the left of the robot [cells], into (beam, 2).
@@ -43,7 +43,7 @@ def measured_ends(
         The world and the sensor, as for `lidar.scan_ends`.
     pose : (3,) array
         Row, column [cells] and heading [rad] of the robot.
-    disturbances : Disturbances
+    disturbances : BeamDisturbances
         Beside the noise of `lidar.sigma`.
     ends : (beam, 2) array
         Filled.

@@ -23,7 +23,7 @@ class Arguments(NamedTuple):
     lidar: Any
     """`lidar.Lidar` with the beams that AMCL compares."""
     disturbances: Any
-    """`measured.Disturbances`."""
+    """`measured.BeamDisturbances`."""
     odometry: Any
     """`drives.Odometry`."""
     start: Any
@@ -36,7 +36,7 @@ def arguments_of(grid: OccupancyGrid, amcl: Amcl, disturbances: Disturbances) ->
     """Of a map, a filter and what it is up against."""
     from locplan._kernels.drives import Odometry, Start
     from locplan._kernels.lidar import Lidar
-    from locplan._kernels.measured import Disturbances
+    from locplan._kernels.measured import BeamDisturbances
     from locplan._kernels.particles import BeamScores, Filter
 
     sensor, most = disturbances.sensor, amcl.laser_max_range
@@ -58,7 +58,7 @@ def arguments_of(grid: OccupancyGrid, amcl: Amcl, disturbances: Disturbances) ->
             sigma=sensor.range_sigma,
             max_range=reach,
         ),
-        Disturbances(
+        BeamDisturbances(
             outliers=disturbances.outliers,
             occlusion=disturbances.occlusion,
             width=math.radians(disturbances.occlusion_deg),
