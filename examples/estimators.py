@@ -19,8 +19,8 @@ def main(folder: str = "estimators", *maps: str) -> None:
     lidar = locplan.Lidar(range=30.0)
     configs = {
         "sad, 6 m": locplan.FieldConfig(),
-        "fisher, 30 m": locplan.FieldConfig(estimator="fisher", sensor=lidar),
-        "scan, 30 m": locplan.FieldConfig(estimator="scan", sensor=lidar),
+        "fisher, 30 m": locplan.FieldConfig(locplan.Fisher(lidar)),
+        "scan, 30 m": locplan.FieldConfig(locplan.Scan(lidar)),
     }
     rows = []
     for grid in grids:

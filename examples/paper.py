@@ -17,9 +17,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import locplan
-from locplan import FieldConfig, paper, plotting
+from locplan import paper, plotting
+from locplan.field import Sad
 
-PRESETS = {"paper": FieldConfig.paper, "default": FieldConfig}
+PRESETS = {"paper": Sad.paper, "default": Sad}
 RANGES = (6.0, 8.0)
 NOISES = (0.0, 0.1, 0.2)
 
@@ -62,9 +63,9 @@ def figures(
         "Figs. 4-11: the seven models in one dimension. Templates of 6 m x 6 m slide by 9 m.",
         paper.slides_figure(paper.one_dimensional()),
     )
-    window = locplan.SearchWindow.from_config(FieldConfig(), maps["places"].resolution)
+    window = Sad().window.on(maps["places"].resolution)
     for place in paper.PLACES:
-        mismatch = paper.mismatch_at(maps, place, FieldConfig())
+        mismatch = paper.mismatch_at(maps, place, Sad())
         yield (
             f"figs_18-28_{place}.png",
             f"Figs. 18-28: correlation at {place} over x-y, x-θ and y-θ; 0 is a perfect match.",
@@ -74,7 +75,7 @@ def figures(
         for name, grid in maps.items():
             fields = {
                 f"{name}, preset {preset}, range {reach:g} m": locplan.load_or_compute(
-                    grid, PRESETS[preset](sensor_range=reach)
+                    grid, PRESETS[preset](range=reach)
                 )
                 for reach in RANGES
             }
@@ -147,7 +148,7 @@ def claims(
         found = [
             paper.shares_of_claims(
                 paper.maps_of_places(resolution=resolution, boundary_noise=noise, seed=seed),
-                PRESETS[preset](sensor_range=reach),
+                PRESETS[preset](range=reach),
             )
             for seed in range(seeds if noise else 1)
         ]

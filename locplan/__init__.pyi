@@ -17,7 +17,10 @@ from .costs import PathMetrics as PathMetrics
 from .errors import LocplanError as LocplanError
 from .field import CovarianceField as CovarianceField
 from .field import FieldConfig as FieldConfig
+from .field import Fisher as Fisher
 from .field import Lidar as Lidar
+from .field import Sad as Sad
+from .field import Scan as Scan
 from .field import SearchWindow as SearchWindow
 from .field import covariance_field as covariance_field
 from .field import load_config as load_config
@@ -42,6 +45,7 @@ __all__ = [
     "Costmap",
     "CovarianceField",
     "FieldConfig",
+    "Fisher",
     "Footprint",
     "Lidar",
     "LocplanError",
@@ -52,6 +56,8 @@ __all__ = [
     "Plan",
     "PlannerSpec",
     "Query",
+    "Sad",
+    "Scan",
     "SearchWindow",
     "compare",
     "comparison",

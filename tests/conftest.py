@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from locplan.cli import main
+from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -41,6 +43,11 @@ def real_maps() -> Path:
     if not folder.is_dir():
         pytest.skip("the collection of real maps (../shared/data/rosmaps) is not here")
     return folder
+
+
+def changed(config: FieldConfig, **settings) -> FieldConfig:
+    """The same with other settings of its estimator."""
+    return replace(config, estimator=replace(config.estimator, **settings))
 
 
 def refused(result) -> str:

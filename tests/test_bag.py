@@ -13,7 +13,15 @@ from locplan.costs import Path
 from locplan.errors import LocplanError
 from locplan.export import bag
 from locplan.export._cdr import schema
-from locplan.field import CovarianceField, FieldConfig, covariance_field, position_axes, scalar
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    Sad,
+    SearchWindow,
+    covariance_field,
+    position_axes,
+    scalar,
+)
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 TOPICS = ("nav_msgs/OccupancyGrid", "nav_msgs/Path", "grid_map_msgs/GridMap")
@@ -62,7 +70,7 @@ def grid() -> OccupancyGrid:
 
 @pytest.fixture(scope="module")
 def field(grid):
-    return covariance_field(grid, FieldConfig(sensor_range=1.0), threads=1)
+    return covariance_field(grid, FieldConfig(Sad(range=1.0)), threads=1)
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +218,7 @@ def test_grid_map_of_a_turned_map_takes_the_nearest_point(tmp_path, yaw, stride)
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_foxgloves_grid_has_each_value_at_its_place(tmp_path, yaw):
     grid = OccupancyGrid(cells(), 0.05, (-3.2, 7.45, yaw), "hall")
-    field = covariance_field(grid, FieldConfig(sensor_range=0.5, stride=0.4), threads=1)
+    field = covariance_field(grid, FieldConfig(Sad(range=0.5), stride=0.4), threads=1)
     bag(tmp_path / "a.mcap", grid, field=field)
     message = read(tmp_path / "a.mcap")["/locplan/grid"]
     corner, turn = message.pose.position, yaw_of(message.pose)
@@ -270,7 +278,7 @@ def test_ellipses_lie_along_the_covariance(messages, grid, field):
 
 
 def test_fields_without_rotation_or_with_headings(tmp_path, grid):
-    config = FieldConfig(rotation_window_deg=0)
+    config = FieldConfig(Sad(window=SearchWindow(half_rotation_deg=0)))
     h, w = 25, 38
     covariance = np.tile(np.diag([0.04, 0.09]), (h, w, 1, 1))
     bag(tmp_path / "a.mcap", grid, field=CovarianceField(covariance, grid, config))

@@ -5,12 +5,12 @@ import pytest
 from conftest import random_rooms
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import FieldConfig
+from locplan.field import FieldConfig, Sad, SearchWindow
 from locplan.field import _cache as cache
 from locplan.field import _store as store
 from locplan.maps import OccupancyGrid
 
-QUICK = FieldConfig(sensor_range=0.6, window=0.4)
+QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 
 
 @pytest.fixture

@@ -83,7 +83,7 @@ def test_interrupting_says_so(run, room, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("locplan.field.estimators._sad.covariances", interrupt)
+    monkeypatch.setattr("locplan.field.Sad.covariances", interrupt)
     code, _, err = run("field", room, "--stride", "0.77")
     assert code == 130
     assert err == "locplan: interrupted\n"

@@ -14,14 +14,14 @@ from conftest import random_rooms
 from locplan import load_map, save_map
 from locplan.cli import main
 from locplan.errors import FieldError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, covariance_field
+from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow, covariance_field
 from locplan.field import _cluster as cluster
 from locplan.field import _store as store
 from locplan.maps import OccupancyGrid
 
 distributed = pytest.importorskip("distributed", reason="the extra locplan[dask] is not installed")
 pytestmark = pytest.mark.filterwarnings("default")  # of dask's own shutting down
-CONFIG = FieldConfig(sensor_range=1.0, window=0.6)
+CONFIG = FieldConfig(Sad(range=1.0, window=SearchWindow(half_width=0.6)))
 
 
 class Banner(socketserver.BaseRequestHandler):
@@ -93,7 +93,7 @@ def test_commands_compute_on_a_cluster(scheduler, grid, tmp_path, monkeypatch, c
         main()
     assert stop.value.code == 0, capsys.readouterr().err
     monkeypatch.undo()
-    here = covariance_field(load_map(tmp_path / "rooms.yaml"), FieldConfig(sensor_range=1.0))
+    here = covariance_field(load_map(tmp_path / "rooms.yaml"), FieldConfig(Sad(range=1.0)))
     there = CovarianceField.load(tmp_path / "f.zarr")
     np.testing.assert_array_equal(there.covariance, here.covariance)
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import random_rooms
+from conftest import changed, random_rooms
 
 import locplan
 from locplan import save_map
@@ -15,11 +15,11 @@ from locplan.comparison import PlannerSpec
 from locplan.comparison._cases import named_configs
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import FieldConfig
+from locplan.field import FieldConfig, Sad
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Query
 
-QUICK = FieldConfig(sensor_range=1.0, stride=0.4)
+QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 
 
 def rooms(name="rooms", seed=6):
@@ -40,7 +40,7 @@ def compared():
         6,
         weights=[0.0, 4.0],
         seeds=[1, 2],
-        configs={"1 m": QUICK, "2 m": dataclasses.replace(QUICK, sensor_range=2.0)},
+        configs={"1 m": QUICK, "2 m": changed(QUICK, range=2.0)},
         time_limit=0.2,
         least_distance=3.0,
         robot_radius=0.1,

@@ -1,56 +1,106 @@
+import json
 import math
-from dataclasses import replace
+import re
 
 import numpy as np
 import pytest
 
 from locplan.errors import ConfigError
-from locplan.field import FieldConfig, SearchWindow
+from locplan.field import (
+    Exponential,
+    FieldConfig,
+    Fisher,
+    InverseSquare,
+    Lidar,
+    Sad,
+    Scan,
+    SearchWindow,
+)
+from locplan.field._config import config_of
+from locplan.field._registry import estimator_class
 
 
 @pytest.mark.parametrize(
-    ("setting", "message"),
+    ("make", "message"),
     [
-        ({"sensor_range": 0.0}, "sensor_range"),
-        ({"sensor_range": math.nan}, "sensor_range"),
-        ({"window": "wide"}, "window"),
-        ({"step": 3.0}, "must not exceed window"),
-        ({"rotation_window_deg": 200.0}, "rotation_window_deg"),
-        ({"rotation_window_deg": 5.0}, "rotation_step_deg"),
-        ({"weight_law": "gaussian"}, "exponential, inverse-square"),
-        ({"template": "square"}, "template"),
-        ({"estimator": "guess"}, "estimator"),
-        ({"floor": -1.0}, "floor"),
-        ({"noise_level": True}, "noise_level"),
-        ({"quantisation": 1}, "quantisation"),
+        (lambda: Sad(range=0.0), "range must be a positive number of m, not 0.0"),
+        (lambda: Sad(range=math.nan), "range"),
+        (lambda: SearchWindow(half_width="wide"), "half_width"),
+        (lambda: SearchWindow(step=3.0), "must not exceed half_width"),
+        (lambda: SearchWindow(half_rotation_deg=200.0), "half_rotation_deg must be 0 to 180"),
+        (lambda: SearchWindow(half_rotation_deg=5.0), "rotation_step_deg"),
+        (lambda: SearchWindow(step=1e-9), "at most 1000 times step"),
+        (lambda: Sad(weights="gaussian"), "weights must be an Exponential"),
+        (lambda: Sad(template="square"), "template must be one of disc, visible"),
+        (lambda: InverseSquare(floor=-1.0), "floor"),
+        (lambda: Sad(noise_level=True), "noise_level"),
+        (lambda: Sad(quantisation=1), "quantisation must be true or false"),
+        (lambda: Sad(window=2.0), "window must be a SearchWindow"),
+        (lambda: FieldConfig("guess"), "estimator must be an Estimator, not 'guess'; such as"),
+        (lambda: FieldConfig(stride=7.0), "must not exceed the range"),
+        (lambda: estimator_class("guess"), "estimator must be one of sad, fisher, scan"),
+        (lambda: config_of("sad"), "config must be a FieldConfig, not 'sad'; give an estimator"),
     ],
 )
-def test_settings_out_of_range_are_named(setting, message):
-    with pytest.raises(ConfigError, match=message):
-        FieldConfig(**setting)
+def test_settings_out_of_range_are_named(make, message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        make()
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        FieldConfig(),
+        FieldConfig(Sad.paper(range=8.0), stride=0.5),
+        FieldConfig(Sad(template="visible", weights=Exponential(0.4))),
+        FieldConfig(Fisher(Lidar.preset("rplidar-a1"), window=SearchWindow(half_width=1.0))),
+        FieldConfig(Scan(Lidar(field_of_view_deg=180.0), max_beams=np.int64(9)), headings=4),
+    ],
+)
+def test_settings_survive_json(config):
+    again = FieldConfig.from_json(json.loads(json.dumps(config.to_json())))
+    assert again == config
+    assert repr(again) == repr(config)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"estimator": {"name": "sad", "lidar": {}}}, "sad has no setting 'lidar'; it has: window"),
+        ({"estimator": {"name": "scan"}}, "lidar"),
+        ({"estimator": {"name": "icp"}}, "one of sad, fisher, scan"),
+        ({"estimator": {"name": "sad", "weights": {"name": "cubic"}}}, "weights cannot be made of"),
+        ({"estimator": "sad"}, "estimator must be an object with a name"),
+        ({"strides": 0.2}, "FieldConfig has no setting 'strides'"),
+    ],
+)
+def test_settings_that_an_estimator_does_not_read_are_refused(settings, message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        FieldConfig.from_json(settings)
 
 
 def test_the_papers_preset_is_eq_8_to_10_as_printed():
-    config = FieldConfig.paper()
-    assert config.weight_law == "inverse-square"
-    assert not config.quantisation
-    assert config.noise_level == 1.0
+    paper = Sad.paper()
+    assert paper.weights == InverseSquare()
+    assert not paper.quantisation
+    assert paper.noise_level == 1.0
 
 
 def test_tau_follows_the_template_unless_set():
-    assert FieldConfig().mismatch_scale == 0.57
-    assert replace(FieldConfig(), template="visible").mismatch_scale == 0.23
-    assert FieldConfig(template="visible", tau=0.4).mismatch_scale == 0.4
+    assert Sad().tau == 0.57
+    assert Sad(template="visible").tau == 0.23
+    assert Sad(weights=Exponential(0.4), template="visible").tau == 0.4
+    assert Sad.paper().tau == math.inf
 
 
 def test_whole_numbers_make_the_same_config():
-    assert repr(FieldConfig(sensor_range=8, stride=np.float32(0.5))) == repr(
-        FieldConfig(sensor_range=8.0, stride=0.5)
+    assert repr(FieldConfig(Sad(range=8), stride=np.float32(0.5))) == repr(
+        FieldConfig(Sad(range=8.0), stride=0.5)
     )
 
 
 def test_window_has_the_papers_lattice_at_5_cm():
-    window = SearchWindow.from_config(FieldConfig(), 0.05)
+    window = FieldConfig().estimator.window.on(0.05)
     assert window.step_cells == 4
     np.testing.assert_allclose(window.offsets, np.arange(-10, 11) * 0.2)
     np.testing.assert_allclose(np.degrees(window.angles), np.arange(-60, 61, 10))
@@ -58,7 +108,7 @@ def test_window_has_the_papers_lattice_at_5_cm():
 
 @pytest.mark.parametrize("resolution", [0.01, 0.03, 0.0504, 0.1, 0.25, 1.0])
 def test_window_is_whole_cells_at_any_resolution(resolution):
-    window = SearchWindow.from_config(FieldConfig(), resolution)
+    window = FieldConfig().estimator.window.on(resolution)
     assert window.step_cells >= 1
     assert window.offsets[-1] == pytest.approx(2.0, abs=window.step / 2)
     assert 0.0 in window.offsets
@@ -66,16 +116,16 @@ def test_window_is_whole_cells_at_any_resolution(resolution):
 
 def test_cells_larger_than_the_window_are_refused():
     with pytest.raises(ConfigError, match="larger window"):
-        SearchWindow.from_config(FieldConfig(), 5.0)
+        FieldConfig().estimator.window.on(5.0)
 
 
 def test_without_rotation_poses_have_two_dimensions():
-    window = SearchWindow.from_config(FieldConfig(rotation_window_deg=0), 0.05)
+    window = SearchWindow(half_rotation_deg=0).on(0.05)
     assert window.angles.tolist() == [0.0]
     assert window.uniform_covariance.shape == window.quantisation.shape == (2, 2)
 
 
 def test_uniform_covariance_is_that_of_the_offsets():
-    window = SearchWindow.from_config(FieldConfig(), 0.05)
+    window = FieldConfig().estimator.window.on(0.05)
     expected = [window.offsets.var(), window.offsets.var(), window.angles.var()]
     np.testing.assert_allclose(np.diag(window.uniform_covariance), expected)

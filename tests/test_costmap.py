@@ -9,13 +9,13 @@ from conftest import corridor, drawn
 from locplan._kernels import rays
 from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.errors import ConfigError, FieldError, PoseError
-from locplan.field import FieldConfig, covariance_field
+from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field
 from locplan.maps import FREE, OccupancyGrid
 
 
 @pytest.fixture(scope="module")
 def field():
-    return covariance_field(corridor(14.0, 2.0), FieldConfig(sensor_range=3.0))
+    return covariance_field(corridor(14.0, 2.0), FieldConfig(Sad(range=3.0)))
 
 
 def random_lines(count: int, size: int):
@@ -60,7 +60,7 @@ def test_corners_that_are_only_touched_do_not_count():
 
 
 def test_u_is_clipped_between_the_absolute_anchors(field):
-    costs = Costmap.from_field(field.grid, field, weight=4.0)
+    costs = Costmap.from_field(field.grid, field, weight=4.0, robot_radius=0.0)
     low, high = field.anchors()
     expected = np.clip(np.log(costs.e / low) / np.log(high / low), 0, 1)
     np.testing.assert_allclose(costs.u, expected)
@@ -71,8 +71,8 @@ def test_u_is_clipped_between_the_absolute_anchors(field):
 
 def test_the_papers_preset_is_costed_with_q_all_the_same():
     grid = corridor(12.0, 2.0)
-    field = covariance_field(grid, dataclasses.replace(FieldConfig.paper(), stride=0.4))
-    u = Costmap.from_field(grid, field).u[grid.free]
+    field = covariance_field(grid, dataclasses.replace(FieldConfig(Sad.paper()), stride=0.4))
+    u = Costmap.from_field(grid, field, robot_radius=0.0).u[grid.free]
     assert np.isfinite(u).all()
     assert 0 <= u.min() < u.max() <= 1
     assert field.anchors()[0] == pytest.approx(
@@ -82,16 +82,18 @@ def test_the_papers_preset_is_costed_with_q_all_the_same():
 
 @pytest.mark.parametrize(("law", "power"), [("linear", 1.0), ("cube-root", 1 / 3)])
 def test_other_laws_are_powers_of_the_share_of_the_greatest_e(field, law, power):
-    costs = Costmap.from_field(field.grid, field, law=law)
+    costs = Costmap.from_field(field.grid, field, law=law, robot_radius=0.0)
     expected = (costs.e / field.anchors()[1]) ** power
     np.testing.assert_allclose(costs.u, np.clip(expected, 0, 1))
 
 
 def test_heading_says_nothing_in_a_field_without_rotation():
     grid = corridor(4.0, 2.0)
-    field = covariance_field(grid, FieldConfig(sensor_range=1.0, rotation_window_deg=0))
+    field = covariance_field(
+        grid, FieldConfig(Sad(range=1.0, window=SearchWindow(half_rotation_deg=0)))
+    )
     with pytest.raises(ConfigError, match="without rotation"):
-        Costmap.from_field(grid, field, criterion="heading_std")
+        Costmap.from_field(grid, field, criterion="heading_std", robot_radius=0.0)
 
 
 @pytest.mark.parametrize(("radius", "resolution"), [(0.15, 0.02), (0.1, 0.04), (0.25, 0.05)])
@@ -107,7 +109,7 @@ def test_a_robot_fits_where_the_clearance_is_just_its_radius(radius, resolution)
 
 def test_the_profile_covers_the_whole_path():
     grid = OccupancyGrid(np.full((1, 4), FREE), 1.0)
-    costs = Costmap.blank(grid)
+    costs = Costmap.blank(grid, robot_radius=0.0)
     layer = np.array([[1.0, 2.0, 3.0, 4.0]])
     distance, values = profile(costs, Path(np.array([[0.5, 0.5], [2.25, 0.5]])), layer)
     assert distance.tolist() == [0.0, 0.5, 1.5, 1.75]
@@ -116,7 +118,9 @@ def test_the_profile_covers_the_whole_path():
 
 @pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])
 def test_u_can_be_made_of_another_scalar(field, criterion):
-    u = Costmap.from_field(field.grid, field, criterion=criterion).u[field.grid.free]
+    u = Costmap.from_field(field.grid, field, criterion=criterion, robot_radius=0.0).u[
+        field.grid.free
+    ]
     assert 0 <= u.min() <= u.max() <= 1
 
 
@@ -128,7 +132,7 @@ def test_the_robots_radius_blocks_cells_near_walls(field):
 
 def test_a_field_of_another_map_is_refused(field):
     with pytest.raises(FieldError, match="does not belong"):
-        Costmap.from_field(drawn("..", ".."), field)
+        Costmap.from_field(drawn("..", ".."), field, robot_radius=0.0)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +209,7 @@ def test_metrics_are_the_integrals_of_the_layers():
 
 
 def test_a_path_of_one_position_costs_nothing(field):
-    costs = Costmap.from_field(field.grid, field)
+    costs = Costmap.from_field(field.grid, field, robot_radius=0.0)
     metrics = path_metrics(costs, Path(np.array([[0.0, 0.0], [0.0, 0.0]])))
     assert metrics.length == metrics.cost == metrics.integrated_e == 0.0
     assert metrics.mean_e == metrics.max_e > 0

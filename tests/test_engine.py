@@ -449,7 +449,7 @@ def test_wrong_input_is_told_before_any_run(tmp_path):
     assert "workers" in refused(workers=0)
     assert "name of its own" in refused(jobs=[job(queries=QUERIES + QUERIES)])
     assert "weight" in refused(weights=[-1.0])
-    assert "no field" in refused(jobs=[job(costs=Costmap.blank(room().grid))])
+    assert "no field" in refused(jobs=[job(costs=Costmap.blank(room().grid, robot_radius=0.0))])
     assert "at least one planner" in refused(planners=[])
 
 
@@ -495,7 +495,7 @@ def test_headings_are_for_planners_that_have_them():
 
 
 def test_a_costmap_without_a_field_has_the_weight_zero():
-    blank = Costmap.blank(room().grid)
+    blank = Costmap.blank(room().grid, robot_radius=0.0)
     (run,) = run_all([job(costs=blank, queries=QUERIES[:1])], ["grid"], weights=[0], workers=1)
     assert run.measures["cost"] == pytest.approx(run.measures["length"])
     assert math.isnan(run.measures["integrated_u"])

@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, refused
+from conftest import SHARED_DATA, changed, refused
 from scipy import stats
 
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
-from locplan.field import SearchWindow
+from locplan.field import Exponential, Fisher, Lidar, Sad, SearchWindow
 from locplan.maps import environments
 from locplan.simulation import Amcl, Disturbances, Places, calibrate, evaluate
 from locplan.simulation import _reports as reports
@@ -101,7 +101,7 @@ def test_predictions_are_what_the_fields_say(grid):
     found = predictions(grid, configs(sensor), points)
     field = locplan.covariance_field(grid)
     assert found[Predictor("sad", "e")] == pytest.approx(field.e[tuple(points.T)])
-    paper = locplan.covariance_field(grid, FieldConfig.paper())
+    paper = locplan.covariance_field(grid, FieldConfig(Sad.paper()))
     assert found[Predictor("paper", "e")] == pytest.approx(paper.e[tuple(points.T)])
     both = found[Predictor("fisher", "e")] * found[Predictor("scan", "e")]
     assert found[Predictor("fisher+scan", "e")] ** 2 == pytest.approx(both)
@@ -116,7 +116,7 @@ def test_predictions_are_what_the_fields_say(grid):
 def test_a_sensor_that_does_not_see_all_round_is_predicted_over_headings(grid):
     sensor = locplan.Lidar(range=6.0, field_of_view_deg=180.0, beams=60)
     points = np.array([[15, 20], [18, 100]])
-    field = locplan.covariance_field(grid, FieldConfig(estimator="fisher", sensor=sensor))
+    field = locplan.covariance_field(grid, FieldConfig(Fisher(sensor)))
     expected = field.mean_covariance[tuple(points.T)]
     assert covariances_at(grid, field.config, points) == pytest.approx(expected)
 
@@ -187,20 +187,22 @@ def made_up_places(grid, config, level, *, noise=0.1):
     i, j = np.nonzero(field.evaluated)
     chosen = np.random.default_rng(0).choice(len(i), 120, replace=False)
     points = np.column_stack([i, j])[chosen]
-    plain = dataclasses.replace(config, quantisation=False, noise_level=1.0)
-    q = SearchWindow.from_config(config, grid.resolution).quantisation
+    plain = changed(config, quantisation=False, noise_level=1.0)
+    q = config.estimator.window.on(grid.resolution).quantisation
     scatter = np.exp(noise * np.random.default_rng(1).standard_normal(120))[:, None, None]
-    moments = scatter * (level * covariances_at(grid, plain, points) + config.quantisation * q)
+    moments = scatter * (
+        level * covariances_at(grid, plain, points) + config.estimator.quantisation * q
+    )
     return Places(grid, points, moments, 4 * moments)
 
 
 @pytest.mark.parametrize(
-    "config", [FieldConfig(), FieldConfig.paper(), FieldConfig(estimator="fisher")]
+    "config", [FieldConfig(), FieldConfig(Sad.paper()), FieldConfig(Fisher(Lidar(range=6.0)))]
 )
 def test_a_calibration_finds_the_noise_level(grid, config):
     places = made_up_places(grid, config, 0.3)
     result = calibrate([places], config)
-    assert result.config.noise_level == pytest.approx(0.3, rel=0.1)
+    assert result.config.estimator.noise_level == pytest.approx(0.3, rel=0.1)
     assert result.noise_level.low < 0.3 < result.noise_level.high
     assert result.factor < 1.1
     assert result.factor <= result.factor_before
@@ -208,41 +210,47 @@ def test_a_calibration_finds_the_noise_level(grid, config):
     assert result.useful
     assert not result.fitted_tau
     assert result.within_two == 1.0
-    assert result.config == dataclasses.replace(config, noise_level=result.config.noise_level)
-    if not config.quantisation:
+    assert result.config == changed(config, noise_level=result.config.estimator.noise_level)
+    if not config.estimator.quantisation:
         fourfold = calibrate([places], config, error="match")
-        assert fourfold.config.noise_level == pytest.approx(4 * result.config.noise_level, rel=1e-3)
+        assert fourfold.config.estimator.noise_level == pytest.approx(
+            4 * result.config.estimator.noise_level, rel=1e-3
+        )
 
 
 def test_a_calibration_finds_tau_if_asked(grid):
     tau = 0.2035  # about one that is tried
-    places = made_up_places(grid, FieldConfig(tau=tau), 0.3, noise=0.02)
+    places = made_up_places(grid, FieldConfig(Sad(weights=Exponential(tau))), 0.3, noise=0.02)
     result = calibrate([places], FieldConfig(), fit_tau=True)
-    assert result.config.tau == pytest.approx(tau, rel=0.5)
-    assert result.config.noise_level == pytest.approx(0.3, rel=0.4)
+    assert result.config.estimator.tau == pytest.approx(tau, rel=0.5)
+    assert result.config.estimator.noise_level == pytest.approx(0.3, rel=0.4)
     assert result.factor < calibrate([places], FieldConfig()).factor
     assert result.fitted_tau
     again = calibrate([places], result.config)
     assert not again.fitted_tau
     assert again.summary()["tau_m2"] is None
     with pytest.raises(LocplanError, match="tau is of the exponential weights"):
-        calibrate([places], FieldConfig.paper(), fit_tau=True)
+        calibrate([places], FieldConfig(Sad.paper()), fit_tau=True)
 
 
 def test_a_calibration_does_not_depend_on_the_stride_or_the_order_of_maps(grid):
     fine = environments.make("two_corridors")
     coarse = environments.make("places", resolution=0.1)
-    config = FieldConfig(step=0.25)  # of which Q differs between the maps
+    config = FieldConfig(Sad(window=SearchWindow(step=0.25)))  # of which Q differs between the maps
     every = [
         dataclasses.replace(made_up_places(each, config, 0.3), points=points)
         for each in (fine, coarse)
         for points in [made_up_places(each, config, 0.3).points]
     ]
     forwards, backwards = calibrate(every, config), calibrate(every[::-1], config)
-    assert forwards.config.noise_level == pytest.approx(backwards.config.noise_level, rel=1e-4)
+    assert forwards.config.estimator.noise_level == pytest.approx(
+        backwards.config.estimator.noise_level, rel=1e-4
+    )
     assert forwards.consistency == pytest.approx(backwards.consistency, rel=1e-4)
     other = calibrate(every, dataclasses.replace(config, stride=0.5))
-    assert other.config.noise_level == pytest.approx(forwards.config.noise_level, rel=1e-6)
+    assert other.config.estimator.noise_level == pytest.approx(
+        forwards.config.estimator.noise_level, rel=1e-6
+    )
 
 
 def test_errors_below_what_q_adds_do_not_calibrate(grid):
@@ -258,7 +266,7 @@ def test_a_few_large_errors_do_not_make_sigma_large(grid):
     factors[np.argsort(places.position_rmse("tracking"))[:6]] = 1e4  # where Sigma is least
     wild = dataclasses.replace(places, tracking=places.tracking * factors[:, None, None])
     result = calibrate([wild])
-    assert result.config.noise_level < 3
+    assert result.config.estimator.noise_level < 3
     assert result.factor <= result.factor_before
 
 
@@ -391,9 +399,9 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert "noise level k" in table
     assert target.with_suffix(".png").stat().st_size > 10_000
     config = locplan.load_config(target)
-    assert config.noise_level != 1.0
+    assert config.estimator.noise_level != 1.0
     code, out, _ = run("field", map_file, "--config", target, "--json")
-    assert json.loads(out)["config"]["noise_level"] == config.noise_level
+    assert json.loads(out)["config"]["estimator"]["noise_level"] == config.estimator.noise_level
     code, out, _ = run("field", map_file, "--config", target, "--range", 4, "--json")
     assert json.loads(out)["config"]["sensor_range"] == 4.0
     err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))

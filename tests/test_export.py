@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
 from locplan.export._travel_costs import PLANNERS, planner_named, values_for
 from locplan.export._value_maps import YawWarning, write_values
-from locplan.field import FieldConfig, covariance_field, load_or_compute
+from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
 
@@ -27,7 +27,7 @@ STACKS = ("main", "humble", "ros1")
 def costs():
     """Without symmetry, and with an origin."""
     grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1, (2.0, -1.0, 0.0), name="rooms")
-    field = covariance_field(grid, FieldConfig(sensor_range=1.0))
+    field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
     return Costmap.from_field(grid, field, weight=4.0, robot_radius=0.15)
 
 
@@ -614,7 +614,7 @@ def test_files_that_hold_no_path_are_refused(tmp_path, text):
 @pytest.mark.parametrize("rotation", [60, 0])
 def test_a_field_as_a_table_has_each_point_where_it_lies(tmp_path, rotation):
     grid = drawn("######", "#....#", "#.##.#", "######", resolution=0.5, origin=(1.0, 2.0, 0.5))
-    config = FieldConfig(sensor_range=1.0, rotation_window_deg=rotation)
+    config = FieldConfig(Sad(range=1.0, window=SearchWindow(half_rotation_deg=rotation)))
     field = covariance_field(grid, config)
     export.field(tmp_path / "f.csv", field)
     lines = (tmp_path / "f.csv").read_text().splitlines()
@@ -634,7 +634,7 @@ def test_a_field_as_a_table_has_each_point_where_it_lies(tmp_path, rotation):
 
 
 def test_a_field_as_arrays_is_all_there(tmp_path, costs):
-    field = covariance_field(costs.grid, FieldConfig(sensor_range=1.0))
+    field = covariance_field(costs.grid, FieldConfig(Sad(range=1.0)))
     export.field(tmp_path / "f.npz", field)
     with np.load(tmp_path / "f.npz") as arrays:
         np.testing.assert_array_equal(arrays["covariance"], field.covariance)

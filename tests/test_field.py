@@ -6,25 +6,28 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from conftest import corridor, drawn, random_rooms
+from conftest import changed, corridor, drawn, random_rooms
 
 from locplan.errors import ConfigError, FieldError
 from locplan.field import (
     SCALARS,
     CovarianceField,
     FieldConfig,
+    Sad,
     SearchWindow,
     covariance_field,
     log_euclidean_mean,
     position_axes,
     scalar,
 )
+from locplan.field._config import config_of
+from locplan.field._estimator import MapPart
 from locplan.field._lattice import evaluated_points
 from locplan.field._samples import MIN_CLEARANCE, sampled
-from locplan.field.estimators import _sad as sad
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
 
-QUICK = FieldConfig(sensor_range=1.0, window=0.6, step=0.2)
+QUICK = FieldConfig(Sad(range=1.0, window=SearchWindow(half_width=0.6, step=0.2)))
+STILL = SearchWindow(half_width=QUICK.estimator.window.half_width, half_rotation_deg=0)
 """A small disc and window: the physics are the same."""
 
 
@@ -40,7 +43,9 @@ def field(rooms) -> CovarianceField:
 
 def covariance_at(grid: OccupancyGrid, row: int, col: int, config=QUICK):
     at = np.array([row]), np.array([col])
-    return sad.covariances(grid.cells, *at, grid.resolution, config)["covariance"][0]
+    return config_of(config).estimator.covariances(MapPart.whole(grid.cells, *at, grid.resolution))[
+        "covariance"
+    ][0]
 
 
 def test_a_quarter_turn_of_the_map_turns_the_covariance(rooms):
@@ -72,7 +77,7 @@ def test_a_shift_of_the_drawing_hardly_changes_the_field(rooms):
         covariance_field(shifted, QUICK).e[1:, 3:]
     )
     assert np.nanmedian(np.abs(near)) < 0.05
-    still = dataclasses.replace(QUICK, rotation_window_deg=0)
+    still = changed(QUICK, window=STILL)
     np.testing.assert_array_equal(
         covariance_field(shifted, still).covariance[1:, 3:],
         covariance_field(rooms, still).covariance,
@@ -86,7 +91,7 @@ def test_covariances_are_symmetric_and_positive(field):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.5, np.pi / 2])
-@pytest.mark.parametrize(("preset", "ratio"), [(FieldConfig, 3.0), (FieldConfig.paper, 1.8)])
+@pytest.mark.parametrize(("preset", "ratio"), [(Sad, 3.0), (Sad.paper, 1.8)])
 def test_a_corridor_is_least_certain_along_its_axis(angle, preset, ratio):
     # Sampled walls that run obliquely are not quite featureless, and 1/S^2 notices it.
     grid = corridor(24.0, 2.0, angle=angle)
@@ -98,7 +103,7 @@ def test_a_corridor_is_least_certain_along_its_axis(angle, preset, ratio):
 
 def test_a_featureless_place_has_the_uniform_windows_variance():
     config = FieldConfig()
-    window = SearchWindow.from_config(config, 0.1)
+    window = config.estimator.window.on(0.1)
     grid = OccupancyGrid(np.full((200, 200), FREE), 0.1)
     covariance = covariance_at(grid, 100, 100, config)
     expected = window.uniform_covariance + window.quantisation
@@ -108,7 +113,7 @@ def test_a_featureless_place_has_the_uniform_windows_variance():
 
 def test_yaw_turns_the_covariance_into_the_world_frame():
     cells = corridor(16.0, 2.0).cells
-    config = FieldConfig(sensor_range=3.0, stride=1.0)
+    config = FieldConfig(Sad(range=3.0), stride=1.0)
     plain = covariance_field(OccupancyGrid(cells, 0.05), config)
     turned = covariance_field(OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.7)), config)
     middle = tuple(size // 2 for size in plain.covariance.shape[:2])
@@ -138,13 +143,13 @@ def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
     cells = random_rooms((70, 80), seed=2, blocks=5)
     cells[np.random.default_rng(3).random(cells.shape) < 0.02] = 0
     grid = OccupancyGrid(cells, 0.05)
-    config = dataclasses.replace(QUICK, template=template, stride=stride)
+    config = dataclasses.replace(changed(QUICK, template=template), stride=stride)
     whole = covariance_field(grid, config)
     monkeypatch.setattr("locplan.field._tiles.TILE", 7)
     np.testing.assert_array_equal(covariance_field(grid, config).covariance, whole.covariance)
     i, j = (index[::9] for index in np.nonzero(whole.evaluated))
     at = i * whole.stride, j * whole.stride
-    alone = sad.covariances(grid.cells, *at, grid.resolution, config)
+    alone = config.estimator.covariances(MapPart.whole(grid.cells, *at, grid.resolution))
     np.testing.assert_array_equal(whole.covariance[i, j], alone["covariance"])
 
 
@@ -167,7 +172,7 @@ def test_every_free_cell_has_a_lattice_point(seed, stride):
 
 def test_stride_of_one_cell_evaluates_the_free_cells_only():
     grid = drawn("..#", " .#", resolution=0.05)
-    field = covariance_field(grid, FieldConfig(sensor_range=0.2, stride=0.05))
+    field = covariance_field(grid, FieldConfig(Sad(range=0.2), stride=0.05))
     np.testing.assert_array_equal(field.evaluated, grid.free)
     np.testing.assert_allclose(field.e_map()[grid.free], field.e[grid.free])
 
@@ -208,7 +213,7 @@ def test_anchors_bound_e(field):
 
 def test_anchors_scale_with_the_noise_level():
     grid = OccupancyGrid(np.full((3, 3), FREE), 0.05)
-    fields = [covariance_field(grid, dataclasses.replace(QUICK, noise_level=k)) for k in (1.0, 4.0)]
+    fields = [covariance_field(grid, changed(QUICK, noise_level=k)) for k in (1.0, 4.0)]
     for name in ("position_std", "heading_std"):
         (low, high), (low4, high4) = (field.anchors(name) for field in fields)
         assert low4 == low
@@ -240,13 +245,13 @@ def test_an_interrupted_field_stops_its_threads(monkeypatch):
         raise KeyboardInterrupt
 
     controls = []
-    compute = sad.covariances
+    compute = Sad.covariances
 
-    def spy(*arguments, control, **options):
-        controls.append(control)
-        return compute(*arguments, control=control, **options)
+    def spy(self, part):
+        controls.append(part.control)
+        return compute(self, part)
 
-    monkeypatch.setattr(sad, "covariances", spy)
+    monkeypatch.setattr(Sad, "covariances", spy)
     grid = environments.make("office")
     before = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
@@ -258,8 +263,8 @@ def test_an_interrupted_field_stops_its_threads(monkeypatch):
 def test_an_interrupted_field_takes_its_tiles_back_from_the_executor(rooms, monkeypatch):
     monkeypatch.setattr("locplan.field._tiles.TILE", 2)
     calls = []
-    compute = sad.covariances
-    monkeypatch.setattr(sad, "covariances", lambda **task: calls.append(1) or compute(**task))
+    compute = Sad.covariances
+    monkeypatch.setattr(Sad, "covariances", lambda *task: calls.append(1) or compute(*task))
 
     def interrupt(done, total):
         raise KeyboardInterrupt
@@ -272,7 +277,10 @@ def test_an_interrupted_field_takes_its_tiles_back_from_the_executor(rooms, monk
 
 
 def test_without_rotation_the_covariance_is_positional(rooms):
-    field = covariance_field(rooms, dataclasses.replace(QUICK, rotation_window_deg=0))
+    field = covariance_field(
+        rooms,
+        changed(QUICK, window=STILL),
+    )
     assert field.covariance.shape[2:] == (2, 2)
     expected = np.sqrt(np.linalg.det(field.covariance[field.evaluated]))
     np.testing.assert_allclose(field.e[field.evaluated], expected)
@@ -290,7 +298,7 @@ def edited(grid: OccupancyGrid, at=(60, 60), size=3) -> OccupancyGrid:
 def test_an_update_equals_a_full_run_and_computes_less(template, yaw):
     cells = random_rooms((140, 150), seed=3, blocks=8)
     grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, yaw))
-    config = dataclasses.replace(QUICK, template=template)
+    config = changed(QUICK, template=template)
     before = covariance_field(grid, config)
     for at in (0, 0), (60, 60), (137, 100):
         after = edited(grid, at)
@@ -338,7 +346,7 @@ def test_what_befalls_an_executor_is_told_in_one_line(rooms):
 
 def test_sampled_positions_are_spread_out_and_leave_no_gap():
     grid = OccupancyGrid(random_rooms((90, 130), seed=4), 0.1, (3.0, -2.0, 0.4))
-    field = covariance_field(grid, FieldConfig(sensor_range=1.0))
+    field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
     xy, covariance = sampled(field, 1.5)
     clear = grid.clearance[:: field.stride, :: field.stride] >= MIN_CLEARANCE
     i, j = np.nonzero(field.evaluated & clear)

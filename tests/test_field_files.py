@@ -1,4 +1,3 @@
-import dataclasses
 import json
 import os
 import shutil
@@ -7,14 +6,21 @@ import numpy as np
 import pytest
 import xarray
 import zarr
-from conftest import random_rooms
+from conftest import changed, random_rooms
 
 from locplan.errors import FieldError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, covariance_field
+from locplan.field import (
+    CovarianceField,
+    Exponential,
+    FieldConfig,
+    Sad,
+    SearchWindow,
+    covariance_field,
+)
 from locplan.field import _zarr as field_files
 from locplan.maps import OccupancyGrid
 
-QUICK = FieldConfig(sensor_range=0.6, window=0.4)
+QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +51,7 @@ def test_any_zarr_reader_opens_them(field, saved):
     np.testing.assert_array_equal(group["covariance"][:], field.covariance)
     assert group.attrs["map_name"] == "rooms"
     assert group.attrs["map_digest"] == field.grid.digest
-    assert FieldConfig(**group.attrs["config"]) == QUICK
+    assert FieldConfig.from_json(group.attrs["config"]) == QUICK
 
 
 def test_xarray_reads_the_covariance_at_a_position(field, saved):
@@ -61,14 +67,17 @@ def test_xarray_reads_the_covariance_at_a_position(field, saved):
 
 def test_fields_without_rotation_and_turned_maps_come_back(tmp_path):
     grid = OccupancyGrid(random_rooms((30, 40), seed=5), 0.1, (0.0, 0.0, 0.3))
-    field = covariance_field(grid, dataclasses.replace(QUICK, rotation_window_deg=0))
+    field = covariance_field(
+        grid,
+        changed(QUICK, window=SearchWindow(half_rotation_deg=0)),
+    )
     field.save(tmp_path / "f.zarr")
     loaded = CovarianceField.load(tmp_path / "f.zarr")
     np.testing.assert_array_equal(loaded.covariance, field.covariance)
 
 
 def test_a_field_replaces_a_field(field, saved):
-    other = covariance_field(field.grid, dataclasses.replace(QUICK, tau=0.1))
+    other = covariance_field(field.grid, changed(QUICK, weights=Exponential(0.1)))
     other.save(saved)
     np.testing.assert_array_equal(CovarianceField.load(saved).covariance, other.covariance)
     assert os.listdir(saved.parent) == ["rooms.zarr"]
@@ -98,7 +107,7 @@ def test_a_link_is_followed(field, saved, tmp_path):
 
 
 def test_a_failed_save_leaves_the_old_field(field, saved, monkeypatch):
-    other = covariance_field(field.grid, dataclasses.replace(QUICK, tau=0.1))
+    other = covariance_field(field.grid, changed(QUICK, weights=Exponential(0.1)))
     monkeypatch.setattr(field_files, "write_chunks", lambda *_: (_ for _ in ()).throw(OSError(28)))
     with pytest.raises(LocplanError, match=r"rooms\.zarr: cannot be written"):
         other.save(saved)

@@ -99,7 +99,7 @@ def door(width: int) -> OccupancyGrid:
 @pytest.mark.parametrize("planner", ["grid", "any-angle"])
 def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
     grid = door(10)
-    costs = Costmap.blank(grid)
+    costs = Costmap.blank(grid, robot_radius=0.0)
     ends = (2.0, 4.05), (10.0, 4.05)
     round_one = plan(costs.with_robot_radius(1.25), *ends, planner=planner)
     assert round_one.status == "unreachable"
@@ -109,14 +109,16 @@ def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
 
 
 def test_a_door_too_narrow_is_told():
-    result = plan(Costmap.blank(door(6)), (2.0, 4.05), (10.0, 4.05), footprint=LONG)
+    result = plan(
+        Costmap.blank(door(6), robot_radius=0.0), (2.0, 4.05), (10.0, 4.05), footprint=LONG
+    )
     assert result.status == "infeasible"
     assert "footprint" in result.note
 
 
 def test_a_wide_room_needs_no_second_search():
     grid = drawn(*["." * 60] * 60, resolution=0.1)
-    result = plan(Costmap.blank(grid), (2.0, 2.0), (4.0, 3.0), footprint=LONG)
+    result = plan(Costmap.blank(grid, robot_radius=0.0), (2.0, 2.0), (4.0, 3.0), footprint=LONG)
     assert result.status == "solved"
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from locplan import paper
-from locplan.field import FieldConfig
+from locplan.field import FieldConfig, Sad
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper.template_matching import MODELS
 
@@ -21,7 +21,7 @@ STRIPS = (
     [(FREE, 150), (UNKNOWN, 150)],
     [(FREE, 100), (OCCUPIED, 100), (UNKNOWN, 100)],
 )
-PRESETS = {"default": FieldConfig, "paper": FieldConfig.paper}
+PRESETS = {"default": Sad, "paper": Sad.paper}
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +130,7 @@ def test_all_models_change_course_once_more_beyond_the_wall(slides, model, where
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.2])
 def test_the_papers_claims(preset, reach, noise):
     maps = paper.maps_of_places(boundary_noise=noise, seed=1)
-    shares = paper.shares_of_claims(maps, PRESETS[preset](sensor_range=reach))
+    shares = paper.shares_of_claims(maps, PRESETS[preset](range=reach))
     lost = {claim for claim, share in shares.items() if share < 1}
     expected = set()
     if preset == "default" and reach == 8.0:  # the disc sees beyond room C

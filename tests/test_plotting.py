@@ -8,7 +8,7 @@ from PIL import Image
 from locplan import paper, plotting
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
-from locplan.field import FieldConfig, SearchWindow, covariance_field, position_axes
+from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, position_axes
 from locplan.field._samples import sampled
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
@@ -17,7 +17,7 @@ from locplan.planners import Plan, pareto_front, plan
 @pytest.fixture(scope="module")
 def field():
     grid = OccupancyGrid(random_rooms((80, 120), seed=6), 0.1, (2.0, 1.0, 0.3), name="rooms")
-    return covariance_field(grid, FieldConfig(sensor_range=1.0))
+    return covariance_field(grid, FieldConfig(Sad(range=1.0)))
 
 
 def test_field_figure_names_map_scalar_and_unit(field):
@@ -47,7 +47,7 @@ def test_the_map_lies_where_the_world_has_it(field):
 
 
 def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
-    costs = Costmap.from_field(field.grid, field, weight=3.0)
+    costs = Costmap.from_field(field.grid, field, weight=3.0, robot_radius=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     ends = [field.grid.cell_to_world(*map(int, free[n])) for n in (0, -1)]
     found = plan(costs, *ends)
@@ -76,7 +76,7 @@ def test_unknown_picture_formats_are_refused(field, tmp_path):
 def test_front_figure_shows_paths_the_front_and_its_knee():
     grid = OccupancyGrid(np.full((40, 60), FREE), 0.1, name="room")
     u = np.tile(np.linspace(1, 0, 40)[:, None], (1, 60))
-    costs = dataclasses.replace(Costmap.blank(grid), u=u, e=u + 0.1, weight=1.0)
+    costs = dataclasses.replace(Costmap.blank(grid, robot_radius=0.0), u=u, e=u + 0.1, weight=1.0)
     front = pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
     figure = plotting.front_figure(front)
     upper, lower = figure.axes[:2]
@@ -88,7 +88,7 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
 
 
 def test_plan_figure_says_what_was_asked(field):
-    costs = Costmap.from_field(field.grid, field)
+    costs = Costmap.from_field(field.grid, field, robot_radius=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     xy = field.grid.cell_to_world(*map(int, free[0]))
     limited = plan(costs, xy, xy, max_e=1.0, footprint=[(0.1, 0), (-0.1, 0.1), (-0.1, -0.1)])
@@ -144,8 +144,8 @@ def test_slides_are_drawn_with_their_templates():
 
 @pytest.mark.parametrize("rotation", [60, 0])
 def test_distributions_show_every_plane_of_the_window(rotation):
-    config = FieldConfig(rotation_window_deg=rotation)
-    window = SearchWindow.from_config(config, 0.1)
+    config = FieldConfig(Sad(window=SearchWindow(half_rotation_deg=rotation)))
+    window = config.estimator.window.on(0.1)
     shape = 21, 21, len(window.angles)
     mismatch = np.arange(np.prod(shape), dtype=float).reshape(shape)
     figure = paper.distribution_figure({"here": mismatch}, window)

@@ -157,14 +157,16 @@ def test_whole_numbers_are_written_as_floats() -> None:
 
 
 def test_without_a_field_there_is_no_e_and_no_u() -> None:
-    costs = Costmap.blank(OccupancyGrid(np.full((60, 80), FREE), 0.1))
+    costs = Costmap.blank(OccupancyGrid(np.full((60, 80), FREE), 0.1), robot_radius=0.0)
     _, lines = loaded(json.dumps(to_geojson(roadmap(costs)), allow_nan=False))
     assert lines[0]["metadata"].keys() == {"length", "penalty"}
 
 
 @pytest.mark.parametrize("shape", [(1, 60), (2, 2), (60, 1)])
 def test_the_least_spaces(shape: tuple[int, int]) -> None:
-    graph = roadmap(Costmap.blank(OccupancyGrid(np.full(shape, FREE), 0.1)), min_area=0.0)
+    graph = roadmap(
+        Costmap.blank(OccupancyGrid(np.full(shape, FREE), 0.1), robot_radius=0.0), min_area=0.0
+    )
     assert graph.components == (1 if len(graph.nodes) else 0)
     assert set(graph.edges.ravel()) == set(range(len(graph.nodes)))
 
@@ -176,7 +178,7 @@ def test_what_cannot_be() -> None:
             roadmap(costs, **wrong)
     with pytest.raises(ConfigError, match="too coarse"):
         roadmap(rooms(80, origin=(4e5, 5e6, 0.0)))
-    alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1))
+    alone = Costmap.blank(OccupancyGrid(np.full((2, 2), FREE), 0.1), robot_radius=0.0)
     with pytest.raises(ConfigError, match="without edges"):
         to_geojson(roadmap(alone, min_area=0.0))
     count = MAX_ID

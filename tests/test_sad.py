@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
@@ -5,7 +7,8 @@ from conftest import random_rooms
 
 from locplan._kernels import bitplanes
 from locplan._kernels import sad as kernel
-from locplan.field import FieldConfig, SearchWindow
+from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
+from locplan.field._estimator import MapPart
 from locplan.field.estimators import _sad as sad
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import sad_distribution
@@ -24,7 +27,7 @@ def compare(cells, rows, cols, radius, window, *, visible=False):
 def test_kernel_is_bit_equal_to_the_reference(step, radius):
     cells = random_rooms((90, 71), seed=step * 100 + radius)
     half_steps = 12 // step + 1
-    window = SearchWindow(0.05, step, half_steps, np.radians(20), 2)
+    window = OffsetLattice(0.05, step, half_steps, np.radians(20), 2)
     compare(cells, [45, 0, 89, 20, 46], [30, 0, 70, 69, 31], radius, window)
 
 
@@ -32,7 +35,7 @@ def test_kernel_is_bit_equal_to_the_reference(step, radius):
 @pytest.mark.parametrize("radius", [1, 13, 32])
 def test_kernel_of_visible_templates_is_bit_equal_to_the_reference(step, radius):
     cells = random_rooms((90, 71), seed=step * 100 + radius)
-    window = SearchWindow(0.05, step, 12 // step + 1, np.radians(20), 2)
+    window = OffsetLattice(0.05, step, 12 // step + 1, np.radians(20), 2)
     compare(cells, [45, 0, 89, 20, 46], [30, 0, 70, 69, 31], radius, window, visible=True)
 
 
@@ -40,19 +43,19 @@ def test_kernel_of_visible_templates_is_bit_equal_to_the_reference(step, radius)
 def test_discs_of_more_than_64_squares(level):
     cells = random_rooms((700, 640), seed=17)
     cells[:, 300:420] = level  # runs that are longer than a word of bits
-    window = SearchWindow(0.05, 7, 1, np.radians(15), 1)
+    window = OffsetLattice(0.05, 7, 1, np.radians(15), 1)
     compare(cells, [350, 357], [320, 334], 300, window)
 
 
 @pytest.mark.parametrize("half_steps", [1, 11, 12, 13])
 def test_any_number_of_offsets_fits_the_vectors(half_steps):
-    window = SearchWindow(0.05, 2, half_steps, np.radians(45), 1)
+    window = OffsetLattice(0.05, 2, half_steps, np.radians(45), 1)
     compare(random_rooms((64, 64), seed=7), [30, 34, 38], [10, 14, 22], 9, window)
 
 
 @pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
 def test_uniform_maps_and_discs_larger_than_the_map(level):
-    window = SearchWindow(0.05, 2, 3, np.radians(30), 2)
+    window = OffsetLattice(0.05, 2, 3, np.radians(30), 2)
     compare(np.full((5, 9), level, np.uint8), [0, 4], [0, 8], 20, window)
     compare(np.full((1, 1), level, np.uint8), [0], [0], 3, window)
 
@@ -60,25 +63,26 @@ def test_uniform_maps_and_discs_larger_than_the_map(level):
 @pytest.mark.parametrize("template", ["disc", "visible"])
 def test_levels_may_be_a_part_of_the_map(template):
     cells = random_rooms((120, 130), seed=5)
-    config = FieldConfig(sensor_range=0.6, window=0.4, step=0.1, template=template)
-    reach = sad.halo(config, 0.05, cells.shape)
+    window = SearchWindow(half_width=0.4, step=0.1)
+    estimator = Sad(range=0.6, window=window, template=template)
+    reach = estimator.halo(0.05, cells.shape)
     rows, cols = np.array([60, 64]), np.array([70, 58])
-    whole = sad.covariances(cells, rows, cols, 0.05, config)
+    whole = MapPart.whole(cells, rows, cols, 0.05)
     part = cells[60 - reach : 65 + reach, 58 - reach : 71 + reach]
     corner = (60 - reach, 58 - reach)
-    cut = sad.covariances(part, rows, cols, 0.05, config, corner=corner, map_shape=cells.shape)
-    np.testing.assert_array_equal(cut["covariance"], whole["covariance"])
+    cut = replace(whole, levels=part, corner=corner)
+    found, expected = (estimator.covariances(each)["covariance"] for each in (cut, whole))
+    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("name", ["nav2_depot", "willow_full_stage", "webots_tb3_example"])
 @pytest.mark.filterwarnings("ignore::locplan.maps._files.MapWarning")
 def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
     grid = load_map(next((real_maps / name).glob("*.yaml")))
-    config = FieldConfig()
-    window = SearchWindow.from_config(config, grid.resolution)
+    window = Sad().window.on(grid.resolution)
     free = np.argwhere(grid.free)
     chosen = free[np.random.default_rng(0).integers(len(free), size=3)]
-    radius = sad.template_radius(config, window, grid.shape)
+    radius = sad.template_radius(6.0, window, grid.shape)
     compare(grid.cells, *chosen.T, radius, window)
     compare(grid.cells, *chosen[:1].T, radius, window, visible=True)
 
@@ -115,50 +119,48 @@ def test_disc_sums_equal_the_plain_loops():
 
 def test_covariance_is_the_papers_formula_on_the_reference():
     cells = random_rooms((80, 80), seed=11, blocks=5)
-    for config in (
-        FieldConfig(sensor_range=1.0, window=0.5, step=0.1, noise_level=2.0),
-        FieldConfig.paper(sensor_range=1.0),
-        FieldConfig(sensor_range=1.0, window=0.5, step=0.1, rotation_window_deg=0),
+    small = SearchWindow(half_width=0.5, step=0.1)
+    for estimator in (
+        Sad(range=1.0, window=small, noise_level=2.0),
+        Sad.paper(range=1.0),
+        Sad(range=1.0, window=replace(small, half_rotation_deg=0)),
     ):
-        window = SearchWindow.from_config(config, 0.05)
+        window = estimator.window.on(0.05)
         mismatch = sad_distribution(cells, 40, 36, 20, window)
         area = mismatch / 254 * 0.05**2
-        if config.weight_law == "exponential":
-            weights = np.exp(-area / config.mismatch_scale)
+        if isinstance(estimator.weights, Exponential):
+            weights = np.exp(-area / estimator.tau)
         else:
             weights = 1 / np.maximum(area, 0.05**2 / 2) ** 2
         axes = np.meshgrid(window.offsets, window.offsets, window.angles, indexing="ij")
         poses = np.stack(axes[: window.dimension]).reshape(window.dimension, -1)
-        expected = config.noise_level * np.cov(poses, aweights=weights.ravel(), ddof=0)
-        if config.quantisation:
+        expected = estimator.noise_level * np.cov(poses, aweights=weights.ravel(), ddof=0)
+        if estimator.quantisation:
             expected = expected + window.quantisation
-        result = sad.covariances(cells, np.array([40]), np.array([36]), 0.05, config)["covariance"][
-            0
-        ]
+        at = MapPart.whole(cells, np.array([40]), np.array([36]), 0.05)
+        result = estimator.covariances(at)["covariance"][0]
         np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_a_disc_larger_than_the_map_gives_the_same_as_one_just_large_enough():
     cells = random_rooms((21, 30), seed=6)
-    far, near = FieldConfig(sensor_range=50.0), FieldConfig(sensor_range=4.75)
-    at = np.array([10]), np.array([12])
-    window = SearchWindow.from_config(far, 0.05)
-    assert sad.template_radius(near, window, cells.shape) == 95
-    compared = [sad.covariances(cells, *at, 0.05, config)["covariance"] for config in (far, near)]
+    at = MapPart.whole(cells, np.array([10]), np.array([12]), 0.05)
+    assert sad.template_radius(4.75, Sad().window.on(0.05), cells.shape) == 95
+    compared = [Sad(range=reach).covariances(at)["covariance"] for reach in (50.0, 4.75)]
     np.testing.assert_allclose(compared[0], compared[1], rtol=1e-12)
 
 
 def test_a_configured_floor_counts():
     areas = np.array([0.0, 127.0, 254.0, 2540.0])
-    floor = offset_ratio(FieldConfig(weight_law="inverse-square", floor=0.01), areas)
+    floor = offset_ratio(Sad(weights=InverseSquare(0.01)), areas)
     np.testing.assert_allclose(floor, [1, 1, 1, (0.01 / 0.025) ** 2])
-    default = offset_ratio(FieldConfig(weight_law="inverse-square"), areas)
+    default = offset_ratio(Sad(weights=InverseSquare()), areas)
     np.testing.assert_allclose(default, [1, 1, 1 / 4, 1 / 400])
 
 
-def offset_ratio(config, mismatch):
+def offset_ratio(estimator, mismatch):
     """Weights of the mismatches, in units of that at zero lag."""
-    weights = sad.offset_weights(mismatch, 0.05, config)
+    weights = estimator.offset_weights(mismatch, 0.05)
     return weights / weights[0]
 
 
@@ -166,9 +168,8 @@ def test_cells_left_out_when_stopped_are_nan():
     cells = random_rooms((60, 60), seed=3)
     control = np.array([1, 0])
     rows = np.array([30, 34])
-    stopped = sad.covariances(
-        cells, rows, rows, 0.05, FieldConfig(sensor_range=0.5), control=control
-    )
+    part = replace(MapPart.whole(cells, rows, rows, 0.05), shared=control)
+    stopped = Sad(range=0.5).covariances(part)
     assert np.isnan(stopped["covariance"]).all()
     assert control.tolist() == [1, 0]
 
@@ -177,7 +178,7 @@ def test_cells_left_out_when_stopped_are_nan():
     ("resolution", "stride", "apart"), [(0.05, 4, 1), (0.05, 1, 4), (0.05, 2, 2), (0.03, 1, 1)]
 )
 def test_points_share_a_tile_where_their_layout_is_thinnest(resolution, stride, apart):
-    assert sad.points_apart(FieldConfig(), resolution, stride) == apart
+    assert Sad().points_apart(resolution, stride) == apart
 
 
 def test_strips_equal_the_plain_loops():

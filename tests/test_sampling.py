@@ -159,7 +159,7 @@ def test_the_same_seed_gives_the_same_path_in_another_process():
 def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     cells = np.full((200, 200), FREE, np.uint8)
     cells[95:106, 98:102] = 0
-    motions = sampling.Motions(Costmap.blank(OccupancyGrid(cells, 0.1)))
+    motions = sampling.Motions(Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.0))
     start, goal = (8.0, 10.05), (12.0, 10.05)
     information = sampling.space_information(motions)
     problem = sampling.problem_definition(information, motions, start, goal)
@@ -224,7 +224,7 @@ def test_what_reaches_ompl_is_finite_and_at_least_the_length():
 
 
 def test_an_unreachable_goal_is_told_at_once():
-    costs = Costmap.blank(drawn("...#...", "...#...", "...#..."))
+    costs = Costmap.blank(drawn("...#...", "...#...", "...#..."), robot_radius=0.0)
     for planner, space in (("RRTstar", "R2"), ("PRM", "Dubins"), ("RRT", "SE2")):
         heading = () if space == "R2" else (0.0,)
         radius = {"turning_radius": 0.5} if space == "Dubins" else {}

@@ -16,7 +16,7 @@ from locplan._kernels import posterior as scan
 from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.rays import empty_squares
-from locplan.field import FieldConfig, SearchWindow
+from locplan.field import FieldConfig, OffsetLattice, Sad, SearchWindow
 from locplan.field._surfaces import walls
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
@@ -117,7 +117,7 @@ def test_walls_are_hollow(level):
 def test_unknown_space_painted_black_changes_little():
     levels = np.full((200, 200), UNKNOWN, np.uint8)
     closed_bay(levels, 80, 90)
-    window = SearchWindow.from_config(FieldConfig(), 0.05)
+    window = FieldConfig().estimator.window.on(0.05)
     ends = cast_ends(levels, 95, 103, all_round(180), 120)[None]
     thin = run(levels, 0.05, window, [95], [103], ends)
     thick = run(np.where(levels == FREE, FREE, OCCUPIED), 0.05, window, [95], [103], ends)
@@ -131,7 +131,7 @@ def test_unknown_space_painted_black_changes_little():
 def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, beams):
     rng = np.random.default_rng(step * 100 + half_steps)
     levels = random_rooms((19, 26), seed=step, blocks=9)
-    window = SearchWindow(0.05, step, half_steps, math.radians(35), rotations)
+    window = OffsetLattice(0.05, step, half_steps, math.radians(35), rotations)
     field = likelihood_field(levels, 0.05, step, half_steps)
     ends = rng.normal(0, 12, (beams, 2))
     ends[::5] = np.nan
@@ -147,7 +147,7 @@ def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, bea
 
 
 def test_posterior_is_that_of_the_exact_likelihood_but_for_the_steps_of_cost():
-    window = SearchWindow(0.05, 2, 3, math.radians(20), 2)
+    window = OffsetLattice(0.05, 2, 3, math.radians(20), 2)
     field = likelihood_field(levels := random_rooms((40, 50), seed=8), 0.05, 2, 3)
     row, col = np.argwhere(levels == FREE)[300]
     ends = np.random.default_rng(8).normal(0, 15, (40, 2))
@@ -200,8 +200,8 @@ def test_central_mode_equals_the_plain_search(headings, half_steps, share):
 
 
 def test_without_returns_the_posterior_is_exactly_uniform():
-    for config in (FieldConfig(), FieldConfig(rotation_window_deg=0.0)):
-        window = SearchWindow.from_config(config, 0.05)
+    for config in (FieldConfig(), FieldConfig(Sad(window=SearchWindow(half_rotation_deg=0.0)))):
+        window = config.estimator.window.on(0.05)
         ends = np.full((1, 180, 2), np.nan)
         result = run(np.full((9, 9), FREE, np.uint8), 0.05, window, [4], [4], ends)
         steps = np.array([window.step, window.step, window.rotation_step])
@@ -215,7 +215,7 @@ def test_without_returns_the_posterior_is_exactly_uniform():
 
 
 def test_a_map_without_walls_is_as_good_as_no_returns():
-    window = SearchWindow.from_config(FieldConfig(), 0.05)
+    window = FieldConfig().estimator.window.on(0.05)
     ends = np.random.default_rng(0).normal(0, 50, (1, 2000, 2))
     result = run(np.full((9, 9), FREE, np.uint8), 0.05, window, [4], [4], ends)
     assert result.entropy[0, 0] == math.log(5733)
@@ -224,7 +224,7 @@ def test_a_map_without_walls_is_as_good_as_no_returns():
 
 def test_a_quarter_turn_of_the_map_turns_the_covariance():
     levels = random_rooms((120, 120), seed=21)
-    window = SearchWindow(0.05, 4, 6, math.radians(10), 3)
+    window = OffsetLattice(0.05, 4, 6, math.radians(10), 3)
     row, col = next(at for at in np.argwhere(levels == FREE) if abs(at - 60).max() < 15)
     ends = cast_ends(levels, row, col, all_round(24), 60)
     # x, y becomes -y, x; rows are y, so that numpy's quarter turn has the other sense.
@@ -243,7 +243,7 @@ def test_a_quarter_turn_of_the_map_turns_the_covariance():
 
 def test_a_corridor_is_one_mode_along_its_axis():
     grid = corridor(30.0, 2.0, resolution=0.05)
-    window = SearchWindow.from_config(FieldConfig(), 0.05)
+    window = FieldConfig().estimator.window.on(0.05)
     row, col = grid.world_to_cell(0.0, 0.0)
     ends = cast_ends(grid.cells, row, col, all_round(180), 6.0 / 0.05)
     result = run(grid.cells, 0.05, window, [row], [col], ends[None])
@@ -262,7 +262,7 @@ def closed_bay(levels, row, col):
 
 
 def test_identical_bays_share_the_probability():
-    window = SearchWindow.from_config(FieldConfig(), 0.05)
+    window = FieldConfig().estimator.window.on(0.05)
     levels, entropies = np.full((150, 250), UNKNOWN, np.uint8), []
     for bays, offset in ((1, 0), (2, 32), (3, -32)):  # 1.6 m apart
         closed_bay(levels, 60, 100 + offset)
@@ -295,7 +295,7 @@ def asymmetric_room():
 @pytest.mark.parametrize(("x", "y"), [(150, 160), (280, 120), (460, 180)])
 def test_noisy_scans_are_matched_about_as_far_off_as_the_posterior_says(x, y):
     levels, beams, sigma = asymmetric_room(), 32, 0.02
-    window = SearchWindow(0.01, 1, 12, math.radians(0.5), 6)
+    window = OffsetLattice(0.01, 1, 12, math.radians(0.5), 6)
     angles = all_round(beams)
     ends = cast_ends(levels, y, x, angles, 200)
     field = likelihood_field(levels, 0.01, 1, 12, sigma_hit=sigma)
@@ -315,8 +315,8 @@ def test_noisy_scans_are_matched_about_as_far_off_as_the_posterior_says(x, y):
 
 def test_a_part_of_the_map_gives_the_same():
     levels = random_rooms((300, 320), seed=5)
-    config = FieldConfig(sensor_range=1.5, window=0.8)
-    window = SearchWindow.from_config(config, 0.05)
+    config = FieldConfig(Sad(range=1.5, window=SearchWindow(half_width=0.8)))
+    window = config.estimator.window.on(0.05)
     rows, cols = np.array([150, 156, 160]), np.array([150, 171, 159])
     halo = 30 + 16 + likelihood.likelihood_reach(0.05, SIGMA_HIT, Z_RAND) + 1
     ends = scans(levels, rows, cols, all_round(60), 30)
@@ -331,7 +331,7 @@ def test_a_part_of_the_map_gives_the_same():
 def test_many_beams_do_not_overflow():
     levels = np.full((60, 60), FREE, np.uint8)
     levels[30, 30] = OCCUPIED
-    window = SearchWindow(0.05, 1, 2, math.radians(10), 1)
+    window = OffsetLattice(0.05, 1, 2, math.radians(10), 1)
     field = likelihood_field(levels, 0.05, 1, 2)
     ends = np.full((2000, 2), 25.0)  # as far from the only occupied cell as may be
     assert (kernel_costs(field, window, 30, 30, ends) == 2000 * TOP).all()

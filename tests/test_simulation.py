@@ -17,6 +17,7 @@ from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
 from locplan._kernels.matches import match
 from locplan._kernels.offsets import make_lattice
 from locplan._util.intervals import of_geometric_mean, of_mean, of_rms
+from locplan.field import Exponential, Sad, Scan
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import Query
@@ -119,7 +120,9 @@ def test_approaches_end_in_the_cell_from_as_far_as_wanted(two_corridors):
 
 def test_approaches_in_a_small_room_are_as_long_as_there_is():
     grid = open_space(3.0)
-    lines = approaches(locplan.Costmap.blank(grid), (2, 2), 4, 10.0, np.random.default_rng(0))
+    lines = approaches(
+        locplan.Costmap.blank(grid, robot_radius=0.0), (2, 2), 4, 10.0, np.random.default_rng(0)
+    )
     assert all(2.0 < math.dist(line[0, :2], line[-1, :2]) < 4.3 for line in lines)
 
 
@@ -247,7 +250,7 @@ def test_the_aware_path_is_followed_better_in_the_hall():
 
 
 def test_queries_without_a_path_are_left_out(two_corridors):
-    field = locplan.covariance_field(two_corridors, FieldConfig(sensor_range=1.0, stride=1.0))
+    field = locplan.covariance_field(two_corridors, FieldConfig(Sad(range=1.0), stride=1.0))
     costs = locplan.Costmap.from_field(two_corridors, field, robot_radius=0.25)
     away = np.full(two_corridors.shape, False)
     away[:, 150:160] = True
@@ -480,15 +483,15 @@ def test_nothing_warns_and_bad_requests_are_refused(two_corridors, in_room):
 def test_configs_come_back_from_their_files(tmp_path):
     for n, config in enumerate(
         (
-            FieldConfig(noise_level=0.3, tau=0.2),
-            FieldConfig.paper(sensor_range=8.0),
-            FieldConfig(estimator="scan", sensor=Lidar.preset("utm-30lx")),
+            FieldConfig(Sad(weights=Exponential(0.2), noise_level=0.3)),
+            FieldConfig(Sad.paper(range=8.0)),
+            FieldConfig(Scan(Lidar.preset("utm-30lx"))),
         )
     ):
         locplan.save_config(tmp_path / f"{n}.json", config, calibration={"factor": 1.2})
         assert locplan.load_config(tmp_path / f"{n}.json") == config
     (tmp_path / "bare.json").write_text('{"tau": 0.4}')
-    assert locplan.load_config(tmp_path / "bare.json") == FieldConfig(tau=0.4)
+    assert locplan.load_config(tmp_path / "bare.json") == FieldConfig(Sad(weights=Exponential(0.4)))
 
 
 @pytest.mark.parametrize(

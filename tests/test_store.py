@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import random_rooms
+from conftest import changed, random_rooms
 
-from locplan.field import FieldConfig, covariance_field
+from locplan.field import Exponential, FieldConfig, Sad, SearchWindow, covariance_field
 from locplan.field import _cache as cache
 from locplan.field import _store as store
 from locplan.field import _zarr as field_files
 from locplan.field.estimators import _sad as sad
 from locplan.maps import UNKNOWN, OccupancyGrid, save_map
 
-QUICK = FieldConfig(sensor_range=0.6, window=0.4)
+QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 """Two by two chunks of the map below."""
 
 CHILD = """
@@ -230,7 +230,7 @@ def test_a_read_only_cache_serves_what_it_holds(grid, tmp_path, computed):
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
     assert not computed
     with pytest.warns(store.CacheWarning, match="cannot be written"):
-        store.load_or_compute(grid, dataclasses.replace(QUICK, tau=0.1), cache_dir=tmp_path)
+        store.load_or_compute(grid, changed(QUICK, weights=Exponential(0.1)), cache_dir=tmp_path)
     for folder, _, _ in os.walk(tmp_path):
         os.chmod(folder, 0o755)
 

@@ -5,7 +5,7 @@ import pytest
 from conftest import random_rooms
 
 from locplan.errors import LocplanError
-from locplan.field import FieldConfig, SearchWindow
+from locplan.field import FieldConfig, Sad, SearchWindow
 from locplan.field._template import (
     BEHIND,
     beam_count,
@@ -27,8 +27,14 @@ from locplan.paper.template_matching import (
 
 def test_sad_distribution_equals_the_plain_loops():
     cells = random_rooms((31, 38), seed=3)
-    config = FieldConfig(window=0.3, step=0.1, rotation_window_deg=60, rotation_step_deg=30)
-    window = SearchWindow.from_config(config, 0.05)
+    config = FieldConfig(
+        Sad(
+            window=SearchWindow(
+                half_width=0.3, step=0.1, half_rotation_deg=60, rotation_step_deg=30
+            )
+        )
+    )
+    window = config.estimator.window.on(0.05)
     for row, col in ((15, 19), (0, 0), (30, 5)):
         expected = naive.mismatch_counts(cells, row, col, 7, 2, 3, window.angles)
         result = sad_distribution(cells, row, col, 7, window)
@@ -65,7 +71,7 @@ def test_disc_is_symmetric_and_touches_its_radius(radius):
 
 def test_mismatch_is_zero_at_zero_lag():
     cells = random_rooms((60, 60), seed=2)
-    window = SearchWindow.from_config(FieldConfig(window=0.4), 0.1)
+    window = FieldConfig(Sad(window=SearchWindow(half_width=0.4))).estimator.window.on(0.1)
     assert sad_distribution(cells, 30, 30, 12, window)[2, 2, 6] == 0
 
 
@@ -133,12 +139,12 @@ def test_templates_that_do_not_fit_are_refused():
 
 def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other():
     cells = random_rooms((81, 81), seed=8)
-    config = FieldConfig(sensor_range=1.5, window=0.5)
+    estimator = Sad(range=1.5, window=SearchWindow(half_width=0.5))
     grid, turned = OccupancyGrid(cells, 0.1), OccupancyGrid(np.rot90(cells, -1), 0.1)
     x, y = 3.05, 5.05
-    offsets, curves = along_axis(grid, x, y, "x", config)
+    offsets, curves = along_axis(grid, x, y, "x", estimator)
     # Row 0 is at the lowest y: rot90 by -1 turns the world counter-clockwise.
-    turned_offsets, turned_curves = along_axis(turned, 8.1 - y, x, "y", config)
+    turned_offsets, turned_curves = along_axis(turned, 8.1 - y, x, "y", estimator)
     np.testing.assert_array_equal(offsets, turned_offsets)
     assert offsets[[0, -1]].tolist() == pytest.approx([-0.4, 0.4])
     for name in MODELS:
@@ -147,7 +153,7 @@ def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other(
 
 def test_along_theta_the_best_match_is_no_turn():
     grid = OccupancyGrid(random_rooms((81, 81), seed=8), 0.1)
-    angles, curves = along_axis(grid, 4.0, 4.0, "theta", FieldConfig(sensor_range=2.0))
+    angles, curves = along_axis(grid, 4.0, 4.0, "theta", Sad(range=2.0))
     np.testing.assert_allclose(np.degrees(angles), np.arange(-60, 61))
     assert curves["SAD"][60] == 0
     assert (np.delete(curves["SAD"], [59, 60, 61]) > 0).all()  # a degree may move no cell
@@ -156,10 +162,10 @@ def test_along_theta_the_best_match_is_no_turn():
 
 def test_along_an_axis_sad_is_the_distributions():
     grid = OccupancyGrid(random_rooms((81, 81), seed=9), 0.1)
-    config = FieldConfig(sensor_range=1.5)
-    area = mismatch(grid, 4.0, 4.0, config)
+    estimator = Sad(range=1.5)
+    area = mismatch(grid, 4.0, 4.0, estimator)
     assert area.shape == (21, 21, 13)
-    offsets, curves = along_axis(grid, 4.0, 4.0, "y", config)
+    offsets, curves = along_axis(grid, 4.0, 4.0, "y", estimator)
     np.testing.assert_allclose(offsets[::2], np.arange(-10, 11) * 0.2)
     np.testing.assert_allclose(curves["SAD"][::2] * (0.01 / 254), area[10, :, 6])
 
@@ -167,8 +173,8 @@ def test_along_an_axis_sad_is_the_distributions():
 def test_places_and_axes_that_are_none_are_refused():
     grid = OccupancyGrid(random_rooms((30, 30), seed=9), 0.1)
     with pytest.raises(LocplanError, match="free space"):
-        mismatch(grid, 9.0, 1.0, FieldConfig())
+        mismatch(grid, 9.0, 1.0, Sad())
     with pytest.raises(LocplanError, match="axis must be"):
-        along_axis(grid, 1.0, 1.0, "z", FieldConfig())
+        along_axis(grid, 1.0, 1.0, "z", Sad())
     with pytest.raises(LocplanError, match="axis must be"):
-        along_axis(grid, 1.0, 1.0, "theta", FieldConfig(rotation_window_deg=0))
+        along_axis(grid, 1.0, 1.0, "theta", Sad(window=SearchWindow(half_rotation_deg=0)))

@@ -16,7 +16,7 @@ def costs_of(u, free, resolution=1.0) -> Costmap:
     """A costmap with this u, and an e that is three times as much."""
     grid = OccupancyGrid(np.where(free, FREE, 0), resolution)
     u = np.where(free, u, np.nan)
-    blank = Costmap.blank(grid)
+    blank = Costmap.blank(grid, robot_radius=0.0)
     return dataclasses.replace(blank, u=u, e=3 * u + 0.5, weight=1.0)
 
 
@@ -136,7 +136,7 @@ def test_bad_options_are_refused():
     with pytest.raises(ConfigError, match="time_limit"):
         front_of(costs, time_limit=0)
     with pytest.raises(ConfigError, match="without a field"):
-        front_of(Costmap.blank(costs.grid))
+        front_of(Costmap.blank(costs.grid, robot_radius=0.0))
     with pytest.raises(PoseError, match="goal"):
         pareto_front(costs, (0.5, 0.5), (99.0, 0.5))
 
@@ -222,4 +222,4 @@ def test_a_limit_does_not_join_what_is_apart():
     with pytest.raises(ConfigError, match="max_e"):
         plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=-1)
     with pytest.raises(ConfigError, match="without a field"):
-        plan(Costmap.blank(costs.grid), (0.5, 0.5), (0.7, 0.5), max_e=1.0)
+        plan(Costmap.blank(costs.grid, robot_radius=0.0), (0.5, 0.5), (0.7, 0.5), max_e=1.0)

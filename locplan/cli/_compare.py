@@ -140,7 +140,7 @@ def compare(
         )
         for reach in reaches
     ]
-    configs = {f"{config.estimator}, {config.sensor_range:g} m": config for config in made}
+    configs = {f"{config.estimator.name}, {config.estimator.reach:g} m": config for config in made}
     comparison.specs_of(planner or ["grid"])
     comparison.check_result_folder(output)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up

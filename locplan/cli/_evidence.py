@@ -27,7 +27,7 @@ from locplan.cli._options import (
 from locplan.cli._simulated import (
     DriveCount,
     Folder,
-    Lidar,
+    LidarName,
     MapFiles,
     Params,
     PlaceCount,
@@ -49,7 +49,7 @@ def evaluate(
     drives: DriveCount = 16,
     scans: ScanCount = 16,
     seed: Seed = 1,
-    lidar: Lidar = None,
+    lidar: LidarName = None,
     sensor_range: Range = None,
     params: Params = None,
     settings: Set = None,
@@ -61,24 +61,25 @@ def evaluate(
     """How well each field predicts where a robot is badly localized on your maps."""
     from locplan._util.files import check_folder
     from locplan._util.progress import progress_bar
-    from locplan.field import FieldConfig
+    from locplan.field import FieldConfig, Sad
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _evaluation as evaluation
     from locplan.simulation import _reports as reports
 
-    config = FieldConfig() if sensor_range is None else FieldConfig(sensor_range=sensor_range)
-    amcl, disturbances = simulated(config, lidar, params, settings)
+    config = FieldConfig() if sensor_range is None else FieldConfig(Sad(range=sensor_range))
+    simulated_lidar, amcl, disturbances = simulated(config, lidar, params, settings)
     if output:
         check_folder(output)
     with progress_bar("driving", "drives") as progress:
         result = evaluation.evaluate(
             [load_map(file) for file in find_maps(*maps)],
+            lidar=simulated_lidar,
             amcl=amcl,
             disturbances=disturbances,
             places=places,
             drives=drives,
             scans=scans,
-            disc=config.sensor_range,
+            disc=config.estimator.reach,
             robot_radius=robot_radius,
             seed=seed,
             threads=threads,
@@ -110,7 +111,7 @@ def calibrate(
     drives: DriveCount = 16,
     scans: ScanCount = 16,
     seed: Seed = 1,
-    lidar: Lidar = None,
+    lidar: LidarName = None,
     params: Params = None,
     settings: Set = None,
     robot_radius: Radius = 0.25,
@@ -150,10 +151,11 @@ def calibrate(
         headings,
         config_file,
     )
-    amcl, disturbances = simulated(config, lidar, params, settings)
+    simulated_lidar, amcl, disturbances = simulated(config, lidar, params, settings)
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],
+            lidar=simulated_lidar,
             amcl=amcl,
             disturbances=disturbances,
             places=places,

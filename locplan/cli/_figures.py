@@ -31,7 +31,7 @@ from locplan.cli._options import (
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan.field import CovarianceField, FieldConfig
+    from locplan.field import CovarianceField, Sad
     from locplan.maps import OccupancyGrid
 
 app = typer.Typer(**STYLE)
@@ -90,7 +90,6 @@ def plot(
     from locplan import plotting
     from locplan._util.files import PICTURES, check_target
     from locplan.field import SCALARS
-    from locplan.field.estimators import LAYERS
     from locplan.plotting._captions import how
 
     if figure not in OF_FIELDS + AT_A_PLACE:
@@ -111,8 +110,7 @@ def plot(
         )
         for reach in reaches
     ]
-    estimator = configs[0].estimator
-    layers = LAYERS[estimator]
+    layers = [layer.name for layer in configs[0].estimator.layers]
     if scalar not in (*SCALARS, *layers):
         known = ", ".join((*SCALARS, *layers))
         more = "; ambiguity and entropy are of --estimator scan" if estimator != "scan" else ""
@@ -130,12 +128,13 @@ def plot(
     if figure in AT_A_PLACE:
         if place is None:
             raise ConfigError(f"--figure {figure} needs --at X,Y")
-        drawn = _at_a_place(figure, grid, place, axis, configs[0])
+        sad: Any = configs[0].estimator
+        drawn = _at_a_place(figure, grid, place, axis, sad)
     else:
         fields = {}
         for config in configs:
             with computing(config, threads, scheduler, cache_dir) as compute:
-                fields[f"{grid.name}: {how(config)}, range {config.sensor_range:g} m"] = compute(
+                fields[f"{grid.name}: {how(config)}, range {config.estimator.reach:g} m"] = compute(
                     grid
                 )
         drawn = _of_fields(figure, fields, scalar, colours, spacing, magnify)
@@ -161,15 +160,14 @@ def _of_fields(
 
 
 def _at_a_place(
-    figure: str, grid: OccupancyGrid, place: list[float], axis: str, config: FieldConfig
+    figure: str, grid: OccupancyGrid, place: list[float], axis: str, estimator: Sad
 ) -> Any:
     from locplan import paper
-    from locplan.field import SearchWindow
     from locplan.paper.template_matching import along_axis, mismatch
 
     x, y = place
-    title = f"{grid.name} at {x:g}, {y:g} m, range {config.sensor_range:g} m"
+    title = f"{grid.name} at {x:g}, {y:g} m, range {estimator.range:g} m"
     if figure == "models":
-        return paper.models_figure(*along_axis(grid, x, y, axis, config), axis, title)
-    window = SearchWindow.from_config(config, grid.resolution)
-    return paper.distribution_figure({title: mismatch(grid, x, y, config)}, window)
+        return paper.models_figure(*along_axis(grid, x, y, axis, estimator), axis, title)
+    window = estimator.window.on(grid.resolution)
+    return paper.distribution_figure({title: mismatch(grid, x, y, estimator)}, window)

@@ -97,7 +97,8 @@ def config_of(
     headings: int = 0,
     config_file: Path | None = None,
 ) -> FieldConfig:
-    from locplan.field import FieldConfig, Lidar
+    from locplan.field import FieldConfig, Lidar, Sad
+    from locplan.field._registry import estimator_class
 
     if config_file is not None:
         given = preset, template, stride, estimator, sensor_name, field_of_view, headings
@@ -108,26 +109,26 @@ def config_of(
                 " --stride"
             )
         return _with_range(config_file, sensor_range)
-    presets = {"default": FieldConfig, "paper": FieldConfig.paper}
-    if preset not in presets:
-        raise ConfigError(f"--preset must be one of {', '.join(presets)}, not {preset!r}")
-    changes: dict[str, Any] = {"template": template, "stride": stride}
-    if estimator != "sad":
-        if preset != "default" or template != "disc":
-            raise ConfigError("--preset and --template are for --estimator sad")
-        sensor = Lidar.preset(sensor_name) if sensor_name else Lidar(range=6.0)
-        wished = {"range": sensor_range, "field_of_view_deg": field_of_view}
-        wanted: dict[str, Any] = {
-            name: value for name, value in wished.items() if value is not None
-        }
-        changes |= {"estimator": estimator, "headings": headings}
-        changes["sensor"] = dataclasses.replace(sensor, **wanted)
-    elif sensor_name or field_of_view is not None or headings:
-        raise ConfigError(
-            "--sensor, --field-of-view and --headings are for --estimator fisher and scan"
+    if preset not in ("default", "paper"):
+        raise ConfigError(f"--preset must be one of default, paper, not {preset!r}")
+    if estimator == "sad":
+        if sensor_name or field_of_view is not None or headings:
+            raise ConfigError(
+                "--sensor, --field-of-view and --headings are for --estimator fisher and scan"
+            )
+        made = Sad.paper() if preset == "paper" else Sad()
+        template_: Any = template
+        sad = dataclasses.replace(
+            made, template=template_, range=made.range if sensor_range is None else sensor_range
         )
-    config = presets[preset](sensor_range=6.0 if sensor_range is None else sensor_range)
-    return dataclasses.replace(config, **changes)
+        return FieldConfig(sad, stride=stride)
+    if preset != "default" or template != "disc":
+        raise ConfigError("--preset and --template are for --estimator sad")
+    lidar = Lidar.preset(sensor_name) if sensor_name else Lidar(range=6.0)
+    wished = {"range": sensor_range, "field_of_view_deg": field_of_view}
+    wanted: dict[str, Any] = {name: value for name, value in wished.items() if value is not None}
+    kind: Any = estimator_class(estimator)
+    return FieldConfig(kind(dataclasses.replace(lidar, **wanted)), stride=stride, headings=headings)
 
 
 def _with_range(config_file: Path, sensor_range: float | None) -> FieldConfig:
@@ -137,10 +138,13 @@ def _with_range(config_file: Path, sensor_range: float | None) -> FieldConfig:
     config = load_config(config_file)
     if sensor_range is None:
         return config
-    if config.sensor is None:
-        return dataclasses.replace(config, sensor_range=sensor_range)
-    sensor = dataclasses.replace(config.sensor, range=sensor_range)
-    return dataclasses.replace(config, sensor=sensor, sensor_range=sensor_range)
+    estimator: Any = config.estimator
+    if estimator.casts_rays:
+        lidar = dataclasses.replace(estimator.lidar, range=sensor_range)
+        changed = dataclasses.replace(estimator, lidar=lidar)
+    else:
+        changed = dataclasses.replace(estimator, range=sensor_range)
+    return dataclasses.replace(config, estimator=changed)
 
 
 @contextmanager

@@ -13,14 +13,14 @@ from locplan.cli._options import settings_of
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan.field import FieldConfig
+    from locplan.field import FieldConfig, Lidar
     from locplan.simulation._settings import Amcl, Disturbances
 
 MapFiles = Annotated[
     list[Path],
     typer.Argument(metavar="MAP...", help="map_server YAML files, or their folders."),
 ]
-Lidar = Annotated[
+LidarName = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
@@ -51,11 +51,11 @@ DriveCount = Annotated[int, typer.Option(min=1, help="To each place, of 10 m.")]
 
 def simulated(
     config: FieldConfig, lidar: str | None, params: Path | None, settings: Sequence[str] | None
-) -> tuple[Amcl, Disturbances]:
+) -> tuple[Lidar, Amcl, Disturbances]:
     """The filter and what it is up against; the lidar is the field's unless one is named."""
     from locplan.field import Lidar
     from locplan.simulation._nav2 import read_amcl
-    from locplan.simulation._settings import Amcl, Disturbances, changed
+    from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances, changed
 
     amcl, disturbances = read_amcl(params) if params else Amcl(), Disturbances()
     if lidar:
@@ -63,11 +63,8 @@ def simulated(
             sensor = Lidar.preset(lidar.lower())
         except ConfigError as error:
             raise ConfigError(f"--lidar: {error}") from None
-    elif config.sensor is not None:
-        sensor = config.sensor
     else:
-        sensor = dataclasses.replace(disturbances.sensor, range=config.sensor_range)
-    disturbances = dataclasses.replace(disturbances, sensor=sensor)
-    return changed(
-        amcl, disturbances, settings_of(settings or (), "set", "alpha1=0.05", words=True)
-    )
+        own = getattr(config.estimator, "lidar", None)
+        sensor = own or dataclasses.replace(SHORT_LIDAR, range=config.estimator.reach)
+    changes = settings_of(settings or (), "set", "alpha1=0.05", words=True)
+    return sensor, *changed(amcl, disturbances, changes)

@@ -29,7 +29,7 @@ from locplan.cli._options import (
     say_written,
     to_json,
 )
-from locplan.cli._simulated import Folder, Lidar, MapFiles, Params, Radius, Seed, Set, simulated
+from locplan.cli._simulated import Folder, LidarName, MapFiles, Params, Radius, Seed, Set, simulated
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def simulate(
     ] = 10.0,
     drives: Annotated[int, typer.Option(min=2, help="Simulated drives along each path.")] = 100,
     seed: Seed = 1,
-    lidar: Lidar = None,
+    lidar: LidarName = None,
     params: Params = None,
     settings: Set = None,
     weight: Annotated[
@@ -113,8 +113,9 @@ def simulate(
         headings,
         config_file,
     )
-    amcl, disturbances = simulated(config, lidar, params, settings)
+    simulated_lidar, amcl, disturbances = simulated(config, lidar, params, settings)
     shared: dict[str, Any] = {
+        "lidar": simulated_lidar,
         "amcl": amcl,
         "disturbances": disturbances,
         "drives": drives,

@@ -13,7 +13,8 @@ from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison.report._data import Case, Scene
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, FieldConfig
+from locplan.field import CovarianceField, Estimator, FieldConfig
+from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, find_maps, load_map
 from locplan.planners import Query, pareto_front, random_queries, read_queries
 
@@ -42,7 +43,7 @@ class Source:
             "map": self.case[0],
             "digest": self.grid.digest,
             "field": self.case[1],
-            "config": None if self.config is None else dataclasses.asdict(self.config),
+            "config": None if self.config is None else self.config.to_json(),
             "robot_radius": self.robot_radius,
             "queries": [dataclasses.asdict(query) for query in self.queries],
         }
@@ -129,19 +130,15 @@ def named_maps(maps: Any) -> dict[str, OccupancyGrid | Costmap]:
 
 
 def named_configs(
-    configs: FieldConfig | Mapping[str, FieldConfig] | None,
+    configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None,
 ) -> dict[str, FieldConfig]:
     """Settings by label."""
-    if configs is None or isinstance(configs, FieldConfig):
-        config = configs or FieldConfig()
-        return {f"{config.estimator}, {config.sensor_range:g} m": config}
-    if (
-        not isinstance(configs, Mapping)
-        or not configs
-        or not all(isinstance(config, FieldConfig) for config in configs.values())
-    ):
+    if configs is None or isinstance(configs, (FieldConfig, Estimator)):
+        config = config_of(configs)
+        return {f"{config.estimator.name}, {config.estimator.reach:g} m": config}
+    if not isinstance(configs, Mapping) or not configs:
         raise ConfigError("configs must be a FieldConfig, or a mapping of labels to them")
-    return dict(configs)
+    return {label: config_of(config) for label, config in configs.items()}
 
 
 def _map(given: Any) -> OccupancyGrid | Costmap:

@@ -21,7 +21,7 @@ from locplan.comparison._workers import PATIENCE, usable_cores
 from locplan.comparison.report._data import Case
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, FieldConfig, load_or_compute
+from locplan.field import CovarianceField, Estimator, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.planners import Plan, Query
 
@@ -37,7 +37,7 @@ def compare(
     *,
     weights: Sequence[float] = (4.0,),
     seeds: Sequence[int] = (1,),
-    configs: FieldConfig | Mapping[str, FieldConfig] | None = None,
+    configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None = None,
     robot_radius: float = 0.25,
     criterion: str = "e",
     time_limit: float | None = None,

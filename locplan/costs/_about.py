@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from locplan import __version__
 from locplan._util.tables import finite
 from locplan.costs._costmap import Costmap
 
 
-def about_costs(costs: Costmap) -> dict[str, Any]:
+def about_costs(costs: Costmap) -> dict[str, object]:
     """The version, the map and the costmap's settings, fit for JSON."""
     return {
         "locplan": __version__,
         "map": {"name": costs.grid.name, "digest": costs.grid.digest},
         **finite({"weight": costs.weight, "robot_radius": costs.robot_radius}),
-        **costs.made_of,
+        **(costs.settings.to_json() if costs.settings else {}),
     }

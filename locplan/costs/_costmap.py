@@ -4,21 +4,42 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan.costs._degeneracy import COST_LAWS, degeneracy, one_of
+from locplan._util.checks import number, one_of
+from locplan.costs._degeneracy import LAWS, degeneracy
 from locplan.errors import ConfigError, FieldError, PoseError
-from locplan.field import CovarianceField
+from locplan.field import CovarianceField, FieldConfig
 from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
 
+ROBOT_RADIUS = 0.25
+"""Radius of a robot of which nothing is known [m]."""
 MAX_DENSITY = 1e9
 """Greatest finite density: beyond it the steps of a long path would be lost in rounding."""
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """What the degeneracy u of a costmap was made of; see `Costmap.from_fields`."""
+
+    law: str
+    criterion: str
+    fuse: str
+    headings: str
+    configs: tuple[FieldConfig, ...]
+    """The settings of the fields."""
+
+    def to_json(self) -> dict[str, object]:
+        """All of them, fit for JSON."""
+        about: dict[str, object] = {
+            name: getattr(self, name) for name in ("law", "criterion", "fuse", "headings")
+        }
+        return about | {"configs": [config.to_json() for config in self.configs]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +65,8 @@ class Costmap:
     """For n headings of the robot, evenly spaced from 0 on, where it matters: (n, H, W)."""
     e_of_heading: NDArray[np.float32] | None = None
     """The same [m^2 rad]."""
-    made_of: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """The settings of u: of `from_fields`, and the fields' configs; fit for JSON."""
+    settings: CostSettings | None = None
+    """What u was made of; None without a field."""
 
     @classmethod
     def from_field(
@@ -53,10 +74,10 @@ class Costmap:
         grid: OccupancyGrid,
         field: CovarianceField,
         *,
-        weight: float = 4.0,
-        robot_radius: float = 0.0,
+        weight: float | None = None,
+        robot_radius: float = ROBOT_RADIUS,
         law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
-        criterion: str = "e",
+        criterion: str | None = None,
         headings: Literal["mean", "worst"] = "mean",
     ) -> Costmap:
         """1 + weight * u on free cells, with u between absolute anchors of the field's config.
@@ -67,17 +88,17 @@ class Costmap:
             The map that the field was computed for.
         field : CovarianceField
             The field; its Sigma + Q counts, whatever its config adds itself.
-        weight : float
-            Metres of detour accepted per degenerate metre, >= 0.
+        weight : float, optional
+            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own.
         robot_radius : float
             Cells whose centre is closer to an occupied cell are blocked [m], >= 0.
         law : str
             "logarithmic": u = ln(e/e_min) / ln(e_max/e_min); "linear": e / e_max; "cube-root":
             its cube root. All clipped to 0..1.
-        criterion : str
-            What u is made of: "e", "position_std", "position_rms", "heading_std" (see
-            `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", which
-            is always linear between its anchors.
+        criterion : str, optional
+            What u is made of, by default what the estimator says: "e", "position_std",
+            "position_rms", "heading_std" (see `locplan.field.scalar`), or a layer of the field,
+            "ambiguity" or "entropy", which is always linear between its anchors.
         headings : str
             Of a field with several headings, what counts where the robot's own is not known: the
             "mean" information over all, or the "worst" heading. Planners whose states have a
@@ -107,10 +128,10 @@ class Costmap:
         fields: Sequence[CovarianceField],
         *,
         fuse: Literal["max", "mean"] = "max",
-        weight: float = 4.0,
-        robot_radius: float = 0.0,
+        weight: float | None = None,
+        robot_radius: float = ROBOT_RADIUS,
         law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
-        criterion: str = "e",
+        criterion: str | None = None,
         headings: Literal["mean", "worst"] = "mean",
     ) -> Costmap:
         """The same from several fields of a map, such as those of "fisher" and "scan".
@@ -133,13 +154,18 @@ class Costmap:
                     f"the field of {field.grid.name or 'another map'} does not belong to"
                     f" {grid.name or 'this map'}; compute it for this map"
                 )
+        if not fields:
+            raise ConfigError("a costmap needs at least one field")
+        estimator = fields[0].config.estimator
+        weight = estimator.weight if weight is None else weight
+        criterion = criterion or estimator.criterion
         check_weight(weight)
-        one_of("law", law, COST_LAWS)
+        one_of("law", law, LAWS)
         one_of("fuse", fuse, ("max", "mean"))
         one_of("headings", headings, ("mean", "worst"))
         counts = {field.config.headings for field in fields} - {1}
-        if not fields or len(counts) > 1:
-            raise ConfigError("a costmap needs fields, and all with several headings as many")
+        if len(counts) > 1:
+            raise ConfigError("the fields of a costmap must have as many headings, or one")
         if len({field.window.dimension for field in fields}) > 1:
             raise ConfigError("a costmap needs fields that all have rotation, or none")
         own = [degeneracy(fields, criterion, law, fuse, None)] if counts else []
@@ -154,13 +180,9 @@ class Costmap:
             e=e,
             u_of_heading=own[0][0].astype(np.float32) if own else None,
             e_of_heading=own[0][1].astype(np.float32) if own else None,
-            made_of={
-                "law": law,
-                "criterion": criterion,
-                "fuse": fuse,
-                "headings": headings,
-                "configs": [dataclasses.asdict(field.config) for field in fields],
-            },
+            settings=CostSettings(
+                law, criterion, fuse, headings, tuple(field.config for field in fields)
+            ),
         )
 
     @classmethod
@@ -197,7 +219,7 @@ class Costmap:
         )
 
     @classmethod
-    def blank(cls, grid: OccupancyGrid, *, robot_radius: float = 0.0) -> Costmap:
+    def blank(cls, grid: OccupancyGrid, *, robot_radius: float = ROBOT_RADIUS) -> Costmap:
         """A cost of 1 wherever the robot can be: shortest paths, no field."""
         return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
 
@@ -236,7 +258,7 @@ class Costmap:
         ConfigError
             If the radius is smaller than its own: what is blocked cannot be opened again.
         """
-        _at_least_zero("robot_radius", robot_radius)
+        number("robot_radius", robot_radius, 0, MAX_DENSITY)
         if robot_radius < self.robot_radius:
             raise ConfigError(
                 f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
@@ -295,11 +317,11 @@ class Costmap:
 
 def check_weight(weight: float) -> None:
     """Raise a ConfigError unless the weight is a number of at least 0."""
-    _at_least_zero("weight", weight)
+    number("weight", weight, 0, MAX_DENSITY)
 
 
 def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:
-    _at_least_zero("robot_radius", robot_radius)
+    number("robot_radius", robot_radius, 0, MAX_DENSITY)
     return np.where(grid.clearance < robot_radius - 1e-9, np.inf, density)
 
 
@@ -311,8 +333,3 @@ def _pair(xy: Sequence[float], role: str) -> tuple[float, float]:
     if not (math.isfinite(x) and math.isfinite(y)):
         raise PoseError(f"{role} must be finite metres, not {x:g},{y:g}")
     return x, y
-
-
-def _at_least_zero(name: str, value: Any) -> None:
-    if not (isinstance(value, Real) and 0 <= float(value) <= MAX_DENSITY):
-        raise ConfigError(f"{name} must be a number in 0..{MAX_DENSITY:g}, not {value!r}")

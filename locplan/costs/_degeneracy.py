@@ -10,16 +10,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import one_of
 from locplan.errors import ConfigError
 from locplan.field import SCALARS, CovarianceField, FieldConfig
-from locplan.field.estimators import LAYERS
 
-COST_LAWS = ("logarithmic", "linear", "cube-root")
+LAWS = ("logarithmic", "linear", "cube-root")
 
 
 def check_criterion(criterion: str, config: FieldConfig) -> None:
     """Raise a ConfigError unless fields of this config have the scalar."""
-    one_of("criterion", criterion, (*SCALARS, *LAYERS[config.estimator]))
+    layers = [layer.name for layer in config.estimator.layers]
+    one_of("criterion", criterion, [*SCALARS, *layers])
 
 
 def degeneracy(
@@ -88,8 +89,3 @@ def _degeneracy_of(values: NDArray, least: float, greatest: float, law: str) -> 
         u = values / greatest
         u = np.cbrt(u) if law == "cube-root" else u
     return np.clip(u, 0.0, 1.0)
-
-
-def one_of(name: str, value: object, choices: Sequence[str]) -> None:
-    if value not in choices:
-        raise ConfigError(f"{name} must be one of {', '.join(choices)}, not {value!r}")

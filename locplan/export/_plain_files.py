@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -163,7 +162,7 @@ def _field_npz(file: FilePath, computed: CovarianceField) -> None:
             cells=computed.grid.cells,
             resolution=computed.grid.resolution,
             origin=computed.grid.origin,
-            config=json.dumps(dataclasses.asdict(computed.config)),
+            config=json.dumps(computed.config.to_json()),
         )
 
 

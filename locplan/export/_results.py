@@ -21,11 +21,6 @@ from locplan.planners import ParetoFront, Plan
 
 SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
-REMEDY = {
-    "sad": "more is told apart by what the lidar sees: --estimator scan, or fisher (--sensor)",
-    "fisher": "more is told apart by --estimator scan, which also sees repetition",
-    "scan": "there matches are as sharp as the search window's steps of offset can tell",
-}
 _METRICS = (
     ("length", "length", "m", ".2f"),
     ("cost J", "cost", "m", ".2f"),
@@ -50,7 +45,7 @@ def field_summary(field: CovarianceField) -> dict[str, Any]:
     return finite(
         {
             "map": field.grid.name,
-            "config": dataclasses.asdict(field.config),
+            "config": field.config.to_json(),
             "cells_evaluated": int(field.evaluated.sum()),
             "e_percentile_10": float(low),
             "e_median": float(median),
@@ -77,16 +72,12 @@ def field_table(field: CovarianceField) -> str:
     )
     if about["saturated_share"] <= SATURATED:
         return text
-    return f"{text}\n{REMEDY[field.config.estimator]}"
+    return f"{text}\n{field.config.estimator.remedy}"
 
 
 def _estimator(config: FieldConfig) -> str:
-    if config.sensor is None:
-        return f"{config.estimator}, {config.template}, range {config.sensor_range:g} m"
-    sensor = config.sensor
-    seen = f"{sensor.range:g} m, {sensor.field_of_view_deg:g} deg, {sensor.beams} beams"
     headings = "" if config.headings == 1 else f", {config.headings} headings"
-    return f"{config.estimator}, sensor {seen}{headings}"
+    return f"{config.estimator.summary}, range {config.estimator.reach:g} m{headings}"
 
 
 def fields_table(summaries: Sequence[Mapping[str, Any]]) -> str:
@@ -325,5 +316,5 @@ def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> Non
 
 def _unusual(config: Mapping[str, Any]) -> str:
     """The settings that are not the default ones."""
-    usual = dataclasses.asdict(FieldConfig())
+    usual = FieldConfig().to_json()
     return ", ".join(f"{k}={v}" for k, v in config.items() if usual.get(k, v) != v) or "default"

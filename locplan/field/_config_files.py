@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 from pathlib import Path
@@ -16,7 +15,7 @@ from locplan.field._config import FieldConfig
 SUFFIX = ".json"
 
 
-def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: Any) -> None:
+def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: object) -> None:
     """Write the settings of a field, and what else shall be known of them, as JSON.
 
     Raises
@@ -26,7 +25,7 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: Any)
     """
     target = Path(path)
     check_target(target, SUFFIX)
-    content = {"locplan": __version__, "config": dataclasses.asdict(config), **about}
+    content = {"locplan": __version__, "config": config.to_json(), **about}
     with replacing(target) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
@@ -51,16 +50,9 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     settings = _settings(content)
     if not isinstance(settings, dict):
         raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
-    known = {each.name for each in dataclasses.fields(FieldConfig)}
-    for name in settings:
-        if name not in known:
-            raise ConfigError(
-                f"{path}: no setting of a field is called {name!r};"
-                f" there are {', '.join(sorted(known))}"
-            )
     try:
-        return FieldConfig(**settings)
-    except (ConfigError, TypeError) as error:
+        return FieldConfig.from_json(settings)
+    except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
 
 

@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-SCALARS = ("e", "position_std", "position_rms", "heading_std")
-"""Scalars of a covariance by name, see `scalar`."""
 
-UNITS = {"position_std": "m", "position_rms": "m", "heading_std": "rad"}
+class Quantity(NamedTuple):
+    """What a picture or a table calls something that a field holds."""
+
+    label: str
+    unit: str
+
+    @property
+    def axis(self) -> str:
+        """Label and unit of a colour bar."""
+        return f"{self.label} [{self.unit}]"
+
+
+SCALARS = {
+    "e": Quantity("pose uncertainty e", "m² rad"),
+    "position_std": Quantity("largest position std. deviation", "m"),
+    "position_rms": Quantity("rms position deviation", "m"),
+    "heading_std": Quantity("heading std. deviation", "rad"),
+}
+"""Scalars of a covariance by name, see `scalar`."""
 MIN_VARIANCE = 1e-12
 """Far below what any lidar resolves [m^2, rad^2]."""
 

@@ -18,10 +18,17 @@ from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan.field import _tiles as tiles
 from locplan.field import _zarr as field_files
-from locplan.field._config import FieldConfig
-from locplan.field._covariance import log_euclidean_mean, mean_information, scalar
+from locplan.field._config import FieldConfig, config_of
+from locplan.field._covariance import (
+    SCALARS,
+    Quantity,
+    log_euclidean_mean,
+    mean_information,
+    scalar,
+)
+from locplan.field._estimator import Estimator, Values
 from locplan.field._lattice import interpolate, neighbours, stride_cells
-from locplan.field._search_window import SearchWindow
+from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid
 
 SATURATION = 1.05
@@ -44,8 +51,7 @@ class CovarianceField:
     config : FieldConfig
         What the covariances were computed with.
     layers : dict of (h, w) or (h, w, n) arrays
-        What the estimator tells of a place besides: of "scan" the "ambiguity", the probability
-        outside the central mode, and the "entropy" of the posterior [nat].
+        What the estimator says of a place besides, see its `layers`.
     """
 
     covariance: NDArray[np.float64]
@@ -54,13 +60,13 @@ class CovarianceField:
     layers: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, values: tiles.Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
+    def of(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """A field of the arrays that `locplan.field._tiles` fills."""
         layers = {name: array for name, array in values.items() if name != "covariance"}
         return cls(values["covariance"], grid, config, layers)
 
     @property
-    def values(self) -> tiles.Values:
+    def values(self) -> Values:
         """All arrays by name, "covariance" first."""
         return {"covariance": self.covariance, **self.layers}
 
@@ -74,7 +80,7 @@ class CovarianceField:
     @property
     def stride(self) -> int:
         """Spacing of the lattice [cells]."""
-        return stride_cells(self.config, self.grid.resolution)
+        return stride_cells(self.config.stride, self.grid.resolution)
 
     @cached_property
     def evaluated(self) -> NDArray[np.bool_]:
@@ -82,9 +88,9 @@ class CovarianceField:
         return tiles.known_points(self.values)
 
     @property
-    def window(self) -> SearchWindow:
+    def window(self) -> OffsetLattice:
         """The lattice of offsets that was compared at each cell."""
-        return SearchWindow.from_config(self.config, self.grid.resolution)
+        return self.config.estimator.window.on(self.grid.resolution)
 
     @cached_property
     def e(self) -> NDArray[np.float64]:
@@ -107,7 +113,7 @@ class CovarianceField:
         headings : "mean" or "worst", optional
             One value for all headings, (h, w): that of the mean information, or the greatest.
         with_q : bool
-            Of Sigma + Q even where `config.quantisation` is off.
+            Of Sigma + Q even where the estimator has not added Q.
         """
         several = self.covariance.ndim == 5
         if name in self.layers:
@@ -135,23 +141,21 @@ class CovarianceField:
 
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
-        """Sigma + Q whether or not `config.quantisation` has added it, like `covariance`."""
-        if self.config.quantisation:
+        """Sigma + Q whether or not the estimator has added Q, like `covariance`."""
+        if self.config.estimator.quantisation:
             return self.covariance
         return self.covariance + self.window.quantisation
 
     def anchors(self, name: str = "e") -> tuple[float, float]:
-        """A scalar's least and greatest value with Q: a perfect match, and a featureless place.
+        """A scalar's value with Q of a perfect match, and its value of a featureless place.
 
-        Of the ambiguity 0 and 1, of the entropy 0 and the logarithm of the number of offsets.
+        A layer's anchors are what the estimator says.
         """
-        if name == "ambiguity":
-            return 0.0, 1.0
-        if name == "entropy":
-            window = self.window
-            return 0.0, math.log(len(window.offsets) ** 2 * len(window.angles))
+        for layer in self.config.estimator.layers:
+            if layer.name == name:
+                return layer.anchors(self.window)
         q = self.window.quantisation
-        featureless = self.config.noise_level * self.window.uniform_covariance + q
+        featureless = self.config.estimator.noise_level * self.window.uniform_covariance + q
         return float(scalar(q, name)), float(scalar(featureless, name))
 
     @property
@@ -165,8 +169,15 @@ class CovarianceField:
 
     @property
     def e_unit(self) -> str:
-        """Of e: positions alone have no angle in it."""
+        """Unit of e; positions alone have no angle in it."""
         return "m² rad" if self.window.dimension == 3 else "m²"
+
+    def quantity(self, name: str = "e") -> Quantity:
+        """Label and unit of a scalar or of a layer."""
+        if name == "e":
+            return Quantity(SCALARS["e"].label, self.e_unit)
+        layers = {each.name: each for each in self.config.estimator.layers}
+        return Quantity(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
 
     def e_map(self) -> NDArray[np.float64]:
         """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad]; NaN elsewhere.
@@ -290,7 +301,7 @@ class CovarianceField:
 
 def covariance_field(
     grid: OccupancyGrid,
-    config: FieldConfig | None = None,
+    config: FieldConfig | Estimator | None = None,
     *,
     threads: int | None = None,
     executor: Executor | None = None,
@@ -305,8 +316,8 @@ def covariance_field(
     ----------
     grid : OccupancyGrid
         The map.
-    config : FieldConfig, optional
-        `FieldConfig()` by default.
+    config : FieldConfig or Estimator, optional
+        `Sad()` by default.
     threads : int, optional
         All cores by default. The result does not depend on it.
     executor : concurrent.futures.Executor, optional
@@ -326,11 +337,12 @@ def covariance_field(
     --------
     >>> from locplan.maps import FREE
     >>> grid = OccupancyGrid(np.full((30, 30), FREE), resolution=0.1)
-    >>> field = covariance_field(grid, FieldConfig(sensor_range=0.5))
+    >>> from locplan.field import Sad
+    >>> field = covariance_field(grid, Sad(range=0.5))
     >>> field.covariance.shape
     (15, 15, 3, 3)
     """
-    config = config or FieldConfig()
+    config = config_of(config)
     values = tiles.nothing_known(grid, config)
     tiles.complete(values, grid, config, threads, executor, progress)
     return CovarianceField.of(values, grid, config)

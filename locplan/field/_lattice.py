@@ -11,12 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field._config import FieldConfig
 
-
-def stride_cells(config: FieldConfig, resolution: float) -> int:
-    """Spacing of the lattice in whole cells."""
-    return max(1, round(config.stride / resolution))
+def stride_cells(stride: float, resolution: float) -> int:
+    """A spacing in metres as whole cells, at least one."""
+    return max(1, round(stride / resolution))
 
 
 def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from numbers import Real
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import keep, number, one_of, positive, whole
 from locplan.errors import ConfigError
 
 FULL_CIRCLE = 360.0
+MAX_BEAMS = 100_000
 MIN_SIGMA = 1e-6
 """A smaller deviation of ranges would leave nothing of a covariance but rounding [m]."""
 
@@ -51,9 +51,9 @@ class Lidar:
 
     def __post_init__(self) -> None:
         for name, unit in (("range", "m"), ("range_sigma", "m"), ("field_of_view_deg", "deg")):
-            self._keep(name, _number(name, getattr(self, name), unit))
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name} must be positive {unit}, not {getattr(self, name)!r}")
+            keep(self, **{name: positive(name, getattr(self, name), unit)})
+        for name in ("mount_x", "mount_y", "mount_yaw_deg"):
+            keep(self, **{name: number(name, getattr(self, name))})
         if self.range_sigma < MIN_SIGMA:
             raise ConfigError(
                 f"range_sigma must be at least {MIN_SIGMA:g} m, not {self.range_sigma!r}"
@@ -62,12 +62,7 @@ class Lidar:
             raise ConfigError(
                 f"field_of_view_deg must be at most 360 deg, not {self.field_of_view_deg!r}"
             )
-        for name, unit in (("mount_x", "m"), ("mount_y", "m"), ("mount_yaw_deg", "deg")):
-            self._keep(name, _number(name, getattr(self, name), unit))
-        whole = isinstance(self.beams, (int, np.integer)) and not isinstance(self.beams, bool)
-        if not (whole and 1 <= self.beams <= 100_000):
-            raise ConfigError(f"beams must be a whole number in 1..100000, not {self.beams!r}")
-        self._keep("beams", int(self.beams))
+        keep(self, beams=whole("beams", self.beams, 1, MAX_BEAMS))
 
     @classmethod
     def preset(cls, name: str) -> Lidar:
@@ -78,8 +73,7 @@ class Lidar:
         ConfigError
             If the name is unknown.
         """
-        if name not in LIDARS:
-            raise ConfigError(f"sensor must be one of {', '.join(LIDARS)}, not {name!r}")
+        one_of("lidar", name, LIDARS)
         return LIDARS[name]
 
     @property
@@ -109,15 +103,6 @@ class Lidar:
         But for where between its beams a feature falls.
         """
         return self.sees_all_round and self.mount_x == self.mount_y == 0.0
-
-    def _keep(self, name: str, value: float) -> None:
-        object.__setattr__(self, name, value)
-
-
-def _number(name: str, value: Any, unit: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise ConfigError(f"{name} must be a number of {unit}, not {value!r}")
-    return float(value)
 
 
 LIDARS = {

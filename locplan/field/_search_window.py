@@ -1,4 +1,4 @@
-"""The search window: the lattice of pose offsets (dx, dy, theta) that are compared at a cell."""
+"""The search window: the pose offsets (dx, dy, theta) at which a place is compared with others."""
 
 from __future__ import annotations
 
@@ -8,16 +8,85 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import keep, number, positive
 from locplan.errors import ConfigError
-from locplan.field._config import FieldConfig
+
+MAX_STEPS = 1000
+"""Greatest number of steps from the centre of the search window to its edge."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchWindow:
+    """The pose offsets around a place that a match is looked for at; by default the paper's.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> SearchWindow().on(resolution=0.1).offsets.size
+    21
+    """
+
+    half_width: float = 2.0
+    """Greatest offset in x and in y [m]."""
+    step: float = 0.2
+    """Spacing of the offsets [m]; it is rounded to whole cells."""
+    half_rotation_deg: float = 60.0
+    """Greatest turn [deg]; 0 compares positions only."""
+    rotation_step_deg: float = 10.0
+    """Spacing of the turns [deg]."""
+
+    def __post_init__(self) -> None:
+        for name, unit in (("half_width", "m"), ("step", "m"), ("rotation_step_deg", "deg")):
+            keep(self, **{name: positive(name, getattr(self, name), unit)})
+        half_rotation = number("half_rotation_deg", self.half_rotation_deg, 0.0, 180.0)
+        keep(self, half_rotation_deg=half_rotation)
+        if self.step > self.half_width:
+            raise ConfigError(
+                f"step ({self.step} m) must not exceed half_width ({self.half_width} m)"
+            )
+        for half, step in (("half_width", "step"), ("half_rotation_deg", "rotation_step_deg")):
+            if getattr(self, half) > MAX_STEPS * getattr(self, step):
+                raise ConfigError(f"{half} must be at most {MAX_STEPS} times {step}")
+        if 0 < self.half_rotation_deg < self.rotation_step_deg:
+            raise ConfigError(
+                f"rotation_step_deg ({self.rotation_step_deg}) must not exceed"
+                f" half_rotation_deg ({self.half_rotation_deg}); 0 compares positions only"
+            )
+
+    def on(self, resolution: float) -> OffsetLattice:
+        """The window in whole cells of `resolution` metres.
+
+        Raises
+        ------
+        ConfigError
+            If cells are so large that the window has no offset but zero.
+        """
+        step_cells = max(1, round(self.step / resolution))
+        half_steps = round(self.half_width / (step_cells * resolution))
+        if half_steps < 1:
+            raise ConfigError(
+                f"cells of {resolution:g} m do not resolve a search window of"
+                f" +-{self.half_width:g} m; set a larger window"
+            )
+        return OffsetLattice(
+            resolution=resolution,
+            step_cells=step_cells,
+            half_steps=half_steps,
+            rotation_step=math.radians(self.rotation_step_deg),
+            half_rotations=math.floor(self.half_rotation_deg / self.rotation_step_deg + 1e-9),
+        )
 
 
 @dataclass(frozen=True)
-class SearchWindow:
-    """Offsets in x and y of ``-half_steps..half_steps`` steps, and the headings compared.
+class OffsetLattice:
+    """A search window on a map: offsets of ``-half_steps..half_steps`` steps, and turns.
 
     Along x and y the lattice has ``2 * half_steps + 1`` offsets of ``step_cells`` whole cells.
-    With a single heading the poses have two dimensions (x, y), otherwise three (x, y, theta).
+    With a single turn the poses have two dimensions (x, y), otherwise three (x, y, theta).
     """
 
     resolution: float
@@ -27,38 +96,24 @@ class SearchWindow:
     half_steps: int
     """Number of offsets on either side of zero."""
     rotation_step: float
-    """Spacing of the headings [rad]."""
+    """Spacing of the turns [rad]."""
     half_rotations: int
-    """Number of headings on either side of zero."""
-
-    @classmethod
-    def from_config(cls, config: FieldConfig, resolution: float) -> SearchWindow:
-        """Round the configured window to whole cells of `resolution` metres.
-
-        Raises
-        ------
-        ConfigError
-            If cells are so large that the window has no offset but zero.
-        """
-        step_cells = max(1, round(config.step / resolution))
-        half_steps = round(config.window / (step_cells * resolution))
-        if half_steps < 1:
-            raise ConfigError(
-                f"cells of {resolution:g} m do not resolve a search window of"
-                f" +-{config.window:g} m; set a larger window"
-            )
-        return cls(
-            resolution=resolution,
-            step_cells=step_cells,
-            half_steps=half_steps,
-            rotation_step=math.radians(config.rotation_step_deg),
-            half_rotations=math.floor(config.rotation_window_deg / config.rotation_step_deg + 1e-9),
-        )
+    """Number of turns on either side of zero."""
 
     @property
     def step(self) -> float:
         """Spacing of the offsets [m]."""
         return self.step_cells * self.resolution
+
+    @property
+    def reach(self) -> int:
+        """Greatest offset in x and in y [cells]."""
+        return self.half_steps * self.step_cells
+
+    @property
+    def steps(self) -> NDArray[np.float64]:
+        """Spacing along x, y and theta, (3,) [m, m, rad]."""
+        return np.array([self.step, self.step, self.rotation_step])
 
     @property
     def offsets(self) -> NDArray[np.float64]:
@@ -67,25 +122,28 @@ class SearchWindow:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """The headings compared, counter-clockwise [rad]."""
+        """The turns, counter-clockwise [rad]."""
         steps = np.arange(-self.half_rotations, self.half_rotations + 1, dtype=np.float64)
         return steps * self.rotation_step
 
     @property
+    def size(self) -> int:
+        """Number of all offsets (dx, dy, theta)."""
+        return (2 * self.half_steps + 1) ** 2 * (2 * self.half_rotations + 1)
+
+    @property
     def dimension(self) -> int:
-        """Of the poses: 2 without rotation, else 3."""
+        """Number of dimensions of the poses: 2 without turns, else 3."""
         return 3 if self.half_rotations else 2
 
     @property
     def uniform_covariance(self) -> NDArray[np.float64]:
         """Covariance of a featureless place, where all offsets weigh the same (diagonal)."""
         counts = np.array([2 * self.half_steps + 1] * 2 + [2 * self.half_rotations + 1])
-        steps = np.array([self.step, self.step, self.rotation_step])
-        variances = steps**2 * (counts**2 - 1) / 12
+        variances = self.steps**2 * (counts**2 - 1) / 12
         return np.diag(variances[: self.dimension])
 
     @property
     def quantisation(self) -> NDArray[np.float64]:
         """Q, the variance within one step of the lattice (diagonal)."""
-        steps = np.array([self.step, self.step, self.rotation_step])
-        return np.diag(steps[: self.dimension] ** 2 / 12)
+        return np.diag(self.steps[: self.dimension] ** 2 / 12)

@@ -35,11 +35,12 @@ from locplan.field._cache import (
     lock_of,
     mark_used,
 )
-from locplan.field._config import FieldConfig
+from locplan.field._config import FieldConfig, config_of
+from locplan.field._estimator import Estimator
 from locplan.field._field import CovarianceField
 from locplan.maps import OccupancyGrid
 
-DECISIVE = ("format", "engine", "map_digest", "config")
+DECISIVE = ("format", "engine", "map_digest", "identity")
 """Attributes that make one field another."""
 RELATIVES = 3
 """How many other states of a map are looked at for what can be carried over."""
@@ -53,7 +54,7 @@ class CacheWarning(UserWarning):
 
 def load_or_compute(
     grid: OccupancyGrid,
-    config: FieldConfig | None = None,
+    config: FieldConfig | Estimator | None = None,
     *,
     cache_dir: str | os.PathLike[str] | None = None,
     threads: int | None = None,
@@ -70,8 +71,8 @@ def load_or_compute(
     ----------
     grid : OccupancyGrid
         The map.
-    config : FieldConfig, optional
-        `FieldConfig()` by default.
+    config : FieldConfig or Estimator, optional
+        `Sad()` by default.
     cache_dir : path, optional
         By default the environment variable LOCPLAN_CACHE, or else the user's cache folder. It
         grows to LOCPLAN_CACHE_SIZE (5 GB); the fields used least recently go first.
@@ -88,7 +89,7 @@ def load_or_compute(
     CacheWarning
         If the cache cannot be written, or holds damaged chunks (which are computed anew).
     """
-    config = config or FieldConfig()
+    config = config_of(config)
     limit = cache_limit()
     path = field_path(grid, config, cache_dir)
     found = _Found.at(path, grid, config)
@@ -183,7 +184,9 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
 def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Fill in what the fields of other states of this map have in common with it."""
     expected = field_files.attributes(grid, config)
-    same = [name for name in expected if name not in ("locplan", "map_digest", "map_name")]
+    same = [
+        name for name in expected if name not in ("locplan", "map_digest", "map_name", "config")
+    ]
     looked_at = 0
     for folder in fields(path.parent):
         lacking = tiles.missing_points(found.values, grid, config)

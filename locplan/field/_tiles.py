@@ -6,10 +6,10 @@ import os
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from importlib import import_module
+from dataclasses import replace
 from itertools import islice
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,8 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import rotated
+from locplan.field._estimator import Estimator, MapPart, Values
 from locplan.field._lattice import evaluated_points, standing_cells, stride_cells
-from locplan.field._search_window import SearchWindow
-from locplan.field.estimators import LAYERS
 from locplan.maps import OccupancyGrid
 
 ENGINE = 2
@@ -47,15 +46,8 @@ class Chunk(NamedTuple):
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
-Values = dict[str, NDArray[np.float64]]
-"""Arrays over the lattice by name: "covariance", and what else an estimator tells of a place."""
 _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
 _Tile = Future[Values]
-
-
-def estimator_of(config: FieldConfig) -> Any:
-    """The module whose `covariances` fill a field of this config."""
-    return import_module(f"locplan.field.estimators._{config.estimator}")
 
 
 def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
@@ -63,11 +55,11 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
 
     Covariances have the poses' dimension twice at the end.
     """
-    stride = stride_cells(config, grid.resolution)
+    stride = stride_cells(config.stride, grid.resolution)
     points = tuple(-(-size // stride) for size in grid.shape)
     places = points if config.headings == 1 else (*points, config.headings)
-    dimension = SearchWindow.from_config(config, grid.resolution).dimension
-    layers = dict.fromkeys(LAYERS[config.estimator], places)
+    dimension = config.estimator.window.on(grid.resolution).dimension
+    layers = {layer.name: places for layer in config.estimator.layers}
     return {"covariance": (*places, dimension, dimension), **layers}
 
 
@@ -84,7 +76,7 @@ def known_points(values: Values) -> NDArray[np.bool_]:
 
 def missing_points(values: Values, grid: OccupancyGrid, config: FieldConfig) -> NDArray[np.bool_]:
     """Lattice points that a field needs and its arrays do not hold, (h, w)."""
-    wanted = evaluated_points(grid.free, stride_cells(config, grid.resolution))
+    wanted = evaluated_points(grid.free, stride_cells(config.stride, grid.resolution))
     return wanted & ~known_points(values)
 
 
@@ -143,6 +135,7 @@ def finished_chunks(
     else:
         missing = wanted & ~known_points(values)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
+    estimator = config.estimator
     if not total:
         return
     running: dict[_Tile, tuple[Chunk, _Points, NDArray[np.int64]]] = {}
@@ -153,15 +146,17 @@ def finished_chunks(
     # Own threads share what the estimator makes of the whole map.
     prepared = None
     if executor is None:
-        prepared = estimator_of(config).prepare(grid.cells, grid.resolution, config)
+        prepared = estimator.prepare(grid.cells, grid.resolution)
     try:
         while True:
             for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
-                task, control = _task(grid, config, points, prepared), np.zeros(2, np.int64)
+                part, control = _whole_map(grid, config, points), np.zeros(2, np.int64)
+                if prepared is None:
+                    part = _cut_out(part, estimator)
                 if executor is None:
-                    task["control"] = control
+                    part = replace(part, prepared=prepared, shared=control)
                 with _one_line_errors(executor):
-                    tile = pool.submit(compute, ENGINE, **task)
+                    tile = pool.submit(compute, ENGINE, estimator, part)
                 running[tile] = chunk, points, control
                 tile.add_done_callback(done.put)
             if not running:
@@ -188,7 +183,7 @@ def finished_chunks(
             pool.shutdown(cancel_futures=True)
 
 
-def compute(engine: int, config: FieldConfig, **task: Any) -> Values:
+def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
     """Values of a tile, wherever that is run, if it is the same engine there.
 
     Raises
@@ -200,7 +195,7 @@ def compute(engine: int, config: FieldConfig, **task: Any) -> Values:
         raise FieldError(
             f"a worker has another locplan (engine {ENGINE}, not {engine}); install the same one"
         )
-    return estimator_of(config).covariances(config=config, **task)
+    return estimator.covariances(part)
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
@@ -237,10 +232,10 @@ def untouched_points(
                 f"the field's map has {name} {getattr(before, name)}, but the new one"
                 f" {getattr(after, name)}; compute a field of its own for it"
             )
-    stride = stride_cells(config, after.resolution)
+    stride = stride_cells(config.stride, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
     # A sensor that would be in a wall stands up to a stride aside.
-    reach = stride + estimator_of(config).halo(config, after.resolution, after.shape)
+    reach = stride + config.estimator.halo(after.resolution, after.shape)
     box = [2 * reach + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return (near[::stride, ::stride] == 0) & evaluated_points(after.free, stride)
@@ -248,8 +243,8 @@ def untouched_points(
 
 def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
     """Edge of a tile [lattice points], and how many lattice points apart its own are."""
-    stride = stride_cells(config, resolution)
-    apart = estimator_of(config).points_apart(config, resolution, stride)
+    stride = stride_cells(config.stride, resolution)
+    apart = config.estimator.points_apart(resolution, stride)
     return min(TILE, max(1, TILE_CELLS // (stride * apart))), apart
 
 
@@ -270,28 +265,22 @@ def _tiles(
             yield chunk, tile
 
 
-def _task(
-    grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: Any
-) -> dict[str, Any]:
-    """Arguments of the estimator, with the part of the map that these points depend on."""
-    stride = stride_cells(config, grid.resolution)
+def _whole_map(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> MapPart:
+    """The cells of some lattice points, with all of the map."""
+    stride = stride_cells(config.stride, grid.resolution)
     rows, cols = (index * stride for index in points)
-    if config.sensor is not None:
+    if config.estimator.casts_rays:
         rows, cols = standing_cells(grid.free, rows, cols, stride)
-    task = {
-        "rows": rows,
-        "cols": cols,
-        "resolution": grid.resolution,
-        "yaw": grid.origin[2],
-        "config": config,
-        "map_shape": grid.shape,
-    }
-    if prepared is not None:
-        return task | {"levels": grid.cells, "corner": (0, 0), "prepared": prepared}
-    reach = estimator_of(config).halo(config, grid.resolution, grid.shape)
-    top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
-    bottom, right = int(rows.max()) + reach + 1, int(cols.max()) + reach + 1
-    return task | {"levels": grid.cells[top:bottom, left:right], "corner": (top, left)}
+    headings = config.heading_angles - grid.origin[2]
+    return MapPart(grid.cells, rows, cols, grid.resolution, grid.shape, headings=headings)
+
+
+def _cut_out(part: MapPart, estimator: Estimator) -> MapPart:
+    """The same cells with no more of the map than they depend on."""
+    reach = estimator.halo(part.resolution, part.map_shape)
+    top, left = max(0, int(part.rows.min()) - reach), max(0, int(part.cols.min()) - reach)
+    bottom, right = int(part.rows.max()) + reach + 1, int(part.cols.max()) + reach + 1
+    return replace(part, levels=part.levels[top:bottom, left:right], corner=(top, left))
 
 
 def _next(done: SimpleQueue[_Tile]) -> _Tile | None:

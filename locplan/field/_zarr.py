@@ -8,7 +8,6 @@ computed is absent, and reads as NaN; a chunk that was carries a checksum.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -35,17 +34,13 @@ from locplan.field._tiles import (
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
-FORMAT = "locplan-field-3"
+FORMAT = "locplan-field-4"
 SUFFIX = ".zarr"
-ABOUT: dict[str, Any] = {
-    "covariance": {
-        "long_name": "covariance of a pose match (x, y, theta), world frame",
-        "units": "m2, m rad, rad2",
-    },
-    "ambiguity": {"long_name": "probability outside the central mode", "units": "1"},
-    "entropy": {"long_name": "entropy of the posterior over the search window", "units": "nat"},
+COVARIANCE: dict[str, Any] = {
+    "long_name": "covariance of a pose match (x, y, theta), world frame",
+    "units": "m2, m rad, rad2",
 }
-"""Attributes of a field's arrays."""
+"""Attributes of the covariances."""
 
 
 def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
@@ -59,8 +54,12 @@ def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
         "map_shape": list(grid.shape),
         "resolution": grid.resolution,
         "origin": list(grid.origin),
-        "stride_cells": stride_cells(config, grid.resolution),
-        "config": dataclasses.asdict(config),
+        "identity": {
+            "estimator": config.estimator.identity(),
+            "stride_cells": stride_cells(config.stride, grid.resolution),
+            "headings": config.headings,
+        },
+        "config": config.to_json(),
     }
 
 
@@ -102,11 +101,15 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
 
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
     shapes, edge = field_shapes(grid, config), _edge(grid, config)
-    stride = stride_cells(config, grid.resolution)
+    stride = stride_cells(config.stride, grid.resolution)
     chunks = sum(1 for _ in chunks_of(evaluated_points(grid.free, stride), edge))
     about = attributes(grid, config) | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
+    about_layers: dict[str, dict[str, Any]] = {
+        layer.name: {"long_name": layer.label, "units": layer.unit}
+        for layer in config.estimator.layers
+    }
     places = ("y", "x") if config.headings == 1 else ("y", "x", "heading")
     for name, shape in shapes.items():
         group.create_array(
@@ -118,7 +121,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
             fill_value=np.nan,
             compressors=compressed,
             dimension_names=(*places, "pose_row", "pose_col")[: len(shape)],
-            attributes=ABOUT[name],
+            attributes=about_layers.get(name, COVARIANCE),
         )
     group.create_array(
         "cells",
@@ -253,7 +256,7 @@ def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     about = read_attributes(folder)
     grid = read_grid(folder, about)
     try:
-        config = FieldConfig(**about["config"])
+        config = FieldConfig.from_json(about["config"])
     except (KeyError, TypeError, LocplanError) as error:
         raise FieldError(f"{folder}: its config is damaged ({_in_short(error)})") from None
     values, damaged = read_values(folder, grid, config)
@@ -267,7 +270,7 @@ def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
 
 
 def _edge(grid: OccupancyGrid, config: FieldConfig) -> int:
-    """Of the chunks [lattice points]."""
+    """Edge length of a chunk [lattice points]."""
     return min(
         chunk_edge(config, grid.resolution), max(field_shapes(grid, config)["covariance"][:2])
     )

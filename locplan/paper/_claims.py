@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import FieldConfig, position_axes, scalar
-from locplan.field.estimators import _sad as sad
+from locplan.field import Sad, position_axes, scalar
+from locplan.field._estimator import MapPart
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
 
@@ -140,15 +140,15 @@ def maps_of_places(
 
 
 def mismatch_at(
-    maps: Mapping[str, OccupancyGrid], place: str, config: FieldConfig
+    maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad
 ) -> NDArray[np.float64]:
     """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2]."""
     grid = maps[PLACES[place]]
-    return mismatch(grid, *environments.landmarks(PLACES[place])[place], config)
+    return mismatch(grid, *environments.landmarks(PLACES[place])[place], estimator)
 
 
 def at_places(
-    maps: Mapping[str, OccupancyGrid], config: FieldConfig, *, spread: float = SPREAD
+    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, spread: float = SPREAD
 ) -> Covariances:
     """The covariances at the places A-E.
 
@@ -156,8 +156,8 @@ def at_places(
     ----------
     maps : mapping of str to OccupancyGrid
         As `maps_of_places` makes them.
-    config : FieldConfig
-        Of estimator "sad".
+    estimator : Sad
+        The settings.
     spread : float
         Besides, at the corners and edges of a square around each place, so far from it [m].
 
@@ -172,20 +172,20 @@ def at_places(
     for place, name in PLACES.items():
         x, y = environments.landmarks(name)[place]
         rows, cols = np.floor(maps[name].world_to_grid(x + dx, y + dy)).astype(np.int64)
-        found[place] = _covariances(maps[name], rows, cols, config)
+        found[place] = _covariances(maps[name], rows, cols, estimator)
     return found
 
 
 def shares_of_claims(
-    maps: Mapping[str, OccupancyGrid], config: FieldConfig, *, spread: float = SPREAD
+    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, spread: float = SPREAD
 ) -> dict[str, float]:
     """For each claim the share of poses at which it holds; arguments as for `at_places`."""
-    found = at_places(maps, config, spread=spread)
+    found = at_places(maps, estimator, spread=spread)
     return {claim: float(holds(found).mean()) for claim, holds in CLAIMS.items()}
 
 
 def share_smaller_with_range(
-    grid: OccupancyGrid, config: FieldConfig, longer: float = 8.0, *, spacing: float = 1.0
+    grid: OccupancyGrid, estimator: Sad, longer: float = 8.0, *, spacing: float = 1.0
 ) -> float:
     """Share of the poses, `spacing` [m] apart, where e is no greater with a longer range [m]."""
     step = round(spacing / grid.resolution)
@@ -194,12 +194,13 @@ def share_smaller_with_range(
     rows, cols = np.nonzero(chosen & grid.free)
     shorter, further = (
         scalar(_covariances(grid, rows, cols, each), "e")
-        for each in (config, replace(config, sensor_range=longer))
+        for each in (estimator, replace(estimator, range=longer))
     )
     return float(np.mean(further <= shorter * (1 + 1e-9)))
 
 
 def _covariances(
-    grid: OccupancyGrid, rows: NDArray[np.int64], cols: NDArray[np.int64], config: FieldConfig
+    grid: OccupancyGrid, rows: NDArray[np.int64], cols: NDArray[np.int64], estimator: Sad
 ) -> NDArray[np.float64]:
-    return sad.covariances(grid.cells, rows, cols, grid.resolution, config)["covariance"]
+    part = MapPart.whole(grid.cells, rows, cols, grid.resolution)
+    return estimator.covariances(part)["covariance"]

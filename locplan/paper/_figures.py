@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from locplan.field import SearchWindow
+from locplan.field import OffsetLattice
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper._claims import Slide
 from locplan.plotting._maps import MAP_COLOURS
@@ -102,7 +102,7 @@ def draw_models(
 
 
 def distribution_figure(
-    distributions: Mapping[str, NDArray[np.float64]], window: SearchWindow
+    distributions: Mapping[str, NDArray[np.float64]], window: OffsetLattice
 ) -> Figure:
     """Mismatch over the planes of the search window, as surfaces and as heat maps (Figs. 18-28).
 
@@ -110,7 +110,7 @@ def distribution_figure(
     ----------
     distributions : mapping of str to (nx, ny, ntheta) array
         Of each place, by the name to show: mismatch at every offset [m^2]; 0 at no offset.
-    window : SearchWindow
+    window : OffsetLattice
         The offsets.
     """
     turning = window.dimension == 3
@@ -133,7 +133,7 @@ def distribution_figure(
 
 
 def _plane(
-    mismatch: NDArray[np.float64], window: SearchWindow, plane: tuple[str, str]
+    mismatch: NDArray[np.float64], window: OffsetLattice, plane: tuple[str, str]
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
     """The offsets along both axes of a plane [m, or deg], and the mismatch in it, (n, m)."""
     axes = {"x": window.offsets, "y": window.offsets, "θ": np.degrees(window.angles)}

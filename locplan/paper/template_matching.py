@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan.errors import ConfigError, MapError, PoseError
-from locplan.field import FieldConfig, SearchWindow
+from locplan.field import OffsetLattice, Sad
 from locplan.field._template import disc, local_map, rotated_template, visible_part
 from locplan.maps import FREE, OccupancyGrid
 
@@ -124,7 +124,7 @@ def slid_along_x(
 
 
 def along_axis(
-    grid: OccupancyGrid, x: float, y: float, axis: str, config: FieldConfig
+    grid: OccupancyGrid, x: float, y: float, axis: str, estimator: Sad
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
     """The seven models for the disc around a position, moved along one axis of the map.
 
@@ -135,7 +135,7 @@ def along_axis(
         The position [m].
     axis : str
         "x", "y" or "theta".
-    config : FieldConfig
+    estimator : Sad
         How far: to the ends of its search window, cell by cell, or degree by degree.
 
     Returns
@@ -149,14 +149,14 @@ def along_axis(
     LocplanError
         If the position is not in free space, or the axis is none of the window's.
     """
-    row, col, radius = _disc_at(grid, x, y, config)
-    window = SearchWindow.from_config(config, grid.resolution)
+    row, col, radius = _disc_at(grid, x, y, estimator)
+    window = estimator.window.on(grid.resolution)
     if axis not in ("x", "y", "theta")[: window.dimension]:
         raise ConfigError(f"axis must be x, y, or theta if the window has headings, not {axis!r}")
     mask = disc(radius)
     unmoved = local_map(grid.cells, row, col, radius)[mask]
     if axis == "theta":
-        turns = round(config.rotation_window_deg)
+        turns = round(estimator.window.half_rotation_deg)
         angles = np.radians(np.arange(-turns, turns + 1, dtype=np.float64))
         return angles, _curves(
             (rotated_template(grid.cells, row, col, radius, angle)[mask], unmoved)
@@ -189,7 +189,7 @@ def sad_distribution(
     row: int,
     col: int,
     radius: int,
-    window: SearchWindow,
+    window: OffsetLattice,
     *,
     visible: bool = False,
 ) -> NDArray[np.int64]:
@@ -206,7 +206,7 @@ def sad_distribution(
         The cell c.
     radius : int
         Radius of the disc [cells].
-    window : SearchWindow
+    window : OffsetLattice
         The offsets d and the headings theta.
     visible : bool
         Whether only the cells of the disc count that are seen from c, see `visible_part`.
@@ -218,11 +218,10 @@ def sad_distribution(
 
     Examples
     --------
-    >>> from locplan.field import FieldConfig
     >>> cells = np.full((9, 9), 254, np.uint8)
     >>> cells[:, 6] = 0
-    >>> config = FieldConfig(window=1, step=1, rotation_window_deg=0)
-    >>> window = SearchWindow.from_config(config, resolution=1.0)
+    >>> from locplan.field import SearchWindow
+    >>> window = SearchWindow(half_width=1, step=1, half_rotation_deg=0).on(resolution=1.0)
     >>> sad_distribution(cells, 4, 4, 2, window)[:, :, 0]
     array([[ 254,  254,  254],
            [   0,    0,    0],
@@ -247,7 +246,7 @@ def sad_distribution(
     return mismatch
 
 
-def mismatch(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> NDArray[np.float64]:
+def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray[np.float64]:
     """Mismatch area of a position at every offset of the search window.
 
     Parameters
@@ -255,7 +254,7 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> ND
     grid : OccupancyGrid
     x, y : float
         The position [m].
-    config : FieldConfig
+    estimator : Sad
         Template and search window.
 
     Returns
@@ -268,17 +267,17 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> ND
     PoseError
         If the position is not in free space.
     """
-    row, col, radius = _disc_at(grid, x, y, config)
-    window = SearchWindow.from_config(config, grid.resolution)
+    row, col, radius = _disc_at(grid, x, y, estimator)
+    window = estimator.window.on(grid.resolution)
     sums = sad_distribution(
-        grid.cells, row, col, radius, window, visible=config.template == "visible"
+        grid.cells, row, col, radius, window, visible=estimator.template == "visible"
     )
     return sums * np.float64(grid.resolution**2 / FREE)
 
 
-def _disc_at(grid: OccupancyGrid, x: float, y: float, config: FieldConfig) -> tuple[int, int, int]:
+def _disc_at(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> tuple[int, int, int]:
     """The cell at a position, and the template's radius there [cells]."""
     row, col = grid.world_to_cell(x, y)
     if not (grid.contains(row, col) and grid.free[row, col]):
         raise PoseError(f"{x:g},{y:g} is not in the map's free space; name a place that is")
-    return row, col, max(1, math.floor(config.sensor_range / grid.resolution + 1e-9))
+    return row, col, max(1, math.floor(estimator.range / grid.resolution + 1e-9))

@@ -15,7 +15,7 @@ from matplotlib.patches import Wedge
 from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED
-from locplan.plotting._captions import LABELS, how, unit_of
+from locplan.plotting._captions import how
 from locplan.plotting._maps import draw_cells, draw_field, draw_map, map_size
 
 if TYPE_CHECKING:
@@ -45,11 +45,11 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     figure = Figure(figsize=map_size(field.grid), layout="constrained")
     axes = figure.add_subplot()
     image = draw_field(axes, field, name)
-    figure.colorbar(image, ax=axes, label=f"{LABELS[name]} [{unit_of(field, name)}]", shrink=0.9)
+    figure.colorbar(image, ax=axes, label=field.quantity(name).axis, shrink=0.9)
     config = field.config
     axes.set_title(
         f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated\n"
-        f"{how(config)}, range {config.sensor_range:g} m",
+        f"{how(config)}, range {config.estimator.reach:g} m",
         fontsize="medium",
     )
     return figure
@@ -71,14 +71,14 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
     size = 3.6 * columns + 1, sum(3.6 * height + 0.6 for height in heights)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
-    image = unit = None
+    image, label_of_bar = None, ""
     for axes_of_row, fields in zip(grid, rows, strict=True):
         for axes, (label, field) in zip(axes_of_row, fields.items(), strict=False):
-            image, unit = draw_field(axes, field, name), unit_of(field, name)
+            image, label_of_bar = draw_field(axes, field, name), field.quantity(name).axis
             axes.set_title(label, fontsize="medium")
             axes.set(xlabel="", ylabel="")
     assert image is not None
-    figure.colorbar(image, ax=grid.ravel().tolist(), label=f"{LABELS[name]} [{unit}]", shrink=0.6)
+    figure.colorbar(image, ax=grid.ravel().tolist(), label=label_of_bar, shrink=0.6)
     figure.supxlabel("x [m]", fontsize="medium")
     figure.supylabel("y [m]", fontsize="medium")
     return figure
@@ -175,8 +175,7 @@ def e_figure(
         draw_cells(axes, field.grid, np.dstack([white, walls]))
         axes.set_title(title, fontsize="medium")
     assert image is not None
-    unit = next(iter(fields.values())).e_unit
-    label = f"{LABELS['e']} [{unit}]"
+    label = next(iter(fields.values())).quantity("e").axis
     figure.colorbar(image, ax=grid_of_axes, label=label, extend="max", shrink=0.8)
     return figure
 

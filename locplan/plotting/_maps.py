@@ -50,7 +50,7 @@ def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage
     low, high = field.anchors(name)
     if layer:
         return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=Normalize(low, high))
-    if not field.config.quantisation and field.evaluated.any():
+    if not field.config.estimator.quantisation and field.evaluated.any():
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
     norm = LogNorm(low, max(high, low * 1.001))

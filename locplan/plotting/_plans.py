@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap, profile
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField
-from locplan.plotting._captions import LABELS, request
+from locplan.plotting._captions import request
 from locplan.plotting._maps import (
     END_STYLE,
     draw_ends,
@@ -57,7 +57,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     figure = Figure(figsize=(width, height + 2.4), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
     image = draw_field(upper, field)
-    figure.colorbar(image, ax=upper, label=f"{LABELS['e']} [{field.e_unit}]", shrink=0.9)
+    figure.colorbar(image, ax=upper, label=field.quantity("e").axis, shrink=0.9)
     solved = {label: plan for label, plan in plans.items() if plan.path is not None}
     handles = []
     for (label, plan), style in zip(solved.items(), PATH_STYLES, strict=False):

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.simulation._settings import Amcl, Disturbances
 
@@ -32,15 +33,17 @@ class Arguments(NamedTuple):
     """`particles.Filter`."""
 
 
-def arguments_of(grid: OccupancyGrid, amcl: Amcl, disturbances: Disturbances) -> Arguments:
-    """Of a map, a filter and what it is up against."""
+def arguments_of(
+    grid: OccupancyGrid, lidar: Lidar, amcl: Amcl, disturbances: Disturbances
+) -> Arguments:
+    """The arguments for a map, a lidar, a filter and what it is up against."""
     from locplan._kernels.drives import Odometry, Start
-    from locplan._kernels.lidar import Lidar
+    from locplan._kernels.lidar import Lidar as Beams
     from locplan._kernels.measured import BeamDisturbances
     from locplan._kernels.particles import BeamScores, Filter
 
-    sensor, most = disturbances.sensor, amcl.laser_max_range
-    reach = min(sensor.range, most) if most > 0 else sensor.range
+    most = amcl.laser_max_range
+    reach = min(lidar.range, most) if most > 0 else lidar.range
     values = beam_scores(grid, amcl, reach)
     return Arguments(
         BeamScores(
@@ -50,12 +53,12 @@ def arguments_of(grid: OccupancyGrid, amcl: Amcl, disturbances: Disturbances) ->
             resolution=grid.resolution,
             product=amcl.laser_model_type == "likelihood_field_prob",
         ),
-        Lidar(
-            angles=compared_beams(sensor.angles, amcl),
-            forward=sensor.mount_x,
-            left=sensor.mount_y,
-            yaw=sensor.mount_yaw,
-            sigma=sensor.range_sigma,
+        Beams(
+            angles=compared_beams(lidar.angles, amcl),
+            forward=lidar.mount_x,
+            left=lidar.mount_y,
+            yaw=lidar.mount_yaw,
+            sigma=lidar.range_sigma,
             max_range=reach,
         ),
         BeamDisturbances(

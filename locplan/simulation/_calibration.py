@@ -15,7 +15,8 @@ from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
-from locplan.field import FieldConfig, SearchWindow
+from locplan.field import Estimator, Exponential, FieldConfig, Sad
+from locplan.field._config import config_of
 from locplan.simulation._places import ErrorKind, Places
 from locplan.simulation._predictors import covariances_at
 from locplan.simulation._ranking import spearman
@@ -69,6 +70,12 @@ class Calibration:
     error: ErrorKind
 
     @property
+    def tau(self) -> float | None:
+        """Fitted scale of the exponential weights [m^2]; None where it was not fitted."""
+        estimator = self.config.estimator
+        return estimator.tau if self.fitted_tau and isinstance(estimator, Sad) else None
+
+    @property
     def useful(self) -> bool:
         """Whether Sigma tells more of the errors than one value for all places would."""
         return self.r_squared > 0
@@ -81,7 +88,7 @@ class Calibration:
             "maps": list(self.maps),
             "places": len(self.measured),
             "noise_level": list(self.noise_level),
-            "tau_m2": self.config.mismatch_scale if self.fitted_tau else None,
+            "tau_m2": self.tau,
             **{name: getattr(self, name) for name in (*numbers, "consistency", "floor_share")},
         }
         return finite(about)
@@ -89,7 +96,7 @@ class Calibration:
 
 def calibrate(
     places: Sequence[Places],
-    config: FieldConfig | None = None,
+    config: FieldConfig | Estimator | None = None,
     *,
     error: ErrorKind = "tracking",
     fit_tau: bool = False,
@@ -128,10 +135,12 @@ def calibrate(
         If there are too few places with errors, if tau shall be fitted and there is none, or if
         the errors do not determine k.
     """
-    config = config or FieldConfig()
+    config = config_of(config)
     if error not in get_args(ErrorKind):
         raise ConfigError(f"error must be one of {', '.join(get_args(ErrorKind))}, not {error!r}")
-    if fit_tau and not (config.estimator == "sad" and config.weight_law == "exponential"):
+    estimator = config.estimator
+    exponential = isinstance(estimator, Sad) and isinstance(estimator.weights, Exponential)
+    if fit_tau and not exponential:
         raise ConfigError("tau is of the exponential weights of estimator sad; fit k alone")
     errors = _errors(places, error)
     measured = _rms(errors)
@@ -139,23 +148,24 @@ def calibrate(
     before = _bare(places, config, threads)
     fits = []
     for n, tau in enumerate(TAUS if fit_tau else (None,)):
-        trial = config if tau is None else dataclasses.replace(config, tau=tau)
+        trial = config if tau is None else _changed(config, weights=Exponential(tau))
         bare = before if tau is None else _bare(places, trial, threads)
         level, loss = _fit(bare, q, measured)
-        fits.append((loss, n, dataclasses.replace(trial, noise_level=level), bare))
+        fits.append((loss, n, _changed(trial, noise_level=level), bare))
         if progress:
             progress(n + 1, len(TAUS) if fit_tau else 1)
     _, _, fitted, bare = min(fits, key=lambda fit: fit[:2])
-    _check_determined(fitted.noise_level)
-    covariance = fitted.noise_level * bare + q
+    level = fitted.estimator.noise_level
+    _check_determined(level)
+    covariance = level * bare + q
     predicted = _rms(covariance)
     difference, variance = np.log(predicted / measured), np.log(measured).var()
     return Calibration(
         config=fitted,
-        noise_level=Interval(fitted.noise_level, *_bootstrapped(bare, q, measured)),
+        noise_level=Interval(level, *_bootstrapped(bare, q, measured)),
         fitted_tau=fit_tau,
         factor=_factor(predicted, measured),
-        factor_before=_factor(_rms(config.noise_level * before + q), measured),
+        factor_before=_factor(_rms(estimator.noise_level * before + q), measured),
         within_two=float(np.mean(np.abs(difference) <= math.log(2))),
         r_squared=float(1 - np.mean(difference**2) / variance) if variance > 0 else 0.0,
         spearman=spearman(predicted, measured),
@@ -166,6 +176,12 @@ def calibrate(
         maps=[each.grid.name for each in places],
         error=error,
     )
+
+
+def _changed(config: FieldConfig, **settings: object) -> FieldConfig:
+    """The same with other settings of its estimator."""
+    estimator: Any = config.estimator
+    return dataclasses.replace(config, estimator=dataclasses.replace(estimator, **settings))
 
 
 def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
@@ -183,7 +199,7 @@ def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
 
 def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
-    plain = dataclasses.replace(config, noise_level=1.0, quantisation=False)
+    plain = _changed(config, noise_level=1.0, quantisation=False)
     found = [covariances_at(each.grid, plain, each.points, threads=threads) for each in places]
     return np.concatenate([each[:, :2, :2] for each in found])
 
@@ -191,8 +207,9 @@ def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) ->
 def _q(places: Places, config: FieldConfig) -> Array:
     """What the config adds to the positions of a map's places, (n, 2, 2) [m^2]."""
     added = np.full((2, 2), 0.0)
-    if config.quantisation:
-        added = SearchWindow.from_config(config, places.grid.resolution).quantisation[:2, :2]
+    if config.estimator.quantisation:
+        window = config.estimator.window.on(places.grid.resolution)
+        added = window.quantisation[:2, :2]
     return np.tile(added + MIN_VARIANCE * np.eye(2), (len(places.points), 1, 1))
 
 

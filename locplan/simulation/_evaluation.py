@@ -11,15 +11,17 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import whole
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
-from locplan.field._config import DISC
+from locplan.costs import ROBOT_RADIUS
+from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, places_of
 from locplan.simulation._predictors import Predictor, configs, predictions
 from locplan.simulation._ranking import Rank, Resamples, rank
-from locplan.simulation._settings import Amcl, Disturbances, check_whole
+from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 
 KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
 KIND_LABELS: dict[ErrorKind, str] = {
@@ -36,6 +38,7 @@ class Evaluation:
     """One of each map."""
     predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
     """Likewise, (n,) of each predictor."""
+    lidar: Lidar
     amcl: Amcl
     disturbances: Disturbances
     drives: int
@@ -96,6 +99,7 @@ class Evaluation:
             "drives": self.drives,
             "scans": self.scans,
             "seed": self.seed,
+            "lidar": dataclasses.asdict(self.lidar),
             "amcl": dataclasses.asdict(self.amcl),
             "disturbances": dataclasses.asdict(self.disturbances),
         }
@@ -123,13 +127,14 @@ class Evaluation:
 def evaluate(
     grids: Sequence[OccupancyGrid] | OccupancyGrid,
     *,
+    lidar: Lidar | None = None,
     amcl: Amcl | None = None,
     disturbances: Disturbances | None = None,
     places: int = PLACES,
     drives: int = DRIVES,
     scans: int = SCANS,
-    disc: float = DISC,
-    robot_radius: float = 0.25,
+    disc: float | None = None,
+    robot_radius: float = ROBOT_RADIUS,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -140,14 +145,14 @@ def evaluate(
     ----------
     grids : sequence of OccupancyGrid
         The maps, or one.
-    amcl, disturbances : optional
-        The filter, and what it is up against.
+    lidar, amcl, disturbances : optional
+        The robot's lidar, its filter, and what it is up against; see `Simulator`.
     places : int
         On each map, at random, at least 1 m apart; as many as there are.
     drives, scans : int
         To each place.
-    disc : float
-        Radius of the templates of "sad" [m].
+    disc : float, optional
+        Radius of the templates of "sad" [m]; by default the paper's.
     robot_radius : float
         Of where drives may go [m].
     seed : int
@@ -167,14 +172,16 @@ def evaluate(
         If there is no map, a number is out of its range, or a robot has no room on a map.
     """
     grids = [grids] if isinstance(grids, OccupancyGrid) else list(grids)
+    lidar = lidar or SHORT_LIDAR
     amcl, disturbances = amcl or Amcl(), disturbances or Disturbances()
     for name, value in (("drives", drives), ("scans", scans)):
-        check_whole(name, value, 1)
-    fields = configs(disturbances.sensor, disc)
+        whole(name, value, 1)
+    fields = configs(lidar, disc)
     effort = len(grids) * places * (drives + 1)
     callbacks = parts(progress, [effort, *[max(1, effort // 50)] * len(grids)])
     measured = places_of(
         grids,
+        lidar=lidar,
         amcl=amcl,
         disturbances=disturbances,
         places=places,
@@ -189,7 +196,7 @@ def evaluate(
     for each, part in zip(measured, callbacks[1:], strict=True):
         found.append(predictions(each.grid, fields, each.points, threads=threads))
         part(max(1, effort // 50), 0)
-    return Evaluation(measured, found, amcl, disturbances, drives, scans, seed)
+    return Evaluation(measured, found, lidar, amcl, disturbances, drives, scans, seed)
 
 
 def best(evaluation: Evaluation, kind: ErrorKind) -> tuple[Predictor, Interval]:

@@ -216,9 +216,9 @@ def calibration_figure(calibration: Calibration) -> Figure:
         ylabel=f"{KIND_LABELS[calibration.error]}: RMSE [m]",
     )
     config = calibration.config
-    tau = f", τ = {config.mismatch_scale:.3g} m²" if calibration.fitted_tau else ""
+    tau = f", τ = {calibration.tau:.3g} m²" if calibration.fitted_tau else ""
     axes.set_title(
-        f"{config.estimator}, k = {_formatted(calibration.noise_level)}{tau}\n"
+        f"{config.estimator.name}, k = {_formatted(calibration.noise_level)}{tau}\n"
         f"typically off by a factor of {calibration.factor:.2f}"
         f" ({calibration.factor_before:.2f} before), {calibration.within_two:.0%} within 2",
         fontsize="medium",

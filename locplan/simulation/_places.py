@@ -9,14 +9,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
-from locplan.costs import Costmap
+from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
-from locplan.field import FieldConfig
+from locplan.field import FieldConfig, Lidar
 from locplan.field._lattice import stride_cells, well_spaced
 from locplan.maps import OccupancyGrid
 from locplan.simulation._motion import approaches
-from locplan.simulation._settings import Amcl, Disturbances, check_whole
+from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
 
 APART = 1.0
@@ -100,7 +101,7 @@ def choose_points(
     """
     import cv2
 
-    check_whole("places", count, 2)
+    whole("places", count, 2)
     wide = grid.free & (grid.clearance >= robot_radius)
     _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)
     if len(about) < 2:
@@ -166,12 +167,13 @@ def measure(
 def places_of(
     grids: Sequence[OccupancyGrid],
     *,
+    lidar: Lidar | None = None,
     amcl: Amcl | None = None,
     disturbances: Disturbances | None = None,
     places: int = PLACES,
     drives: int = DRIVES,
     scans: int = SCANS,
-    robot_radius: float = 0.25,
+    robot_radius: float = ROBOT_RADIUS,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -180,12 +182,14 @@ def places_of(
     if not grids:
         raise ConfigError("there must be at least one map")
     for name, value in (("drives", drives), ("scans", scans)):
-        check_whole(name, value, 0)
+        whole(name, value, 0)
     chosen = [choose_points(grid, places, robot_radius=robot_radius, seed=seed) for grid in grids]
     callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
     return [
         measure(
-            Simulator(grid, amcl, disturbances, seed=seed, threads=threads),
+            Simulator(
+                grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
+            ),
             points,
             robot_radius=robot_radius,
             drives=drives,
@@ -197,7 +201,7 @@ def places_of(
 
 
 def _stride(grid: OccupancyGrid) -> int:
-    return stride_cells(FieldConfig(), grid.resolution)
+    return stride_cells(FieldConfig().stride, grid.resolution)
 
 
 def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import CovarianceField, FieldConfig, Lidar, scalar
+from locplan.field import CovarianceField, FieldConfig, Fisher, Lidar, Sad, Scan, scalar
 from locplan.field import _tiles as tiles
-from locplan.field._config import DISC
 from locplan.field._lattice import stride_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
 
@@ -44,22 +43,23 @@ class Predictor(NamedTuple):
         return "_".join(filter(None, (self.source, self.scalar))).replace(" ", "_")
 
 
-def configs(sensor: Lidar, disc: float = DISC) -> dict[str, FieldConfig]:
-    """The fields that are tried, by name; those that know a sensor know this one.
+def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
+    """The fields that are tried, by name; those that know a lidar know this one.
 
-    "sad" is the default preset, "paper" the paper's, with discs of this radius [m] or templates of
-    what is visible within it.
+    "sad" is the default preset, "paper" the paper's, with discs of this radius [m], by default
+    the paper's, or templates of what is visible within it.
     """
-    default = FieldConfig(sensor_range=disc)
-    paper = FieldConfig.paper(sensor_range=disc)
-    return {
+    radius = Sad().range if disc is None else disc
+    default, paper = Sad(range=radius), Sad.paper(range=radius)
+    estimators = {
         "sad": default,
         "sad visible": dataclasses.replace(default, template="visible"),
         "paper": paper,
         "paper visible": dataclasses.replace(paper, template="visible"),
-        "fisher": FieldConfig(estimator="fisher", sensor=sensor),
-        "scan": FieldConfig(estimator="scan", sensor=sensor),
+        "fisher": Fisher(lidar),
+        "scan": Scan(lidar),
     }
+    return {name: FieldConfig(estimator) for name, estimator in estimators.items()}
 
 
 def covariances_at(
@@ -120,9 +120,9 @@ def predictions(
             both = found[Predictor("fisher", each)] * found[Predictor("scan", each)]
             found[Predictor(FUSED, each)] = np.sqrt(both)
     config = next(iter(fields.values()))
-    cells = points * stride_cells(config, grid.resolution)
+    cells = points * stride_cells(config.stride, grid.resolution)
     found[Predictor(CLEARANCE, "")] = grid.clearance[tuple(cells.T)]
-    found[Predictor(FEW_WALLS, "")] = -occupied_in_range(grid, cells, config.sensor_range)
+    found[Predictor(FEW_WALLS, "")] = -occupied_in_range(grid, cells, config.estimator.reach)
     return found
 
 

@@ -41,7 +41,7 @@ def simulation_table(simulation: Simulation) -> str:
     if ratios:
         rows.append([f"RMSE over {next(iter(drives))}'s", "", *map(_formatted, ratios.values())])
     count = len(next(iter(drives.values())).errors)
-    lidar = simulation.disturbances.sensor
+    lidar = simulation.lidar
     return (
         f"{table(['', *drives], rows)}\n{count} drives each, [95 % intervals]; lidar of"
         f" {lidar.range:g} m, {lidar.field_of_view_deg:g} deg; AMCL of"
@@ -137,7 +137,7 @@ def calibration_table(calibration: Calibration) -> str:
         ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*calibration.noise_level)],
     ]
     if calibration.fitted_tau:
-        rows.append(["tau", f"{calibration.config.mismatch_scale:.3g} m²"])
+        rows.append(["tau", f"{calibration.tau:.3g} m²"])
     rows += [
         [
             "typically off by a factor",

@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError, LocplanError
+from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
 from locplan.simulation._drives import Drives, contrasts
 from locplan.simulation._motion import poses_along
-from locplan.simulation._settings import Amcl, Disturbances, check_whole
+from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator
 
 DRIVES = 100
@@ -38,6 +40,7 @@ class Simulation:
     """By name; others are compared with the first."""
     drives: Mapping[str, Drives]
     """As many of each, the n-th of all in the same world with the same seed."""
+    lidar: Lidar
     amcl: Amcl
     disturbances: Disturbances
     seed: int
@@ -51,6 +54,7 @@ class Simulation:
             "paths": {name: each.summary() for name, each in self.drives.items()},
             "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
             "seed": self.seed,
+            "lidar": dataclasses.asdict(self.lidar),
             "amcl": dataclasses.asdict(self.amcl),
             "disturbances": dataclasses.asdict(self.disturbances),
         }
@@ -61,6 +65,7 @@ def simulate(
     grid: OccupancyGrid,
     paths: Mapping[str, Path | ArrayLike],
     *,
+    lidar: Lidar | None = None,
     amcl: Amcl | None = None,
     disturbances: Disturbances | None = None,
     drives: int = DRIVES,
@@ -80,8 +85,8 @@ def simulate(
     paths : mapping of str to Path, or to (n, 2) array
         By name, each within the free cells; the others are compared with the first. Arrays are
         positions in the world [m].
-    amcl, disturbances : optional
-        The filter, and what it is up against.
+    lidar, amcl, disturbances : optional
+        The robot's lidar, its filter, and what it is up against; see `Simulator`.
     drives : int
         Along each path, at least 2.
     seed : int
@@ -111,18 +116,19 @@ def simulate(
     >>> result.drives["straight"].lost_rate.value
     0.0
     """
-    check_whole("drives", drives, 2)
+    whole("drives", drives, 2)
     if not paths:
         raise ConfigError("there must be at least one path to drive")
-    simulator = Simulator(grid, amcl, disturbances, seed=seed, threads=threads)
+    simulator = Simulator(
+        grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
+    )
     routes = {
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
     }
     driven = _driven(simulator, routes, drives, 0, progress)
-    return Simulation(
-        grid, routes, driven, simulator.amcl, simulator.disturbances, seed, dict(made_of or {})
-    )
+    settings = simulator.lidar, simulator.amcl, simulator.disturbances
+    return Simulation(grid, routes, driven, *settings, seed, dict(made_of or {}))
 
 
 def _driven(
@@ -272,6 +278,7 @@ def simulate_queries(
     costs: Costmap,
     queries: Sequence[Query],
     *,
+    lidar: Lidar | None = None,
     amcl: Amcl | None = None,
     disturbances: Disturbances | None = None,
     drives: int = DRIVES,
@@ -287,7 +294,7 @@ def simulate_queries(
         Of a field, with the weight of the aware paths; the planner is any-angle.
     queries : sequence of Query
         Those without a path are left out.
-    amcl, disturbances, drives, seed, threads, progress
+    lidar, amcl, disturbances, drives, seed, threads, progress
         As for `simulate`.
 
     Returns
@@ -299,8 +306,10 @@ def simulate_queries(
     LocplanError
         If no query has a path, or a number is out of its range.
     """
-    check_whole("drives", drives, 2)
-    simulator = Simulator(costs.grid, amcl, disturbances, seed=seed, threads=threads)
+    whole("drives", drives, 2)
+    simulator = Simulator(
+        costs.grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
+    )
     ways = {query: planned(costs, query) for query in queries}
     found = {query: paths for query, paths in ways.items() if len(paths) == 2}
     if not found:
@@ -314,6 +323,7 @@ def simulate_queries(
         **about_costs(costs),
         "drives": drives,
         "seed": seed,
+        "lidar": dataclasses.asdict(simulator.lidar),
         "amcl": dataclasses.asdict(simulator.amcl),
         "disturbances": dataclasses.asdict(simulator.disturbances),
     }

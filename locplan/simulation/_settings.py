@@ -5,15 +5,17 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from numbers import Integral, Real
+from dataclasses import dataclass
 from typing import Any, Literal
 
+from locplan._util.checks import keep, number, one_of, positive, whole
 from locplan.errors import ConfigError
 from locplan.field import Lidar
 
 MODELS = ("likelihood_field", "likelihood_field_prob")
 MIN_BEAMS = 2
+SHORT_LIDAR = Lidar(range=6.0, range_sigma=0.025)
+"""What is simulated where no lidar is named: the range of the paper's disc."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,23 +75,22 @@ class Amcl:
     """Weight of beams that end anywhere."""
 
     def __post_init__(self) -> None:
-        if self.laser_model_type not in MODELS:
-            raise ConfigError(
-                f"laser_model_type must be one of {', '.join(MODELS)},"
-                f" not {self.laser_model_type!r}"
-            )
+        one_of("laser_model_type", self.laser_model_type, MODELS)
         for name in ("laser_likelihood_max_dist", "sigma_hit", "pf_err", "pf_z"):
-            _keep_positive(self, name)
+            keep(self, **{name: positive(name, getattr(self, name))})
         for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
-            _keep(self, name, 0.0, math.inf)
-        _keep(self, "laser_max_range", -math.inf, math.inf)
+            keep(self, **{name: number(name, getattr(self, name), 0.0, math.inf)})
+        keep(
+            self,
+            laser_max_range=number("laser_max_range", self.laser_max_range, -math.inf, math.inf),
+        )
         for name in ("update_min_a", "update_min_d"):
-            _keep(self, name, 0.0, math.inf)
+            keep(self, **{name: number(name, getattr(self, name), 0.0, math.inf)})
         for name in ("z_hit", "z_rand"):
-            _keep(self, name, 0.0, 1.0)
+            keep(self, **{name: number(name, getattr(self, name), 0.0, 1.0)})
         for name in ("resample_interval", "min_particles", "max_particles"):
-            _keep_whole(self, name, 1)
-        _keep_whole(self, "max_beams", MIN_BEAMS)
+            keep(self, **{name: whole(name, getattr(self, name), 1)})
+        keep(self, max_beams=whole("max_beams", self.max_beams, MIN_BEAMS))
         if self.min_particles > self.max_particles:
             raise ConfigError(
                 f"min_particles ({self.min_particles}) must not exceed max_particles"
@@ -101,10 +102,9 @@ class Amcl:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """What a filter is up against: the lidar, the wheels, and a world that is not quite the map.
+    """What disturbs a robot: noise, wheels that mislead, and a world that is not quite the map.
 
-    The defaults were set before anything was measured with them: a lidar of 6 m as the field's
-    default disc, and odometry of a small robot indoors.
+    The defaults were set before anything was measured with them: odometry of a small robot indoors.
 
     Raises
     ------
@@ -113,12 +113,10 @@ class Disturbances:
 
     Examples
     --------
-    >>> Disturbances(boundary_noise=0.0).sensor.range
-    6.0
+    >>> Disturbances(boundary_noise=0.0).worlds
+    8
     """
 
-    sensor: Lidar = field(default_factory=lambda: Lidar(range=6.0, range_sigma=0.025))
-    """The lidar: range, beams, field of view, noise and mount."""
     boundary_noise: float = 0.1
     """Share of the cells between free space and walls in which the world differs from the map."""
     worlds: int = 8
@@ -147,18 +145,16 @@ class Disturbances:
     """And in heading [deg]."""
 
     def __post_init__(self) -> None:
-        if isinstance(self.sensor, Mapping):
-            object.__setattr__(self, "sensor", Lidar(**self.sensor))
-        if not isinstance(self.sensor, Lidar):
-            raise ConfigError(f"sensor must be a Lidar, not {self.sensor!r}")
         for name in ("boundary_noise", "outliers", "occlusion"):
-            _keep(self, name, 0.0, 1.0)
-        _keep_whole(self, "worlds", 1)
-        _keep(self, "occlusion_deg", 0.0, 360.0)
-        others = {"sensor", "boundary_noise", "outliers", "occlusion", "occlusion_deg", "worlds"}
+            keep(self, **{name: number(name, getattr(self, name), 0.0, 1.0)})
+        keep(self, worlds=whole("worlds", self.worlds, 1))
+        keep(self, occlusion_deg=number("occlusion_deg", self.occlusion_deg, 0.0, 360.0))
+        others = {"boundary_noise", "outliers", "occlusion", "occlusion_deg", "worlds"}
         for each in dataclasses.fields(self):
             if each.name not in others:
-                _keep(self, each.name, 0.0, math.inf)
+                keep(
+                    self, **{each.name: number(each.name, getattr(self, each.name), 0.0, math.inf)}
+                )
 
 
 def changed(
@@ -172,7 +168,7 @@ def changed(
         If neither has such a field, or a value is out of its range.
     """
     ours = {each.name for each in dataclasses.fields(amcl)}
-    theirs = {each.name for each in dataclasses.fields(disturbances)} - {"sensor"}
+    theirs = {each.name for each in dataclasses.fields(disturbances)}
     for name in changes:
         if name not in ours | theirs:
             raise ConfigError(
@@ -183,35 +179,3 @@ def changed(
         dataclasses.replace(amcl, **{k: v for k, v in changes.items() if k in ours}),
         dataclasses.replace(disturbances, **{k: v for k, v in changes.items() if k in theirs}),
     )
-
-
-def _number(owner: Any, name: str) -> float:
-    value = getattr(owner, name)
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise ConfigError(f"{name} must be a number, not {value!r}")
-    return float(value)
-
-
-def _keep(owner: Any, name: str, low: float, high: float) -> None:
-    value = _number(owner, name)
-    if not low <= value <= high:
-        limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-        raise ConfigError(f"{name} must be {limits}, not {value:g}")
-    object.__setattr__(owner, name, value)
-
-
-def _keep_positive(owner: Any, name: str) -> None:
-    if not _number(owner, name) > 0:
-        raise ConfigError(f"{name} must be positive, not {getattr(owner, name)!r}")
-    object.__setattr__(owner, name, _number(owner, name))
-
-
-def _keep_whole(owner: Any, name: str, least: int) -> None:
-    check_whole(name, getattr(owner, name), least)
-    object.__setattr__(owner, name, int(getattr(owner, name)))
-
-
-def check_whole(name: str, value: Any, least: int) -> None:
-    """Raise a ConfigError unless a value is a whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise ConfigError(f"{name} must be a whole number of at least {least}, not {value!r}")

@@ -11,13 +11,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback
+from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.maps.environments import with_boundary_noise
 from locplan.simulation._arguments import Arguments, arguments_of
 from locplan.simulation._drives import Drives
 from locplan.simulation._motion import Poses
-from locplan.simulation._settings import Amcl, Disturbances, check_whole
+from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 
 MATCH_WINDOW = 2.0
 """Half width of the window in which single scans are matched [m]."""
@@ -40,6 +42,8 @@ class Simulator:
     ----------
     grid : OccupancyGrid
         The map that the robot has. Worlds are made of it with `Disturbances.boundary_noise`.
+    lidar : Lidar, optional
+        The robot's lidar; by default one of 6 m that sees all round.
     amcl : Amcl, optional
         The filter.
     disturbances : Disturbances, optional
@@ -58,16 +62,18 @@ class Simulator:
     def __init__(
         self,
         grid: OccupancyGrid,
+        *,
+        lidar: Lidar | None = None,
         amcl: Amcl | None = None,
         disturbances: Disturbances | None = None,
-        *,
         seed: int = 1,
         threads: int | None = None,
     ) -> None:
-        check_whole("seed", seed, 0)
+        whole("seed", seed, 0)
         if threads is not None:
-            check_whole("threads", threads, 1)
+            whole("threads", threads, 1)
         self.grid, self.seed, self.threads = grid, seed, threads
+        self.lidar = lidar or SHORT_LIDAR
         self.amcl, self.disturbances = amcl or Amcl(), disturbances or Disturbances()
 
     @cached_property
@@ -214,7 +220,7 @@ class Simulator:
     @cached_property
     def arguments(self) -> Arguments:
         """What the kernels take of the map, the filter and what it is up against."""
-        return arguments_of(self.grid, self.amcl, self.disturbances)
+        return arguments_of(self.grid, self.lidar, self.amcl, self.disturbances)
 
     def _in_threads(
         self, run: Callable[[int], None], count: int, progress: ProgressCallback | None

@@ -18,7 +18,8 @@ from benchmarks.opencv_forms import masked_norm, packed_hamming
 from locplan._kernels import sad as kernel
 from locplan._kernels.simd import LANES, add_matches, add_to, zeros
 from locplan._kernels.templates import empty_template
-from locplan.field import FieldConfig, SearchWindow, covariance_field
+from locplan.field import FieldConfig, covariance_field
+from locplan.field._estimator import MapPart
 from locplan.field._lattice import stride_cells
 from locplan.field.estimators import _sad as sad
 from locplan.maps import load_map
@@ -86,8 +87,8 @@ def peak_words_per_second():
 @pytest.mark.parametrize("name", MAPS)
 def test_kernel_beside_opencv(benchmark, name):
     grid, config = load(name), FieldConfig()
-    window = SearchWindow.from_config(config, grid.resolution)
-    radius = sad.template_radius(config, window, grid.shape)
+    window = config.estimator.window.on(grid.resolution)
+    radius = sad.template_radius(config.estimator.range, window, grid.shape)
     rows, cols = lattice_tile(grid, config, seed=1)
     compared = np.random.default_rng(2).integers(len(rows), size=3)
     by_kernel = sad.sad_distributions(grid.cells, rows[compared], cols[compared], radius, window)
@@ -101,8 +102,8 @@ def test_kernel_beside_opencv(benchmark, name):
             seconds(form, grid.cells, rows[n], cols[n], radius, window) for n in compared
         )
 
-    arguments = grid.cells, rows, cols, grid.resolution, config
-    benchmark.pedantic(sad.covariances, arguments, rounds=5, warmup_rounds=1)
+    part = MapPart.whole(grid.cells, rows, cols, grid.resolution)
+    benchmark.pedantic(config.estimator.covariances, (part,), rounds=5, warmup_rounds=1)
     cell = benchmark.stats.stats.min / len(rows)
     words = words_compared(grid, rows, cols, radius, window)
     peak = peak_words_per_second()

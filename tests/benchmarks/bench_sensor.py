@@ -4,15 +4,15 @@ pytest tests/benchmarks/bench_sensor.py --benchmark-only -s
 """
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numba import njit
 
 from locplan._kernels.rays import cast, empty_squares
-from locplan.field import FieldConfig, Lidar
-from locplan.field.estimators import _fisher as fisher
-from locplan.field.estimators import _scan as scan
+from locplan.field import Fisher, Lidar, Scan
+from locplan.field._estimator import MapPart
 from locplan.maps import OCCUPIED, load_map
 
 MAPS = ("tb4_depot", "fetch_4_26_15", "aws_small_house", "mit_stata_basement_yaw")
@@ -120,26 +120,20 @@ def test_rays(benchmark, name, real_maps):
 
 @pytest.mark.parametrize("name", MAPS)
 @pytest.mark.parametrize(
-    ("estimator", "target"), [(fisher, TARGET_FISHER), (scan, TARGET_SCAN)], ids=["fisher", "scan"]
+    ("estimator", "target"), [(Fisher(LIDAR), TARGET_FISHER), (Scan(LIDAR), TARGET_SCAN)]
 )
 def test_milliseconds_a_cell(benchmark, name, estimator, target, real_maps):
     """One thread, the map's own preparation not counted."""
     grid = load(name, real_maps)
-    config = FieldConfig(estimator=estimator.__name__.rpartition(".")[2], sensor=LIDAR)
     began = time.perf_counter()
-    prepared = estimator.prepare(grid.cells, grid.resolution, config)
+    prepared = estimator.prepare(grid.cells, grid.resolution)
     preparing = time.perf_counter() - began
-    task = {
-        "levels": grid.cells,
-        "resolution": grid.resolution,
-        "config": config,
-        "prepared": prepared,
-    }
     rows, cols = free_cells(grid, 2000)
-    estimator.covariances(rows=rows[:2], cols=cols[:2], **task)
-    benchmark.pedantic(estimator.covariances, kwargs={"rows": rows, "cols": cols, **task}, rounds=5)
+    part = replace(MapPart.whole(grid.cells, rows, cols, grid.resolution), prepared=prepared)
+    estimator.covariances(replace(part, rows=rows[:2], cols=cols[:2]))
+    benchmark.pedantic(estimator.covariances, (part,), rounds=5)
     each = 1e3 * benchmark.stats.stats.min / len(rows)
     print(
-        f"\n{name}, {config.estimator}: {each:.3f} ms a cell (at most {target}),"
+        f"\n{name}, {estimator.name}: {each:.3f} ms a cell (at most {target}),"
         f" the map once {1e3 * preparing:.0f} ms"
     )

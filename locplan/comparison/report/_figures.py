@@ -22,7 +22,6 @@ from locplan.comparison._runs import MEASURES, Run
 from locplan.comparison.report._data import Ends, Scene
 from locplan.costs import Path
 from locplan.plotting import draw_ends, draw_field, draw_path
-from locplan.plotting._captions import LABELS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -214,7 +213,7 @@ def paths_picture(
             outline = [Stroke(linewidth=width + 1.2, foreground="white"), Normal()]
             draw_path(axes, path, **looks[planner].line, linewidth=width, path_effects=outline)
         draw_ends(axes, *ends)
-        _colour_bar(figure, axes, image, f"{LABELS['e']} [{scene.field.e_unit}], x and y [m]")
+        _colour_bar(figure, axes, image, f"{scene.field.quantity().axis}, x and y [m]")
         width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
         figure.set_size_inches(WIDTH, min((WIDTH - 0.35) * height / width + 0.85, TALLEST))
 

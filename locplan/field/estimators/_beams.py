@@ -1,48 +1,77 @@
-"""What the estimators that know the sensor have in common."""
+"""What the estimators that know the lidar have in common."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field._config import FieldConfig
-from locplan.field._search_window import SearchWindow
+from locplan._util.checks import instance
+from locplan.field._estimator import Estimator
+from locplan.field._lidar import Lidar
+from locplan.field._search_window import OffsetLattice
+
+HEADINGS = 8
+"""Number of headings of a field, where the lidar sees something else in each."""
 
 
-def beams_of(config: FieldConfig, most: int | None = None) -> Any:
-    """The config's sensor for the kernels, with at most so many beams, evenly spaced."""
-    from locplan._kernels.lidar import Lidar
+@dataclass(frozen=True)
+class LidarEstimator(Estimator):
+    """An estimator that simulates a lidar."""
 
-    sensor = config.sensor
-    assert sensor is not None
-    angles = sensor.angles
+    casts_rays: ClassVar[bool] = True
+
+    lidar: Lidar
+    """The lidar: its range, field of view, beams and mount."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+
+    @property
+    def reach(self) -> float:
+        """Range of the lidar [m]."""
+        return self.lidar.range
+
+    @property
+    def summary(self) -> str:
+        """The name and the field of view."""
+        return f"{self.name}, {self.lidar.field_of_view_deg:g}°"
+
+    @property
+    def headings(self) -> int:
+        """1 where the lidar sees the same in all headings, else 8."""
+        return 1 if self.lidar.sees_alike_in_all_headings else HEADINGS
+
+    def on_grid(
+        self, covariance: NDArray[np.float64], window: OffsetLattice
+    ) -> NDArray[np.float64]:
+        """As a field holds them: with Q if it is wanted, and no axis for a single heading."""
+        covariance = self.plus_q(covariance, window)
+        return covariance[:, 0] if covariance.shape[1] == 1 else covariance
+
+
+def beams_of(lidar: Lidar, most: int | None = None) -> Any:
+    """The lidar as the kernels take it, with at most so many beams, evenly spaced."""
+    from locplan._kernels.lidar import Lidar as Beams
+
+    angles = lidar.angles
     if most and most < len(angles):
         angles = angles[(2 * np.arange(most) + 1) * len(angles) // (2 * most)]
-    return Lidar(
+    return Beams(
         angles=angles,
-        forward=sensor.mount_x,
-        left=sensor.mount_y,
-        yaw=sensor.mount_yaw,
-        sigma=sensor.range_sigma,
-        max_range=sensor.range,
+        forward=lidar.mount_x,
+        left=lidar.mount_y,
+        yaw=lidar.mount_yaw,
+        sigma=lidar.range_sigma,
+        max_range=lidar.range,
     )
 
 
-def reach_of_beams(config: FieldConfig, resolution: float) -> int:
+def reach_of_beams(lidar: Lidar, resolution: float) -> int:
     """How far from the robot's cell a beam may end [cells]."""
-    sensor = config.sensor
-    assert sensor is not None
-    lever = math.hypot(sensor.mount_x, sensor.mount_y)
-    return math.ceil((sensor.range + lever) / resolution) + 2
-
-
-def on_grid(
-    covariance: NDArray[np.float64], window: SearchWindow, config: FieldConfig
-) -> NDArray[np.float64]:
-    """As a field holds them: with Q if wanted, and no axis for a single heading."""
-    if config.quantisation:
-        covariance = covariance + window.quantisation
-    return covariance[:, 0] if config.headings == 1 else covariance
+    lever = math.hypot(lidar.mount_x, lidar.mount_y)
+    return math.ceil((lidar.range + lever) / resolution) + 2

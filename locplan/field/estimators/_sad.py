@@ -7,77 +7,158 @@ Source: "Localizability estimation using correlation on occupancy grid maps", RO
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field._config import FieldConfig
-from locplan.field._search_window import SearchWindow
+from locplan._util.checks import instance, keep, one_of, positive
+from locplan.field._estimator import Estimator, MapPart, Values
+from locplan.field._search_window import OffsetLattice
 from locplan.field._template import BEHIND, beam_count, beam_of_cell, disc, map_centre
 from locplan.maps import FREE, OCCUPIED
 
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""
+TAU = {"disc": 0.57, "visible": 0.23}
+"""Scale of the exponential weights that ranks places best, by the template [m^2]."""
 
 
-def covariances(
-    levels: NDArray[np.uint8],
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    resolution: float,
-    config: FieldConfig,
-    *,
-    corner: tuple[int, int] = (0, 0),
-    map_shape: tuple[int, int] | None = None,
-    control: NDArray[np.int64] | None = None,
-    **_: Any,
-) -> dict[str, NDArray[np.float64]]:
-    """Covariance of a pose match at each cell, in the grid's own axes.
+@dataclass(frozen=True)
+class Exponential:
+    """Weights exp(-S / tau) of offsets with the mismatch area S."""
 
-    Parameters
-    ----------
-    levels : (H, W) array of uint8
-        The map, or a part of it that reaches `halo` cells beyond every given cell.
-    rows, cols : (n,) arrays of int
-        The cells, as indices of the whole map.
-    resolution : float
-        Edge of a cell [m].
-    config : FieldConfig
-        Template, search window and weights.
-    corner : (int, int)
-        Where `levels` starts in the whole map.
-    map_shape : (int, int), optional
-        Of the whole map, which turns about its centre; by default that of `levels`.
-    control : (2,) array of int64, optional
-        Shared with other threads: the first is set to stop early, the second counts the cells
-        done. Cells left out are NaN.
+    name: ClassVar[str] = "exponential"
+    tau: float | None = None
+    """Mismatch area at which the weight falls to 1/e [m^2]; None is the template's own."""
 
-    Returns
-    -------
-    dict with "covariance", (n, 3, 3) array of float64, or (n, 2, 2) without rotation
-        k times the weighted covariance of (x, y, theta) [m, m, rad] (Eq. 8), plus Q if
-        `config.quantisation`.
+    def __post_init__(self) -> None:
+        if self.tau is not None:
+            keep(self, tau=positive("tau", self.tau, "m^2"))
+
+
+@dataclass(frozen=True)
+class InverseSquare:
+    """Weights 1 / max(S, floor)^2 of offsets with the mismatch area S (Eq. 9)."""
+
+    name: ClassVar[str] = "inverse-square"
+    floor: float | None = None
+    """Least mismatch area that counts [m^2]; None is half a cell's area."""
+
+    def __post_init__(self) -> None:
+        if self.floor is not None:
+            keep(self, floor=positive("floor", self.floor, "m^2"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sad(Estimator):
+    """The paper's estimator: the map around a place correlated with the map itself.
+
+    The sums of absolute differences between a template and the map at every offset of the window
+    give weights, and these the covariance. The defaults predict the errors of scan matching best;
+    `Sad.paper` follows Eq. 8-10 as printed (doi 10.1186/s40648-023-00256-w).
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Sad(range=8.0).tau
+    0.57
+    >>> Sad(weights=Exponential(tau=-1.0))
+    Traceback (most recent call last):
+    locplan.errors.ConfigError: tau must be a positive number of m^2, not -1.0
     """
-    from locplan._kernels import sad
 
-    shape = map_shape or levels.shape
-    window = SearchWindow.from_config(config, resolution)
-    radius = template_radius(config, window, shape)
-    counts = np.arange(2 * np.count_nonzero(disc(radius)) + 1)
-    weights = offset_weights(counts * LEVEL_STEP, resolution, config)
-    visible = config.template == "visible"
-    tile = _lay_out_tile(levels, rows, cols, radius, window, corner, shape, visible)
-    in_steps = sad.tile_covariances(tile, weights, np.zeros(2, int) if control is None else control)
-    steps = np.array([window.step, window.step, window.rotation_step])
-    covariance = config.noise_level * in_steps * np.outer(steps, steps)
-    covariance = covariance[:, : window.dimension, : window.dimension]
-    return {"covariance": covariance + window.quantisation if config.quantisation else covariance}
+    name: ClassVar[str] = "sad"
+    remedy: ClassVar[str] = (
+        "a lidar's beams tell more apart: --estimator scan or fisher, with --sensor"
+    )
 
+    range: float = 6.0
+    """Radius of the template disc [m]."""
+    template: Literal["disc", "visible"] = "disc"
+    """What of the disc is compared: all of it as in the paper, or what a ray from the cell sees."""
+    weights: Exponential | InverseSquare = Exponential()
+    """How the mismatch of an offset becomes its weight."""
 
-def prepare(levels: NDArray[np.uint8], resolution: float, config: FieldConfig) -> None:
-    """Nothing: the layout of the map is that of a tile."""
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        keep(self, range=positive("range", self.range, "m"))
+        one_of("template", self.template, tuple(TAU))
+        if not isinstance(self.weights, InverseSquare):
+            instance("weights", self.weights, Exponential)
+
+    @classmethod
+    def paper(cls, *, range: float = 6.0, noise_level: float = 1.0) -> Sad:
+        """Eq. 8-10 of the paper as printed: inverse-square weights, nothing added."""
+        return cls(
+            range=range, noise_level=noise_level, weights=InverseSquare(), quantisation=False
+        )
+
+    @property
+    def reach(self) -> float:
+        """Radius of the template disc [m]."""
+        return self.range
+
+    @property
+    def summary(self) -> str:
+        """The name, the template and the weights."""
+        return f"{self.name}, {self.template}, {self.weights.name}"
+
+    @property
+    def tau(self) -> float:
+        """Scale of the exponential weights [m^2]; infinite with others."""
+        if isinstance(self.weights, InverseSquare):
+            return math.inf
+        return TAU[self.template] if self.weights.tau is None else self.weights.tau
+
+    def covariances(self, part: MapPart) -> Values:
+        """k times the weighted covariance of the offsets about their mean (Eq. 8)."""
+        from locplan._kernels import sad
+
+        window = self.window.on(part.resolution)
+        radius = template_radius(self.range, window, part.map_shape)
+        counts = np.arange(2 * np.count_nonzero(disc(radius)) + 1)
+        weights = self.offset_weights(counts * LEVEL_STEP, part.resolution)
+        tile = _lay_out_tile(part, radius, window, visible=self.template == "visible")
+        in_steps = sad.tile_covariances(tile, weights, part.control)
+        covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
+        return {"covariance": self.plus_q(covariance, window)}
+
+    def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> NDArray[np.float64]:
+        """Weight of offsets with the sums of absolute differences `mismatch` (Eq. 9).
+
+        S is held as mismatch area, ``mismatch / 254`` cells [m^2], so that tau and floor mean the
+        same at every resolution.
+        """
+        cell_area = resolution**2
+        area = mismatch / (FREE - OCCUPIED) * cell_area
+        if isinstance(self.weights, Exponential):
+            return np.exp(-area / self.tau)
+        floor = cell_area / 2 if self.weights.floor is None else self.weights.floor
+        return (floor / np.maximum(area, floor)) ** 2  # a common factor of all weights is free
+
+    def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
+        """How far beyond a cell its covariance depends on the map [cells]."""
+        window = self.window.on(resolution)
+        # A turned cell lies within one cell of its rounded place, and so does its source.
+        return template_radius(self.range, window, map_shape) + max(window.reach, 2)
+
+    def points_apart(self, resolution: float, stride: int) -> int:
+        """Every how many lattice points, `stride` cells apart, had best share a tile.
+
+        Where cells and offsets fall on a common lattice of more than one cell the layout of the
+        map is thinner, and on a fine lattice only then fits into the processor's caches.
+        """
+        from locplan._kernels.bitplanes import SQUARE
+
+        thinnest = math.gcd(self.window.on(resolution).step_cells, SQUARE)
+        return thinnest // math.gcd(thinnest, stride)
 
 
 def sad_distributions(
@@ -85,83 +166,38 @@ def sad_distributions(
     rows: NDArray[np.int64],
     cols: NDArray[np.int64],
     radius: int,
-    window: SearchWindow,
+    window: OffsetLattice,
     *,
     visible: bool = False,
 ) -> NDArray[np.int64]:
     """The kernel's `template_matching.sad_distribution` at many cells, (n, dx, dy, theta)."""
     from locplan._kernels import sad
 
-    tile = _lay_out_tile(levels, rows, cols, radius, window, (0, 0), levels.shape, visible)
+    part = MapPart.whole(levels, rows, cols, window.resolution)
+    tile = _lay_out_tile(part, radius, window, visible=visible)
     return LEVEL_STEP * sad.tile_mismatch_counts(tile).transpose(0, 1, 3, 2)
 
 
-def offset_weights(
-    mismatch: NDArray[Any], resolution: float, config: FieldConfig
-) -> NDArray[np.float64]:
-    """Weight of offsets with the sums of absolute differences `mismatch` (Eq. 9).
-
-    S is held as mismatch area, ``mismatch / 254`` cells [m^2], so that `tau` and `floor` mean the
-    same at every resolution.
-    """
-    cell_area = resolution**2
-    area = mismatch / (FREE - OCCUPIED) * cell_area
-    if config.weight_law == "exponential":
-        return np.exp(-area / config.mismatch_scale)
-    floor = cell_area / 2 if config.floor is None else config.floor
-    return (floor / np.maximum(area, floor)) ** 2  # a common factor of all weights is free
-
-
-def template_radius(config: FieldConfig, window: SearchWindow, map_shape: tuple[int, int]) -> int:
-    """Radius of the disc in whole cells, at least one.
+def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, int]) -> int:
+    """Radius of the disc in whole cells, at least one, for a range of `reach` metres.
 
     What lies further away than the map is long is unknown at every offset and adds no mismatch,
     so that a larger disc gives the same sums.
     """
-    reach = window.half_steps * window.step_cells
-    whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * reach) + 2
-    return max(1, min(math.floor(config.sensor_range / window.resolution + 1e-9), whole_map))
+    whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
+    return max(1, min(math.floor(reach / window.resolution + 1e-9), whole_map))
 
 
-def halo(config: FieldConfig, resolution: float, map_shape: tuple[int, int]) -> int:
-    """How far beyond a cell its covariance depends on the map [cells]."""
-    window = SearchWindow.from_config(config, resolution)
-    reach = window.half_steps * window.step_cells
-    # A turned cell lies within one cell of its rounded place, and so does its source.
-    return template_radius(config, window, map_shape) + max(reach, 2)
-
-
-def points_apart(config: FieldConfig, resolution: float, stride: int) -> int:
-    """Every how many lattice points, `stride` cells apart, had best share a tile.
-
-    Where cells and offsets fall on a common lattice of more than one cell the layout of the map
-    is thinner, and on a fine lattice only then fits into the processor's caches.
-    """
-    from locplan._kernels.bitplanes import SQUARE
-
-    thinnest = math.gcd(SearchWindow.from_config(config, resolution).step_cells, SQUARE)
-    return thinnest // math.gcd(thinnest, stride)
-
-
-def _lay_out_tile(
-    levels: NDArray[np.uint8],
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    radius: int,
-    window: SearchWindow,
-    corner: tuple[int, int],
-    map_shape: tuple[int, int],
-    visible: bool,
-) -> Any:
+def _lay_out_tile(part: MapPart, radius: int, window: OffsetLattice, *, visible: bool) -> Any:
     """Lay out the map and its turned copies for the kernel, for all cells of a tile at once."""
     from locplan._kernels import bitplanes, sad, templates
 
-    levels = np.array(levels, order="C")  # one type of array, for kernels compiled once
-    step, half_steps = window.step_cells, window.half_steps
-    reach = half_steps * step
+    levels = np.array(part.levels, order="C")  # one type of array, for kernels compiled once
+    rows, cols, corner = part.rows, part.cols, part.corner
+    step, half_steps, reach = window.step_cells, window.half_steps, window.reach
     disc_squares = templates.disc_squares(disc(radius))
     diameter = disc_squares.rows * bitplanes.SQUARE
-    centre_row, centre_col = map_centre(map_shape)
+    centre_row, centre_col = map_centre(part.map_shape)
     cos, sin = np.cos(window.angles), np.sin(window.angles)
 
     # The templates: the turned maps around the cells' turned and rounded places.
@@ -215,7 +251,7 @@ def _lay_out_tile(
 
 
 @lru_cache(maxsize=4)
-def _sight(radius: int, window: SearchWindow | None) -> Any:
+def _sight(radius: int, window: OffsetLattice | None) -> Any:
     """The rays of templates of what is seen; without a window there are none."""
     from locplan._kernels import templates
 

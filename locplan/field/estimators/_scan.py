@@ -8,15 +8,17 @@ search window. It sees what derivatives cannot: repeating bays, and several mode
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field._config import FieldConfig
-from locplan.field._search_window import SearchWindow
+from locplan._util.checks import is_number, keep, positive, whole
+from locplan.errors import ConfigError
+from locplan.field._estimator import Layer, MapPart, Values
 from locplan.field._surfaces import walls
-from locplan.field.estimators._beams import beams_of, on_grid, reach_of_beams
+from locplan.field.estimators._beams import LidarEstimator, beams_of, reach_of_beams
 from locplan.maps import OCCUPIED
 
 
@@ -27,75 +29,108 @@ class Scene(NamedTuple):
     likelihood: Any
 
 
-def covariances(
-    levels: NDArray[np.uint8],
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    resolution: float,
-    config: FieldConfig,
-    *,
-    yaw: float = 0.0,
-    corner: tuple[int, int] = (0, 0),
-    control: NDArray[np.int64] | None = None,
-    prepared: Scene | None = None,
-    **_: Any,
-) -> dict[str, NDArray[np.float64]]:
-    """Covariance of the posterior about its mean at each cell, in the grid's own axes.
+@dataclass(frozen=True)
+class Scan(LidarEstimator):
+    """The covariance of the posterior of a simulated scan over the search window.
 
-    Parameters
-    ----------
-    levels, rows, cols, resolution, config, yaw, corner, control, prepared
-        As for `locplan.field.estimators._fisher.covariances`.
+    It sees corridors, halls, repetition and several modes: correlative scan matching.
 
-    Returns
-    -------
-    dict of arrays
-        "covariance", (n, 3, 3), or (n, 2, 2) without rotation, or (n, headings, d, d): of (x, y,
-        theta) [m, m, rad], times k, plus Q if `config.quantisation`; "ambiguity" and "entropy" of
-        `locplan.field.estimators.LAYERS`, (n,) or (n, headings).
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
     """
-    from locplan._kernels.offsets import make_lattice
-    from locplan._kernels.posterior import scan_posteriors
 
-    scene = prepared or prepare(levels, resolution, config)
-    window = SearchWindow.from_config(config, resolution)
-    found = scan_posteriors(
-        scene.likelihood,
-        make_lattice(window.half_steps, window.angles),
-        scene.squares,
-        resolution,
-        rows - corner[0],
-        cols - corner[1],
-        config.heading_angles - yaw,
-        beams_of(config, config.max_beams),
-        config.temperature,
-        np.zeros(2, np.int64) if control is None else control,
+    name: ClassVar[str] = "scan"
+    remedy: ClassVar[str] = (
+        "there matches are as sharp as the search window's steps of offset can tell"
     )
-    steps = np.array([window.step, window.step, window.rotation_step])
-    covariance = config.noise_level * found.covariance * np.outer(steps, steps)
-    covariance = covariance[..., : window.dimension, : window.dimension]
-    single = 0 if config.headings == 1 else slice(None)
-    return {
-        "covariance": on_grid(covariance, window, config),
-        "ambiguity": found.ambiguity[:, single],
-        "entropy": found.entropy[:, single],
-    }
-
-
-def prepare(levels: NDArray[np.uint8], resolution: float, config: FieldConfig) -> Scene:
-    """Empty squares and the likelihood field of a map or a part of it."""
-    from locplan._kernels.rays import empty_squares
-
-    window = SearchWindow.from_config(config, resolution)
-    field = likelihood_field(
-        levels,
-        resolution,
-        window.step_cells,
-        window.half_steps,
-        sigma_hit=config.sigma_hit,
-        z_rand=config.z_rand,
+    layers: ClassVar[tuple[Layer, ...]] = (
+        Layer("ambiguity", "probability outside the central mode", "1", lambda _: (0.0, 1.0)),
+        Layer(
+            "entropy",
+            "entropy of the posterior",
+            "nat",
+            lambda window: (0.0, math.log(window.size)),
+        ),
     )
-    return Scene(empty_squares(levels == OCCUPIED), field)
+
+    sigma_hit: float = field(default=0.1, kw_only=True)
+    """Standard deviation of the distance of a beam's end from a wall [m]."""
+    z_rand: float = field(default=0.05, kw_only=True)
+    """Share of the beams that end anywhere, above 0 and below 1."""
+    temperature: float = field(default=0.1, kw_only=True)
+    """Factor on the log-likelihood, since neighbouring beams err alike."""
+    max_beams: int = field(default=180, kw_only=True)
+    """Greatest number of the lidar's beams, evenly spaced, that are compared."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (is_number(self.z_rand) and 0 < self.z_rand < 1):
+            raise ConfigError(f"z_rand must lie between 0 and 1, not {self.z_rand!r}")
+        keep(
+            self,
+            sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
+            temperature=positive("temperature", self.temperature, "of 1"),
+            max_beams=whole("max_beams", self.max_beams),
+        )
+
+    def identity(self) -> dict[str, object]:
+        """All settings but the noise of the ranges, which the scan does not have."""
+        settings = super().identity()
+        lidar: Any = settings["lidar"]
+        return {**settings, "lidar": {k: v for k, v in lidar.items() if k != "range_sigma"}}
+
+    def covariances(self, part: MapPart) -> Values:
+        """The covariance of the posterior about its mean, times k, and the layers."""
+        from locplan._kernels.offsets import make_lattice
+        from locplan._kernels.posterior import scan_posteriors
+
+        scene = part.prepared or self.prepare(part.levels, part.resolution)
+        window = self.window.on(part.resolution)
+        found = scan_posteriors(
+            scene.likelihood,
+            make_lattice(window.half_steps, window.angles),
+            scene.squares,
+            part.resolution,
+            part.rows - part.corner[0],
+            part.cols - part.corner[1],
+            part.headings,
+            beams_of(self.lidar, self.max_beams),
+            self.temperature,
+            part.control,
+        )
+        covariance = self.noise_level * found.covariance * np.outer(window.steps, window.steps)
+        single = 0 if len(part.headings) == 1 else slice(None)
+        return {
+            "covariance": self.on_grid(covariance, window),
+            "ambiguity": found.ambiguity[:, single],
+            "entropy": found.entropy[:, single],
+        }
+
+    def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
+        """Empty squares and the likelihood field of a map or a part of it."""
+        from locplan._kernels.rays import empty_squares
+
+        window = self.window.on(resolution)
+        likelihood = likelihood_field(
+            levels,
+            resolution,
+            window.step_cells,
+            window.half_steps,
+            sigma_hit=self.sigma_hit,
+            z_rand=self.z_rand,
+        )
+        return Scene(empty_squares(levels == OCCUPIED), likelihood)
+
+    def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
+        """How far beyond a cell its covariance depends on the map [cells]."""
+        from locplan._kernels.likelihood import likelihood_reach
+
+        around = likelihood_reach(resolution, self.sigma_hit, self.z_rand) + 2
+        offsets = self.window.on(resolution).reach
+        reach = reach_of_beams(self.lidar, resolution) + offsets + around
+        return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
 
 def likelihood_field(
@@ -146,19 +181,3 @@ def likelihood_field(
         plane=height * width,
         nats=-math.log(z_rand) / kernel.TOP,
     )
-
-
-def halo(config: FieldConfig, resolution: float, map_shape: tuple[int, int]) -> int:
-    """How far beyond a cell its covariance depends on the map [cells]."""
-    from locplan._kernels.likelihood import likelihood_reach
-
-    window = SearchWindow.from_config(config, resolution)
-    around = likelihood_reach(resolution, config.sigma_hit, config.z_rand) + 2
-    offsets = window.half_steps * window.step_cells
-    reach = reach_of_beams(config, resolution) + offsets + around
-    return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
-
-
-def points_apart(config: FieldConfig, resolution: float, stride: int) -> int:
-    """Every how many lattice points had best share a tile: all."""
-    return 1

@@ -1,0 +1,91 @@
+"""Checks of arguments: each returns the value as it is kept, or raises one clear line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from numbers import Integral, Real
+from typing import TypeGuard
+
+from locplan.errors import ConfigError
+
+
+def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
+    """A finite number within limits, as a float.
+
+    Raises
+    ------
+    ConfigError
+        If the value is none, or lies outside the limits.
+    """
+    if not is_number(value):
+        raise ConfigError(f"{name} must be a number, not {value!r}")
+    if not low <= float(value) <= high:
+        limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+        raise ConfigError(f"{name} must be {limits}, not {value:g}")
+    return float(value)
+
+
+def positive(name: str, value: object, unit: str = "") -> float:
+    """A finite number above 0, as a float; `unit` is what it counts.
+
+    Raises
+    ------
+    ConfigError
+        If the value is none.
+    """
+    if not (is_number(value) and value > 0):
+        what = f"a positive number of {unit}" if unit else "positive"
+        raise ConfigError(f"{name} must be {what}, not {value!r}")
+    return float(value)
+
+
+def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
+    """A whole number within limits, as an int.
+
+    Raises
+    ------
+    ConfigError
+        If the value is none, or lies outside the limits.
+    """
+    if not is_whole(value) or not low <= value <= high:
+        limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
+        raise ConfigError(f"{name} must be a whole number {limits}, not {value!r}")
+    return int(value)
+
+
+def one_of(name: str, value: object, choices: Collection[str]) -> None:
+    """Raise a ConfigError unless the value is one of some words."""
+    if not (isinstance(value, str) and value in choices):
+        raise ConfigError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+
+
+def instance(name: str, value: object, kind: type, remedy: str = "") -> None:
+    """Raise a ConfigError unless the value is of a class; `remedy` says how to get one."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        how = f"; {remedy}" if remedy else ""
+        raise ConfigError(f"{name} must be {article} {kind.__name__}, not {shown(value)}{how}")
+
+
+def shown(value: object) -> str:
+    """A value in an error message: short, and of an object of ours or an array just its class."""
+    plain = isinstance(value, (str, int, float, bool, type(None), list, tuple, dict))
+    text = repr(value) if plain else f"a value of type {type(value).__name__}"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value is a finite real number, and no bool."""
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a value is a whole number, and no bool."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def keep(owner: object, **values: object) -> None:
+    """Set fields of a frozen dataclass while it is being made."""
+    for name, value in values.items():
+        object.__setattr__(owner, name, value)

@@ -1,0 +1,32 @@
+"""The estimators by name. A new one is a line here and a module with its class."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from locplan._util.checks import one_of
+
+if TYPE_CHECKING:
+    from locplan.field._estimator import Estimator
+
+ESTIMATORS: dict[str, str] = {
+    "sad": "locplan.field.estimators._sad:Sad",
+    "fisher": "locplan.field.estimators._fisher:Fisher",
+    "scan": "locplan.field.estimators._scan:Scan",
+}
+"""Module and class of each estimator; imported when first used."""
+
+
+def estimator_class(name: str) -> type[Estimator]:
+    """The class of an estimator.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
+    one_of("estimator", name, ESTIMATORS)
+    module, _, attribute = ESTIMATORS[name].partition(":")
+    found: type[Estimator] = getattr(import_module(module), attribute)
+    return found

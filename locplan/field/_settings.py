@@ -1,0 +1,59 @@
+"""Settings as JSON has them: dataclasses as objects, those of several kinds with their name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, TypeVar, get_args, get_type_hints
+
+from locplan.errors import ConfigError
+
+T = TypeVar("T")
+
+
+def settings_of(value: Any) -> Any:
+    """Settings as JSON has them; what has a class variable `name` begins with that."""
+    if not dataclasses.is_dataclass(value):
+        return value
+    fields = {each.name: settings_of(getattr(value, each.name)) for each in _fields(type(value))}
+    name = getattr(type(value), "name", None)
+    return fields if name is None else {"name": name, **fields}
+
+
+def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
+    """An object of a class from what `settings_of` gave; what is missing has its default.
+
+    Raises
+    ------
+    ConfigError
+        If a setting is unknown, missing, or out of its range.
+    """
+    given = {name: value for name, value in settings.items() if name != "name"}
+    hints, known = get_type_hints(kind), [each.name for each in _fields(kind)]
+    for name in given:
+        if name not in known:
+            what = getattr(kind, "name", kind.__name__)
+            raise ConfigError(f"{what} has no setting {name!r}; it has: {', '.join(known)}")
+    made = {name: _nested(name, hints[name], value) for name, value in given.items()}
+    try:
+        return kind(**made)
+    except TypeError as error:  # one that has no default is missing
+        raise ConfigError(" ".join(str(error).split())) from None
+
+
+def _nested(name: str, hint: Any, value: object) -> object:
+    if not isinstance(value, Mapping):
+        return value
+    kinds: list[Any] = [each for each in get_args(hint) or (hint,) if _is_settings(each)]
+    named = [kind for kind in kinds if getattr(kind, "name", None) == value.get("name")]
+    if len(named) != 1:
+        raise ConfigError(f"{name} cannot be made of {dict(value)!r}")
+    return made_of(named[0], value)
+
+
+def _is_settings(kind: object) -> bool:
+    return isinstance(kind, type) and dataclasses.is_dataclass(kind)
+
+
+def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
+    return dataclasses.fields(kind)
