@@ -1,45 +1,90 @@
 import dataclasses
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import changed, random_rooms
 
-from locplan.field import Exponential, FieldConfig, Sad, SearchWindow, covariance_field
+from locplan.field import (
+    Exponential,
+    FieldConfig,
+    Fisher,
+    Lidar,
+    Sad,
+    Scan,
+    SearchWindow,
+    covariance_field,
+)
 from locplan.field import _cache as cache
 from locplan.field import _store as store
+from locplan.field import _tiles as tiles
 from locplan.field import _zarr as field_files
-from locplan.field.estimators import _sad as sad
 from locplan.maps import UNKNOWN, OccupancyGrid, save_map
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 """Two by two chunks of the map below."""
+LIDAR = Lidar(range=3.0, beams=90)
 
 CHILD = """
 import sys
-from locplan import load_map
-from locplan.field import FieldConfig
-from locplan.field import _store as store
-from locplan.field.estimators import _sad as sad
+from locplan.field import _store as store, _tiles as tiles, _zarr as field_files
+from locplan.maps import load_map
+from test_store import QUICK
 
-calls, compute = [], sad.covariances
-def slowly(*, rows, **options):
-    import time
-    calls.append(len(rows))
-    time.sleep(float(sys.argv[3]))
-    return compute(rows=rows, **options)
-sad.covariances = slowly
-config = FieldConfig(sensor_range=0.6, window=0.4)
-print("began", flush=True)
-store.load_or_compute(load_map(sys.argv[1]), config, cache_dir=sys.argv[2], threads=1)
-print(sum(calls))
+compute, write = tiles.compute, field_files.write_chunks
+def when_allowed(*arguments, **task):
+    sys.stdin.readline()
+    return compute(*arguments, **task)
+def and_say_so(path, values, chunks):
+    write(path, values, chunks)
+    if chunks:
+        print("written", flush=True)
+tiles.compute, field_files.write_chunks = when_allowed, and_say_so
+store.load_or_compute(load_map(sys.argv[1]), QUICK, cache_dir=sys.argv[2], threads=1)
 """
+"""Another process, which computes a tile for every line that it reads."""
+
+
+class Other:
+    """A process that computes the same field, and holds its lock from the first tile on."""
+
+    def __init__(self, grid: OccupancyGrid, folder: Path) -> None:
+        map_file = folder / "rooms.yaml"
+        save_map(grid, map_file)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", CHILD, map_file, folder],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        )
+        self.compute_a_tile()
+
+    def compute_a_tile(self) -> None:
+        """Each of the four tiles is a chunk; back when that is written."""
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        assert self.process.stdout.readline() == "written\n"
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    @property
+    def runs(self) -> bool:
+        return self.process.poll() is None
+
+
+@pytest.fixture
+def other(grid, tmp_path):
+    process = Other(grid, tmp_path)
+    yield process
+    process.process.kill()
+    process.process.communicate()
 
 
 @pytest.fixture
@@ -50,26 +95,14 @@ def grid() -> OccupancyGrid:
 @pytest.fixture
 def computed(monkeypatch) -> list[int]:
     """How many points each tile computed had."""
-    calls, compute = [], sad.covariances
+    calls, compute = [], tiles.compute
 
-    def spy(*, rows, **options):
-        calls.append(len(rows))
-        return compute(rows=rows, **options)
+    def spy(engine, estimator, part):
+        calls.append(len(part.rows))
+        return compute(engine, estimator, part)
 
-    monkeypatch.setattr(sad, "covariances", spy)
+    monkeypatch.setattr(tiles, "compute", spy)
     return calls
-
-
-def started(map_file: Path, folder: Path, seconds_a_tile: float) -> subprocess.Popen:
-    command = [sys.executable, "-c", CHILD, map_file, folder, str(seconds_a_tile)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def wait_until(condition) -> None:
-    end = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end, "waited for too long"
-        time.sleep(0.01)
 
 
 def test_a_field_is_computed_once(grid, tmp_path, computed):
@@ -88,11 +121,32 @@ def test_a_cached_field_is_a_field_like_any_other(grid, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", [{"sensor_range": 0.7}, {"tau": 0.5}, {"quantisation": False}, {"stride": 0.3}]
+    "other",
+    [
+        changed(QUICK, range=0.7),
+        changed(QUICK, weights=Exponential(0.5)),
+        changed(QUICK, quantisation=False),
+        dataclasses.replace(QUICK, stride=0.3),
+        FieldConfig(Scan(LIDAR)),
+        FieldConfig(Scan(dataclasses.replace(LIDAR, mount_yaw_deg=5.0))),
+        FieldConfig(Fisher(dataclasses.replace(LIDAR, range_sigma=0.01))),
+    ],
 )
-def test_another_config_is_another_field(grid, change):
-    other = dataclasses.replace(QUICK, **change)
-    assert store.field_path(grid, QUICK) != store.field_path(grid, other)
+def test_another_config_is_another_field(grid, other):
+    for config in (QUICK, FieldConfig(Fisher(LIDAR))):
+        assert store.field_path(grid, config) != store.field_path(grid, other)
+
+
+@pytest.mark.parametrize(
+    ("config", "other"),
+    [
+        (QUICK, dataclasses.replace(QUICK, stride=0.21)),
+        (FieldConfig(Scan(LIDAR)), FieldConfig(Scan(dataclasses.replace(LIDAR, range_sigma=0.01)))),
+        (FieldConfig(Scan(LIDAR)), FieldConfig(Scan(LIDAR), headings=1)),
+    ],
+)
+def test_what_decides_no_value_makes_no_other_field(grid, config, other):
+    assert store.field_path(grid, config) == store.field_path(grid, other)
 
 
 def test_another_engine_is_another_field(grid, tmp_path, computed, monkeypatch):
@@ -109,52 +163,44 @@ def test_the_name_of_the_map_is_todays(grid, tmp_path):
     assert store.load_or_compute(renamed, QUICK, cache_dir=tmp_path).grid.name == "other"
 
 
-@pytest.mark.parametrize("tiles_done", [1, 3])
-def test_a_killed_run_is_resumed(grid, tmp_path, tiles_done, computed):
-    save_map(grid, tmp_path / "rooms.yaml")
-    path = store.field_path(grid, QUICK, tmp_path)
-    process = started(tmp_path / "rooms.yaml", tmp_path, 0.5)
-    wait_until(lambda: field_files.count_chunks(path) == tiles_done)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
+@pytest.mark.parametrize("more_tiles", [0, 2])
+def test_a_killed_run_is_resumed(grid, tmp_path, more_tiles, computed, other):
+    for _ in range(more_tiles):
+        other.compute_a_tile()
+    other.kill()
     field = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    assert 0 < sum(computed) < field.evaluated.sum()
+    assert len(computed) == 3 - more_tiles
     np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
-    assert cache.CacheEntry.read(path).share == 1.0
+    assert cache.CacheEntry.read(store.field_path(grid, QUICK, tmp_path)).share == 1.0
 
 
-@pytest.mark.parametrize("killed", [False, True])
-def test_of_two_processes_one_computes_and_the_other_waits(grid, tmp_path, killed):
-    save_map(grid, tmp_path / "rooms.yaml")
-    path = store.field_path(grid, QUICK, tmp_path)
-    first = started(tmp_path / "rooms.yaml", tmp_path, 4.0 if killed else 0.5)
-    wait_until(lambda: field_files.count_chunks(path) == 1)
-    second = started(tmp_path / "rooms.yaml", tmp_path, 0.0)
-    assert second.stdout.readline() == "began\n"
-    if killed:
-        time.sleep(0.3)  # for the second to find the lock taken
-        assert second.poll() is None
-        first.send_signal(signal.SIGKILL)
-    told = [process.communicate(timeout=60)[0].split()[-1:] for process in (first, second)]
-    alone = int(covariance_field(grid, QUICK).evaluated.sum())
-    if killed:
-        assert 0 < int(told[1][0]) < alone
-    else:
-        assert told == [[str(alone)], ["0"]]
+def test_while_another_process_computes_one_waits_and_sees_how_far_it_is(
+    grid, tmp_path, computed, other
+):
+    shares = []
+
+    def waiting(done, total):
+        assert not computed
+        shares.append(done / total)
+        if len(shares) < 4:
+            other.compute_a_tile()
+
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path, progress=waiting)
+    assert shares[:3] == pytest.approx([0.25, 0.5, 0.75], abs=0.01)
+    assert not computed
 
 
-def test_whoever_waits_sees_how_far_the_other_is(grid, tmp_path):
-    save_map(grid, tmp_path / "rooms.yaml")
-    path = store.field_path(grid, QUICK, tmp_path)
-    other = started(tmp_path / "rooms.yaml", tmp_path, 0.7)
-    wait_until(lambda: field_files.count_chunks(path) == 1)
+def test_whoever_waits_goes_on_where_a_killed_process_was(grid, tmp_path, computed, other):
     seen = []
-    store.load_or_compute(
-        grid, QUICK, cache_dir=tmp_path, progress=lambda done, total: seen.append(done / total)
-    )
-    other.communicate()
-    assert any(0 < share < 1 for share in seen)
-    assert seen == sorted(seen)
+
+    def waiting(done, total):
+        seen.append((other.runs, len(computed)))
+        other.kill()
+
+    field = store.load_or_compute(grid, QUICK, cache_dir=tmp_path, progress=waiting)
+    assert seen[0] == (True, 0)
+    assert len(computed) == 3
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
 
 
 DAMAGES = {
