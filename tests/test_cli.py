@@ -34,7 +34,7 @@ def test_json_is_json(run, room):
     assert code == 0
     about = json.loads(out)
     assert about["cells_evaluated"] == load_map(room).free.sum()
-    assert about["config"]["weight_law"] == "inverse-square"
+    assert about["config"]["estimator"]["weights"]["name"] == "inverse-square"
 
 
 def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
@@ -53,7 +53,7 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     np.testing.assert_allclose(xy[[0, -1]], [[1, 2], [4, 3.5]])
     about = json.loads((out_dir / "plan.json").read_text())
     assert about["plans"]["shortest"]["metrics"]["length"] > 3
-    assert about["configs"][0]["sensor_range"] == 6.0
+    assert about["configs"][0]["estimator"]["range"] == 6.0
     assert about["map"]["digest"] == load_map(room).digest
 
 
@@ -126,7 +126,7 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--range", "-1"), "sensor_range"),
+        (("--range", "-1"), "range must be a positive number of m"),
         (("--preset", "best"), "--preset must be one of"),
         (("--stride", "nan"), "stride"),
         (("--threads", "0"), "threads"),
@@ -426,7 +426,7 @@ def test_plot_draws_the_papers_figures(run, room, tmp_path, arguments):
         (("--figure", "e", "--limits", "2,1"), "--limits"),
         (("--figure", "e", "--ranges", "6,x"), "--ranges must be numbers"),
         (("--ranges", "6,8"), "--ranges is for"),
-        (("--figure", "e", "--ranges", "6,-8"), "sensor_range"),
+        (("--figure", "e", "--ranges", "6,-8"), "range must be a positive number of m"),
     ],
 )
 def test_plot_refuses_what_it_cannot_draw(run, room, tmp_path, arguments, message):

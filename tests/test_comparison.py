@@ -168,7 +168,7 @@ def test_all_files_are_written(compared, tmp_path):
     about = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert about["locplan"] == locplan.__version__
     cases = {(case["map"], case["field"]): case for case in about["cases"]}
-    assert cases["two", "2 m"]["config"]["sensor_range"] == 2.0
+    assert cases["two", "2 m"]["config"]["estimator"]["range"] == 2.0
     assert cases["one", "1 m"]["robot_radius"] == 0.1
     assert cases["one", "1 m"]["queries"][0]["start"] == list(
         compared.sources["one", "1 m"].queries[0].start

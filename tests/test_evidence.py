@@ -16,7 +16,7 @@ import locplan
 from locplan import FieldConfig, LocplanError, simulation
 from locplan.field import Exponential, Fisher, Lidar, Sad, SearchWindow
 from locplan.maps import environments
-from locplan.simulation import Amcl, Disturbances, Places, calibrate, evaluate
+from locplan.simulation import Amcl, Places, calibrate, evaluate
 from locplan.simulation import _reports as reports
 from locplan.simulation._predictors import (
     Predictor,
@@ -26,6 +26,7 @@ from locplan.simulation._predictors import (
     predictions,
 )
 from locplan.simulation._ranking import RESAMPLES, Resamples, auc, rank, spearman
+from locplan.simulation._settings import SHORT_LIDAR
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +98,7 @@ def test_several_maps_widen_the_interval_and_are_averaged():
 
 def test_predictions_are_what_the_fields_say(grid):
     points = np.array([[15, 20], [60, 30], [18, 100]])
-    sensor = Disturbances().sensor
-    found = predictions(grid, configs(sensor), points)
+    found = predictions(grid, configs(SHORT_LIDAR), points)
     field = locplan.covariance_field(grid)
     assert found[Predictor("sad", "e")] == pytest.approx(field.e[tuple(points.T)])
     paper = locplan.covariance_field(grid, FieldConfig(Sad.paper()))
@@ -316,7 +316,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     assert "simulation.png" in err
     about = json.loads((out / "simulation.json").read_text())
     assert set(about["paths"]) == {"shortest", "localizability-aware"}
-    assert about["disturbances"]["sensor"]["range"] == 6.0
+    assert about["lidar"]["range"] == 6.0
     assert about["weight"] == 4.0
     with (out / "errors.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -340,7 +340,7 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     assert about["amcl"]["max_particles"] == 600
     assert about["amcl"]["laser_model_type"] == "likelihood_field_prob"
     assert about["disturbances"]["outliers"] == 0.1
-    assert about["disturbances"]["sensor"]["range"] == 12.0
+    assert about["lidar"]["range"] == 12.0
 
 
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
@@ -403,7 +403,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     code, out, _ = run("field", map_file, "--config", target, "--json")
     assert json.loads(out)["config"]["estimator"]["noise_level"] == config.estimator.noise_level
     code, out, _ = run("field", map_file, "--config", target, "--range", 4, "--json")
-    assert json.loads(out)["config"]["sensor_range"] == 4.0
+    assert json.loads(out)["config"]["estimator"]["range"] == 4.0
     err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))
     assert "--config has all settings of the field; besides it only --range" in err
 
@@ -420,7 +420,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be a number"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
-        ((*ENDS, "--lidar", "sonar"), "--lidar: sensor must be one of"),
+        ((*ENDS, "--lidar", "sonar"), "--lidar: lidar must be one of"),
         ((*ENDS, "--params", "none.yaml"), "none.yaml: cannot be read"),
         ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
         ((*ENDS, "--weight", "-1"), "weight"),

@@ -399,7 +399,7 @@ def test_a_folder_says_what_it_holds_in_five_lines(tmp_path, costs, write):
         assert name in "".join(lines) or name.endswith(".png"), name
     about = json.loads(files["export.json"])
     assert about["map"]["digest"] == costs.grid.digest
-    assert about["configs"][0]["sensor_range"] == 1.0
+    assert about["configs"][0]["estimator"]["range"] == 1.0
     assert (about["weight"], about["criterion"]) == (4.0, "e")
 
 
@@ -640,7 +640,7 @@ def test_a_field_as_arrays_is_all_there(tmp_path, costs):
         np.testing.assert_array_equal(arrays["covariance"], field.covariance)
         np.testing.assert_array_equal(arrays["e_map"], field.e_map())
         np.testing.assert_array_equal(arrays["cells"], costs.grid.cells)
-        assert json.loads(str(arrays["config"]))["sensor_range"] == 1.0
+        assert json.loads(str(arrays["config"]))["estimator"]["range"] == 1.0
         i, j = np.argwhere(field.evaluated)[17]
         np.testing.assert_array_equal(
             field.at(arrays["x"][i, j], arrays["y"][i, j]).round(9),

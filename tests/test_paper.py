@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from locplan import paper
-from locplan.field import FieldConfig, Sad
+from locplan.field import Sad
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper.template_matching import MODELS
 
@@ -153,13 +153,13 @@ def test_a_larger_template_gives_no_greater_e(preset):
 def test_claims_can_fail():
     maps = paper.maps_of_places(resolution=0.1)
     everywhere = dict.fromkeys(maps, maps["hall"])  # the places of another map: walls and floor
-    assert min(paper.shares_of_claims(everywhere, FieldConfig(), spread=0).values()) == 0
+    assert min(paper.shares_of_claims(everywhere, Sad(), spread=0).values()) == 0
 
 
 def test_mismatch_at_a_place_is_least_where_it_is():
     maps = paper.maps_of_places(resolution=0.1)
-    at_b = paper.mismatch_at(maps, "B", FieldConfig())
+    at_b = paper.mismatch_at(maps, "B", Sad())
     assert at_b.shape == (21, 21, 13)
     assert (at_b[:, 10, 6] == 0).all()  # along the corridor nothing changes
     assert at_b[10, 11, 6] > 1  # across it walls move by 0.2 m
-    assert (paper.mismatch_at(maps, "E", FieldConfig()) == 0).all()
+    assert (paper.mismatch_at(maps, "E", Sad()) == 0).all()

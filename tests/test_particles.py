@@ -27,8 +27,8 @@ def room(seed=3):
     return OccupancyGrid(cells, RESOLUTION, name="room")
 
 
-def simulator(grid, amcl=None, **disturbances):
-    return Simulator(grid, amcl, Disturbances(**{"sensor": SMALL, **disturbances}))
+def simulator(grid, amcl=None, lidar=SMALL, **disturbances):
+    return Simulator(grid, lidar=lidar, amcl=amcl, disturbances=Disturbances(**disturbances))
 
 
 def cloud(random, count):
@@ -144,7 +144,7 @@ def test_particles_are_drawn_as_often_as_they_weigh():
 @pytest.mark.parametrize("occlusion", [0.0, 1.0])
 def test_measured_beams_end_where_the_plain_loop_says(occlusion):
     grid = room()
-    disturbances = Disturbances(sensor=SMALL, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
+    disturbances = Disturbances(outliers=0.2, occlusion=occlusion, occlusion_deg=90)
     here = simulator(grid, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
     squares, ends = empty_squares(grid.cells == OCCUPIED), np.empty((9, 2))
     for seed in range(12):
@@ -167,7 +167,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
 def test_outliers_and_occlusions_come_as_often_as_asked():
     free = OccupancyGrid(np.full((90, 90), FREE), RESOLUTION)
     sensor = Lidar(range=4.0, beams=72)
-    here = simulator(free, sensor=sensor, outliers=0.1, occlusion=0.3, occlusion_deg=40.0)
+    here = simulator(free, lidar=sensor, outliers=0.1, occlusion=0.3, occlusion_deg=40.0)
     squares, ends = here.worlds[0], np.empty((72, 2))
     lidar = here.arguments.lidar._replace(angles=sensor.angles)
     random, returned, blocked = np.random.default_rng(0), 0.0, 0
@@ -237,7 +237,7 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
     grid, world = room(), room(4)
     x = np.linspace(0.9, 1.7, 17)
     truth = np.column_stack([x, 1.2 + 0.1 * np.sin(4 * x), 0.8 * (x - 0.9)])
-    disturbances = Disturbances(sensor=SMALL, occlusion=0.5)
+    disturbances = Disturbances(occlusion=0.5)
     here = simulator(grid, amcl, occlusion=0.5)
     expected = naive.drive(
         np.random.default_rng(6),

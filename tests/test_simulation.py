@@ -33,6 +33,7 @@ from locplan.simulation import (
 )
 from locplan.simulation._motion import approaches, poses_along
 from locplan.simulation._nav2 import read_amcl
+from locplan.simulation._settings import SHORT_LIDAR
 
 QUIET = {
     "boundary_noise": 0.0,
@@ -151,10 +152,11 @@ def test_odometry_alone_drifts_where_nothing_is_seen():
 
 def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
     disturbances = Disturbances(boundary_noise=0.0, distance_bias=0.1, heading_bias_deg=5.0)
-    blind = Disturbances(**{**dataclasses.asdict(disturbances), "sensor": Lidar(range=0.2)})
     seeing, not_seeing = (
-        simulate(two_corridors, {"a": in_room}, disturbances=each, drives=20).drives["a"].rmse.value
-        for each in (disturbances, blind)
+        simulate(two_corridors, {"a": in_room}, lidar=lidar, disturbances=disturbances, drives=20)
+        .drives["a"]
+        .rmse.value
+        for lidar in (SHORT_LIDAR, Lidar(range=0.2))
     )
     assert seeing < 0.25
     assert not_seeing > 2 * seeing
@@ -268,8 +270,9 @@ def test_matches_are_those_of_the_plain_loop():
     cells[[4, 33], 5:36] = cells[5:33, [6, 35]] = OCCUPIED
     cells[10:13, 20:24] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
-    disturbances = Disturbances(sensor=Lidar(range=3.0, beams=12), boundary_noise=0.0)
-    simulator, angles = Simulator(grid, disturbances=disturbances), np.linspace(-0.4, 0.4, 5)
+    lidar, disturbances = Lidar(range=3.0, beams=12), Disturbances(boundary_noise=0.0)
+    simulator = Simulator(grid, lidar=lidar, disturbances=disturbances)
+    angles = np.linspace(-0.4, 0.4, 5)
     field, lattice = likelihood_field(cells, 0.1, 2, 3), make_lattice(3, angles)
     found = np.empty((3, 3))
     where = (
@@ -293,7 +296,7 @@ def test_matches_are_those_of_the_plain_loop():
             cells,
             0.1,
             pose,
-            disturbances.sensor,
+            lidar,
             simulator.arguments.lidar.angles,
             disturbances,
         )
@@ -402,7 +405,7 @@ def test_amcl_has_the_names_and_defaults_of_nav2():
         ({"max_beams": 1}, "max_beams must be a whole number of at least 2"),
         ({"max_particles": 100}, "must not exceed max_particles"),
         ({"min_particles": 2.5}, "min_particles must be a whole number"),
-        ({"pf_err": math.nan}, "pf_err must be a number"),
+        ({"pf_err": math.nan}, "pf_err must be positive"),
         ({"update_min_d": "far"}, "update_min_d must be a number"),
     ],
 )
@@ -417,7 +420,6 @@ def test_impossible_filters_are_refused(changes, reason):
         ({"boundary_noise": 1.5}, "boundary_noise must be 0 to 1"),
         ({"worlds": 0}, "worlds must be a whole number of at least 1"),
         ({"distance_drift": -1.0}, "distance_drift must be at least 0"),
-        ({"sensor": "lms291"}, "sensor must be a Lidar"),
         ({"occlusion_deg": 400.0}, "occlusion_deg must be 0 to 360"),
     ],
 )
@@ -430,17 +432,14 @@ def test_beams_are_thinned_out_as_amcl_does():
     grid = open_space(4.0)
     for beams, expected in ((360, 60), (61, 61), (20, 20), (1081, 61)):
         sensor = Lidar(range=6.0, field_of_view_deg=180.0, beams=beams)
-        assert (
-            Simulator(grid, disturbances=Disturbances(sensor=sensor)).arguments.lidar.angles.size
-            == expected
-        )
+        assert Simulator(grid, lidar=sensor).arguments.lidar.angles.size == expected
     product = Amcl(laser_model_type="likelihood_field_prob")  # takes every n-th, never more
     for beams, expected in ((360, 60), (61, 31), (20, 20), (1081, 57)):
         sensor = Lidar(range=6.0, field_of_view_deg=180.0, beams=beams)
-        lidar = Simulator(grid, product, Disturbances(sensor=sensor)).arguments.lidar
+        lidar = Simulator(grid, lidar=sensor, amcl=product).arguments.lidar
         assert lidar.angles.size == expected
-    assert Simulator(grid, Amcl(laser_max_range=3.0)).arguments.lidar.max_range == 3.0
-    assert Simulator(grid, Amcl(laser_max_range=-1.0)).arguments.lidar.max_range == 6.0
+    assert Simulator(grid, amcl=Amcl(laser_max_range=3.0)).arguments.lidar.max_range == 3.0
+    assert Simulator(grid, amcl=Amcl(laser_max_range=-1.0)).arguments.lidar.max_range == 6.0
 
 
 def test_amcl_is_read_from_nav2s_parameters(tmp_path):
@@ -490,8 +489,8 @@ def test_configs_come_back_from_their_files(tmp_path):
     ):
         locplan.save_config(tmp_path / f"{n}.json", config, calibration={"factor": 1.2})
         assert locplan.load_config(tmp_path / f"{n}.json") == config
-    (tmp_path / "bare.json").write_text('{"tau": 0.4}')
-    assert locplan.load_config(tmp_path / "bare.json") == FieldConfig(Sad(weights=Exponential(0.4)))
+    (tmp_path / "bare.json").write_text('{"stride": 0.4}')
+    assert locplan.load_config(tmp_path / "bare.json") == FieldConfig(stride=0.4)
 
 
 @pytest.mark.parametrize(
@@ -499,10 +498,16 @@ def test_configs_come_back_from_their_files(tmp_path):
     [
         ("no json", "is no JSON"),
         ("[1]", "must hold settings of a field"),
-        ('{"config": {"tua": 1}}', "no setting of a field is called 'tua'"),
-        ('{"config": {"tau": -1}}', "tau must be a positive number"),
-        ('{"window": 1e9}', "window must be at most 1000 times step"),
-        ('{"estimator": "scan", "sensor": {"reach": 3}}', "reach"),
+        ('{"config": {"tua": 1}}', "FieldConfig has no setting 'tua'"),
+        (
+            '{"estimator": {"name": "sad", "weights": {"name": "exponential", "tau": 0}}}',
+            "tau must be a positive number",
+        ),
+        (
+            '{"estimator": {"name": "sad", "window": {"half_width": 1e9}}}',
+            "half_width must be at most 1000 times step",
+        ),
+        ('{"estimator": {"name": "scan", "lidar": {"reach": 3}}}', "Lidar has no setting 'reach'"),
     ],
 )
 def test_configs_that_are_none_are_refused(tmp_path, text, reason):

@@ -11,7 +11,7 @@ import pytest
 from locplan import Path
 from locplan._kernels import particles
 from locplan.maps import environments
-from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.simulation import Amcl, Simulator
 from locplan.simulation._motion import poses_along
 
 FIXED = Amcl(min_particles=500, max_particles=500)
@@ -21,7 +21,7 @@ DRIVES = 1000
 @pytest.fixture(scope="module")
 def simulator():
     grid = environments.make("places")
-    return Simulator(grid, FIXED, Disturbances())
+    return Simulator(grid, amcl=FIXED)
 
 
 @pytest.fixture(scope="module")
