@@ -7,7 +7,7 @@ from collections.abc import Collection
 from numbers import Integral, Real
 from typing import TypeGuard
 
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, PoseError
 
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
@@ -66,6 +66,24 @@ def instance(name: str, value: object, kind: type, remedy: str = "") -> None:
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         how = f"; {remedy}" if remedy else ""
         raise ConfigError(f"{name} must be {article} {kind.__name__}, not {shown(value)}{how}")
+
+
+def position(x: object, y: object = None, name: str = "a position") -> tuple[float, float]:
+    """A position in the world, given as x and y or as (x, y), as two floats [m].
+
+    Raises
+    ------
+    PoseError
+        If it is not two finite numbers.
+    """
+    given = x if y is None else (x, y)
+    try:
+        first, second = (float(value) for value in given)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise PoseError(f"{name} must be two numbers x, y in metres, not {shown(given)}") from None
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise PoseError(f"{name} must be finite metres, not {first:g},{second:g}")
+    return first, second
 
 
 def shown(value: object) -> str:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import number, one_of
+from locplan._util.checks import number, one_of, position
 from locplan.costs._degeneracy import LAWS, degeneracy
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField, FieldConfig
@@ -275,7 +275,7 @@ class Costmap:
         PoseError
             If it cannot: says why, and names the nearest position where it can.
         """
-        x, y = _pair(xy, role)
+        x, y = position(xy, name=role)
         row, col = self.grid.world_to_cell(x, y)
         fault = self._fault(row, col)
         if fault is None:
@@ -323,13 +323,3 @@ def check_weight(weight: float) -> None:
 def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:
     number("robot_radius", robot_radius, 0, MAX_DENSITY)
     return np.where(grid.clearance < robot_radius - 1e-9, np.inf, density)
-
-
-def _pair(xy: Sequence[float], role: str) -> tuple[float, float]:
-    try:
-        x, y = (float(v) for v in xy)
-    except (TypeError, ValueError):
-        raise PoseError(f"{role} must be two numbers x, y in metres, not {xy!r}") from None
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise PoseError(f"{role} must be finite metres, not {x:g},{y:g}")
-    return x, y

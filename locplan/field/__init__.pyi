@@ -1,3 +1,4 @@
+from ._compute import covariance_field as covariance_field
 from ._config import FieldConfig as FieldConfig
 from ._config_files import load_config as load_config
 from ._config_files import save_config as save_config
@@ -10,7 +11,6 @@ from ._estimator import Estimator as Estimator
 from ._estimator import Layer as Layer
 from ._estimator import MapPart as MapPart
 from ._field import CovarianceField as CovarianceField
-from ._field import covariance_field as covariance_field
 from ._lidar import Lidar as Lidar
 from ._registry import ESTIMATORS as ESTIMATORS
 from ._search_window import OffsetLattice as OffsetLattice

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import position
 from locplan._util.files import replacing_folder
+from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan.errors import LocplanError
 from locplan.field import _tiles as tiles
 from locplan.field import _zarr as field_files
-from locplan.field._config import FieldConfig, config_of
+from locplan.field._config import FieldConfig
 from locplan.field._covariance import (
     SCALARS,
     Quantity,
@@ -26,16 +29,20 @@ from locplan.field._covariance import (
     mean_information,
     scalar,
 )
-from locplan.field._estimator import Estimator, Values
+from locplan.field._estimator import Values
 from locplan.field._lattice import interpolate, neighbours, stride_cells
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid
 
+if TYPE_CHECKING:
+    from xarray import Dataset
+
 SATURATION = 1.05
+"""Factor on the least e up to which a place counts as saturated."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CovarianceField:
+class CovarianceField(Pictured):
     """Covariances of a pose match over a map.
 
     Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
@@ -54,6 +61,8 @@ class CovarianceField:
         What the estimator says of a place besides, see its `layers`.
     """
 
+    _drawn_by: ClassVar[str] = "locplan.plotting:field_figure"
+
     covariance: NDArray[np.float64]
     grid: OccupancyGrid
     config: FieldConfig
@@ -71,10 +80,11 @@ class CovarianceField:
         return {"covariance": self.covariance, **self.layers}
 
     def __repr__(self) -> str:
-        h, w = self.covariance.shape[:2]
+        e = self.e[self.evaluated]
+        median = f", median e {np.median(e):.3g} {self.e_unit}" if e.size else ""
         return (
-            f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} covariances"
-            f" on a lattice of {h} x {w}, {self.config})"
+            f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} cells every"
+            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.summary}{median})"
         )
 
     @property
@@ -208,16 +218,22 @@ class CovarianceField:
         result[readable] = read[readable] / weight[readable]
         return np.exp(result) if logarithmic else result
 
-    def at(self, x: float, y: float, heading: float | None = None) -> NDArray[np.float64]:
-        """Covariance at a world position [m], (d, d).
+    def at(
+        self, x: float | Sequence[float], y: float | None = None, heading: float | None = None
+    ) -> NDArray[np.float64]:
+        """Covariance at a world position x, y, or (x, y) [m], (d, d).
 
         Interpolated between the lattice points, and between the headings next to `heading` [rad],
         in the matrices' logarithm, which makes it bilinear in ln e. Without a heading that of the
         mean information over all headings. NaN in cells that are not free or lie outside the map.
+
+        Raises
+        ------
+        PoseError
+            If the position is not two finite numbers.
         """
         nowhere = np.full(self.covariance.shape[-2:], np.nan)
-        if not all(map(math.isfinite, (x, y, heading or 0.0))):
-            return nowhere
+        x, y = position(x, y)
         row, col = self.grid.world_to_cell(x, y)
         if not (self.grid.contains(row, col) and self.grid.free[row, col]):
             return nowhere
@@ -242,6 +258,36 @@ class CovarianceField:
         low, share = math.floor(position), position % 1
         both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
         return log_euclidean_mean(both, np.array([1 - share, share]))
+
+    def to_xarray(self) -> Dataset:
+        """All arrays with their coordinates as an xarray.Dataset, as a saved field has them.
+
+        Raises
+        ------
+        LocplanError
+            If xarray is not installed.
+        """
+        try:
+            from xarray import Dataset
+        except ImportError:
+            raise LocplanError("to_xarray needs xarray: pip install 'locplan[tables]'") from None
+        h, w = self.evaluated.shape
+        steps, (x0, y0, yaw) = self.stride * self.grid.resolution, self.grid.origin
+        half = self.grid.resolution / 2
+        places = ("y", "x") if self.covariance.ndim == 4 else ("y", "x", "heading")
+        coordinates: dict[str, Any] = {
+            "y": ("y", y0 + half + steps * np.arange(h), {"units": "m"}),
+            "x": ("x", x0 + half + steps * np.arange(w), {"units": "m"}),
+        }
+        if len(places) == 3:
+            coordinates["heading"] = ("heading", self.config.heading_angles, {"units": "rad"})
+        arrays: dict[str, Any] = {
+            "covariance": ((*places, "pose_row", "pose_col"), self.covariance),
+            "e": (places, self.e, {"units": self.e_unit}),
+            **{name: (places, layer) for name, layer in self.layers.items()},
+        }
+        about = {"map": self.grid.name, "yaw": yaw, "estimator": self.config.estimator.summary}
+        return Dataset(arrays, coordinates, about)
 
     def update(
         self,
@@ -297,52 +343,3 @@ class CovarianceField:
             If the folder is missing, damaged, or no covariance field.
         """
         return cls.of(*field_files.read(Path(path)))
-
-
-def covariance_field(
-    grid: OccupancyGrid,
-    config: FieldConfig | Estimator | None = None,
-    *,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    progress: ProgressCallback | None = None,
-) -> CovarianceField:
-    """Compute the covariance of a pose match over the free cells of a map.
-
-    Evaluated on every lattice point (`config.stride` apart) in a free cell, and on the nearest
-    lattice point of free cells that would have none to be read from.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    config : FieldConfig or Estimator, optional
-        `Sad()` by default.
-    threads : int, optional
-        All cores by default. The result does not depend on it.
-    executor : concurrent.futures.Executor, optional
-        Where to run the tiles instead of own threads: a process pool, or a cluster by
-        dask.distributed's ``client.get_executor()``. Its workers need locplan.
-    progress : callable, optional
-        Called with (done, total) cells now and then.
-
-    Raises
-    ------
-    ConfigError
-        If the config does not fit the map's resolution, or `threads` is below 1.
-    FieldError
-        If the executor fails.
-
-    Examples
-    --------
-    >>> from locplan.maps import FREE
-    >>> grid = OccupancyGrid(np.full((30, 30), FREE), resolution=0.1)
-    >>> from locplan.field import Sad
-    >>> field = covariance_field(grid, Sad(range=0.5))
-    >>> field.covariance.shape
-    (15, 15, 3, 3)
-    """
-    config = config_of(config)
-    values = tiles.nothing_known(grid, config)
-    tiles.complete(values, grid, config, threads, executor, progress)
-    return CovarianceField.of(values, grid, config)

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import instance
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
@@ -89,6 +90,7 @@ def load_or_compute(
     CacheWarning
         If the cache cannot be written, or holds damaged chunks (which are computed anew).
     """
+    instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
     config = config_of(config)
     limit = cache_limit()
     path = field_path(grid, config, cache_dir)

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan.errors import MapError, PoseError
+from locplan._util.checks import position
+from locplan._util.notebook import Pictured
+from locplan.errors import MapError
 
 OCCUPIED, UNKNOWN, FREE = 0, 127, 254
 """The three levels of a cell (the paper's values)."""
 
 
-@dataclass(frozen=True, eq=False)
-class OccupancyGrid:
+@dataclass(frozen=True, eq=False, repr=False)
+class OccupancyGrid(Pictured):
     """A three-level occupancy grid with its place in the world.
 
     Row 0 lies at the lowest y and column 0 at the lowest x (before yaw), as in
@@ -51,7 +54,9 @@ class OccupancyGrid:
     [1.125, 2.025]
     """
 
-    cells: NDArray[np.uint8] = field(repr=False)
+    _drawn_by: ClassVar[str] = "locplan.plotting:map_figure"
+
+    cells: NDArray[np.uint8]
     resolution: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = ""
@@ -92,6 +97,23 @@ class OccupancyGrid:
         cells[(values >= 0) & (values <= 19)] = FREE
         cells[(values >= 65) & (values <= 100)] = OCCUPIED
         return cls(cells, resolution, origin, name)
+
+    def __repr__(self) -> str:
+        rows, cols = self.shape
+        x, y, yaw = self.origin
+        name = f"{self.name}, " if self.name else ""
+        turned = f", yaw {math.degrees(yaw):g} deg" if yaw else ""
+        return (
+            f"OccupancyGrid({name}{rows} x {cols} cells of {self.resolution:g} m,"
+            f" origin {x:g},{y:g} m{turned})"
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other is the same map, whatever its name."""
+        return isinstance(other, OccupancyGrid) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -151,17 +173,17 @@ class OccupancyGrid:
         cos, sin = math.cos(yaw), math.sin(yaw)
         return x0 + cos * u - sin * v, y0 + sin * u + cos * v
 
-    def world_to_cell(self, x: float, y: float) -> tuple[int, int]:
-        """(row, col) of the cell at x, y [m]; it may lie outside the grid (see `contains`).
+    def world_to_cell(self, x: float | Sequence[float], y: float | None = None) -> tuple[int, int]:
+        """(row, col) of the cell at x, y, or at (x, y) [m].
+
+        The cell may lie outside the grid, see `contains`.
 
         Raises
         ------
         PoseError
-            If x or y is not finite.
+            If x and y are no finite numbers.
         """
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise PoseError(f"a position must be finite metres, not {x:g},{y:g}")
-        row, col = self.world_to_grid(x, y)
+        row, col = self.world_to_grid(*position(x, y))
         return math.floor(row), math.floor(col)
 
     def cell_to_world(self, row: int, col: int) -> tuple[float, float]:

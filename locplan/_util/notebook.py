@@ -1,0 +1,29 @@
+"""How objects show themselves in a notebook: by a figure that a package above can draw of them."""
+
+from __future__ import annotations
+
+import io
+from importlib import import_module
+from typing import ClassVar
+
+DPI = 80
+
+
+class Pictured:
+    """An object whose picture is its display in a notebook."""
+
+    _drawn_by: ClassVar[str]
+    """Module and function that make the figure, since what is drawn knows no pictures."""
+
+    def _repr_png_(self) -> bytes:
+        module, _, name = self._drawn_by.partition(":")
+        figure = getattr(import_module(module), name)(self)
+        return png_of(figure)
+
+
+def png_of(figure: object, dpi: int = DPI) -> bytes:
+    """A figure of matplotlib as a PNG image."""
+    written = io.BytesIO()
+    save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type
+    save(written, format="png", dpi=dpi, bbox_inches="tight", pad_inches=0.1)
+    return written.getvalue()
