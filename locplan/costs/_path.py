@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path as FilePath
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
+from locplan._util.files import check_target
+from locplan._util.tables import write_csv
 from locplan.errors import LocplanError
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Path:
     """A polyline in the world.
 
@@ -53,6 +57,64 @@ class Path:
                 )
             heading.setflags(write=False)
             object.__setattr__(self, "heading", heading)
+
+    def __repr__(self) -> str:
+        ends = (f"{x:g},{y:g}" for x, y in self.xy[[0, -1]].tolist())
+        return f"Path({' to '.join(ends)} m, {self.length:.2f} m long, {len(self)} positions)"
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def __iter__(self) -> Iterator[tuple[float, float]]:
+        """The positions as (x, y) [m]."""
+        return map(tuple, self.xy.tolist())
+
+    def __array__(
+        self, dtype: DTypeLike | None = None, copy: bool | None = None
+    ) -> NDArray[np.float64]:
+        """The positions, (n, 2) [m]."""
+        return np.array(self.xy, dtype=dtype, copy=copy)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write x_m, y_m, and heading_rad where there are headings, a position a row, as CSV.
+
+        Raises
+        ------
+        LocplanError
+            If the file cannot be written, or its name does not end in .csv.
+        """
+        check_target(FilePath(path), ".csv")
+        if self.heading is None:
+            write_csv(FilePath(path), self.xy, "x_m,y_m")
+        else:
+            poses = np.column_stack([self.xy, self.heading])
+            write_csv(FilePath(path), poses, "x_m,y_m,heading_rad")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Path:
+        """Read a path from a CSV file whose header names x_m, y_m and perhaps heading_rad.
+
+        Raises
+        ------
+        LocplanError
+            If the file cannot be read, or is no such file.
+        """
+        file = FilePath(path)
+        try:
+            lines = file.read_text(encoding="utf-8-sig").splitlines()
+            columns = [name.strip() for name in lines[0].split(",")]
+            rows = np.array(
+                [[float(v) for v in each.split(",")] for each in lines[1:] if each.strip()]
+            )
+            xy = rows[:, [columns.index("x_m"), columns.index("y_m")]]
+            headed = "heading_rad" in columns
+            return cls(xy, rows[:, columns.index("heading_rad")] if headed else None)
+        except OSError as error:
+            raise LocplanError(f"{file}: cannot be read ({error.strerror})") from None
+        except (ValueError, IndexError, UnicodeDecodeError):
+            raise LocplanError(
+                f"{file}: is no path; its first line must name x_m,y_m, and numbers follow"
+            ) from None
 
     @cached_property
     def distance(self) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting._maps import FIELD_COLOURS, draw_cells, draw_map, map_size
+from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +38,7 @@ def values_figure(grid: OccupancyGrid, values: NDArray, label: str, title: str) 
     title : str
     """
     grid, shown = _shrunk(grid, values)
-    figure = Figure(figsize=map_size(grid), layout="constrained")
+    figure = Picture(figsize=map_size(grid), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)
     image = _draw_known(axes, grid, shown)
@@ -62,7 +63,7 @@ def routes_figure(
     """
     percent = np.where(np.isnan(costs.u), -1, 100 * costs.u)
     grid, shown = _shrunk(costs.grid, percent)
-    figure = Figure(figsize=map_size(grid), layout="constrained")
+    figure = Picture(figsize=map_size(grid), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)
     if (shown >= 0).any():

@@ -15,6 +15,7 @@ from locplan.field import OffsetLattice
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper._claims import Slide
 from locplan.plotting._maps import MAP_COLOURS
+from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +44,7 @@ def slides_figure(slides: Sequence[Slide]) -> Figure:
     slides : sequence of Slide
         Side by side, see `locplan.paper.one_dimensional`.
     """
-    figure = Figure(figsize=(5 * len(slides), 6.4), layout="constrained")
+    figure = Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
     rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
     for upper, lower, slide in zip(*rows, slides, strict=True):
         _draw_strip(upper, slide)
@@ -71,7 +72,7 @@ def models_figure(
         "x", "y" or "theta".
     title : str
     """
-    figure = Figure(figsize=(7, 4.6), layout="constrained")
+    figure = Picture(figsize=(7, 4.6), layout="constrained")
     axes = figure.subplots()
     turned = axis == "theta"
     draw_models(axes, np.degrees(offsets) if turned else offsets, curves)
@@ -115,7 +116,7 @@ def distribution_figure(
     """
     turning = window.dimension == 3
     planes = PLANES if turning else PLANES[:1]
-    figure = Figure(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
+    figure = Picture(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
     parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
     for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
         nothing = "" if mismatch.any() else ": S = 0 everywhere"

@@ -3,6 +3,7 @@ from ._fields import e_figure as e_figure
 from ._fields import ellipses_figure as ellipses_figure
 from ._fields import field_figure as field_figure
 from ._fields import fields_figure as fields_figure
+from ._fields import map_figure as map_figure
 from ._maps import draw_ends as draw_ends
 from ._maps import draw_field as draw_field
 from ._maps import draw_map as draw_map
@@ -24,6 +25,7 @@ __all__ = [
     "fields_figure",
     "front_figure",
     "history_figure",
+    "map_figure",
     "plan_figure",
     "save_figure",
 ]

@@ -14,9 +14,10 @@ from matplotlib.patches import Wedge
 
 from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
-from locplan.maps import OCCUPIED
+from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.plotting._captions import how
 from locplan.plotting._maps import draw_cells, draw_field, draw_map, map_size
+from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +32,21 @@ WEDGE = 0.4
 """Radius of the wedges that show the heading's deviation, as a share of the spacing."""
 
 
+def map_figure(grid: OccupancyGrid) -> Figure:
+    """The map alone: walls black, unknown space grey, free space white.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
+    figure = Picture(figsize=map_size(grid), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, grid)
+    axes.set_title(grid.name or "map", fontsize="medium")
+    return figure
+
+
 def field_figure(field: CovarianceField, name: str = "e") -> Figure:
     """The map with one scalar of its field as a heat map.
 
@@ -42,7 +58,7 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
         "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
         one of the field's layers. Of several headings that of the mean information is drawn.
     """
-    figure = Figure(figsize=map_size(field.grid), layout="constrained")
+    figure = Picture(figsize=map_size(field.grid), layout="constrained")
     axes = figure.add_subplot()
     image = draw_field(axes, field, name)
     figure.colorbar(image, ax=axes, label=field.quantity(name).axis, shrink=0.9)
@@ -69,7 +85,7 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
     sizes = [map_size(next(iter(fields.values())).grid) for fields in rows]
     heights = [height / width for width, height in sizes]
     size = 3.6 * columns + 1, sum(3.6 * height + 0.6 for height in heights)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Picture(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
     image, label_of_bar = None, ""
     for axes_of_row, fields in zip(grid, rows, strict=True):
@@ -186,5 +202,5 @@ def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[A
     count = len(fields)
     shape = (count, 1) if width > 1.4 * height else (1, count)
     size = width * shape[1], height * shape[0]
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Picture(figsize=size, layout="constrained")
     return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()

@@ -25,6 +25,7 @@ from locplan.plotting._maps import (
     map_size,
     outline,
 )
+from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from locplan.planners import ParetoFront, Plan
@@ -54,7 +55,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         At most four, by the name to show; unreachable ones are only named.
     """
     width, height = map_size(costs.grid)
-    figure = Figure(figsize=(width, height + 2.4), layout="constrained")
+    figure = Picture(figsize=(width, height + 2.4), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
     image = draw_field(upper, field)
     figure.colorbar(image, ax=upper, label=field.quantity("e").axis, shrink=0.9)
@@ -121,7 +122,7 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     """
     grid = front.costs.grid
     width, height = map_size(grid)
-    figure = Figure(figsize=(width, height + 3.2), layout="constrained")
+    figure = Picture(figsize=(width, height + 3.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 3.0))
     draw_map(upper, grid)
     norm = Normalize(front.length[0], max(front.length[-1], front.length[0] + 1))
@@ -164,7 +165,7 @@ def history_figure(plans: Mapping[str, Plan]) -> Figure:
     plans : mapping of str to Plan
         At most four that have a history, by the name to show.
     """
-    figure = Figure(figsize=(7, 4), layout="constrained")
+    figure = Picture(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     for (label, plan), style in zip(plans.items(), PATH_STYLES, strict=False):
         if not plan.history:

@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from locplan._util.intervals import Interval
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
+from locplan.plotting._picture import Picture
 from locplan.plotting._plans import PATH_STYLES
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
@@ -46,7 +47,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     """
     grid = simulation.grid
     width, height = map_size(grid)
-    figure = Figure(figsize=(width, height + 2.8), layout="constrained")
+    figure = Picture(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, grid)
     profiles = {name: each.profile() for name, each in simulation.drives.items()}
@@ -101,7 +102,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
 
 def queries_figure(routes: Routes) -> Figure:
     """Errors and lost drives of both paths of each query, and lengths."""
-    figure = Figure(figsize=(9.5, 4.6), layout="constrained")
+    figure = Picture(figsize=(9.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     rmse = np.array([each.rmse for each in routes.routes])
     lost = np.array([each.lost for each in routes.routes])
@@ -141,7 +142,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     """How well each predictor ranks places by either kind of error; and two predictors' places."""
     predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
     rows = np.arange(len(predictors))[::-1]
-    figure = Figure(figsize=(11, 5.2 + 0.24 * len(predictors)), layout="constrained")
+    figure = Picture(figsize=(11, 5.2 + 0.24 * len(predictors)), layout="constrained")
     parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
     upper, lower = parts
     panels: Any = upper.subplots(1, 2, sharey=True)
@@ -199,7 +200,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
 
 def calibration_figure(calibration: Calibration) -> Figure:
     """Measured errors over the calibrated deviation of each place."""
-    figure = Figure(figsize=(6.2, 5.6), layout="constrained")
+    figure = Picture(figsize=(6.2, 5.6), layout="constrained")
     axes = figure.subplots()
     both = np.concatenate([calibration.predicted, calibration.measured])
     ends = np.array([both.min() * 0.8, both.max() * 1.25])

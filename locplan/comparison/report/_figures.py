@@ -22,6 +22,7 @@ from locplan.comparison._runs import MEASURES, Run
 from locplan.comparison.report._data import Ends, Scene
 from locplan.costs import Path
 from locplan.plotting import draw_ends, draw_field, draw_path
+from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -236,7 +237,7 @@ def _plain_decades(axis: Axis) -> None:
 def _svg(draw: Callable[[Figure], None], height: float, alt: str) -> str:
     """A picture with its alternative text, in the page's colours, its identifiers its own."""
     with mpl.rc_context(SETTINGS):
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        figure = Picture(figsize=(WIDTH, height), layout="constrained")
         draw(figure)
         written = io.StringIO()
         figure.savefig(written, format="svg", dpi=DPI, transparent=True, metadata=NO_METADATA)

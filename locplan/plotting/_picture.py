@@ -1,0 +1,14 @@
+"""Figures that a notebook shows without any magic line before."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from locplan._util.notebook import png_of
+
+
+class Picture(Figure):
+    """A figure of matplotlib that is shown when a notebook's cell returns it."""
+
+    def _repr_png_(self) -> bytes:
+        return png_of(self)
