@@ -143,7 +143,7 @@ def test_paths_cost_no_more_than_on_the_grid_and_cross_nothing(seed, accuracy):
     density = smooth_density((90, 110), seed)
     costs = costs_from(density)
     ends = (0.7, 1.2), (108.6, 88.9)
-    on_grid = plan(costs, *ends)
+    on_grid = plan(costs, *ends, planner="grid")
     result = plan(costs, *ends, planner="any-angle", accuracy=accuracy)
     assert result.status == on_grid.status
     if result.path:
@@ -158,7 +158,7 @@ def test_cut_corners_cross_nothing_either(seed):
     costs = costs_from(density)
     ends = (0.5, 0.5), (49.5, 39.5)
     options = {"allow_corner_cutting": True}
-    on_grid = plan(costs, *ends, **options)
+    on_grid = plan(costs, *ends, planner="grid", **options)
     result = plan(costs, *ends, planner="any-angle", **options)
     assert result.status == on_grid.status
     if result.path:
@@ -225,8 +225,20 @@ def test_small_turned_maps_with_thin_walls_are_no_exception(accuracy):
         ends = [tuple(map(float, xy)) for xy in ends]
         if any(np.isinf(density[costs.grid.world_to_cell(*xy)]) for xy in ends):
             continue
-        on_grid = plan(costs, *ends)
+        on_grid = plan(costs, *ends, planner="grid")
         result = plan(costs, *ends, planner="any-angle", accuracy=accuracy)
         assert result.status == on_grid.status
         if result.path:
             assert result.metrics.cost <= on_grid.metrics.cost
+
+
+def test_where_straight_lines_cost_more_the_path_before_them_is_kept(monkeypatch):
+    costs = costs_from(np.ones((20, 20)))
+    ends = (0.5, 0.5), (19.5, 9.5)
+    on_grid = plan(costs, *ends, planner="grid").path
+    around = Path([ends[0], (0.5, 19.5), ends[1]])
+    monkeypatch.setattr(any_angle, "_improved", lambda *_: around)
+    for accuracy in ("normal", "high"):
+        result = plan(costs, *ends, planner="any-angle", accuracy=accuracy)
+        np.testing.assert_array_equal(result.path.xy, on_grid.xy)
+    assert any_angle.straightened(costs, on_grid) is on_grid

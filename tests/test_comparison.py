@@ -17,7 +17,7 @@ from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Sad
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import Query
+from locplan.planners import Found, Query, options_of
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 
@@ -28,7 +28,8 @@ def rooms(name="rooms", seed=6):
 
 def detour(costs, start, goal, *, time_limit=None, seed=0):
     """A planner of a user's: the grid's path at half the weight."""
-    found = locplan.plan(costs.with_weight(costs.weight / 2), start, goal)
+    half = costs.with_weight(costs.weight / 2)
+    found = locplan.plan(half, start, goal, planner="grid")
     return dataclasses.replace(found, note=f"{time_limit:g} s, seed {seed}")
 
 
@@ -92,20 +93,57 @@ def test_a_users_planner_is_measured_like_the_others(compared):
         assert run.measures["length"] <= least.measures["length"] + 1e-9
 
 
-def test_a_planner_cannot_spoil_the_costmap_of_the_others():
-    def vandal(costs, start, goal):
-        found = locplan.plan(costs, start, goal)
-        costs.density[np.isfinite(costs.density)] = 9.0
-        costs.u[:] = 1.0
+def test_a_planner_cannot_change_what_any_path_is_measured_on():
+    def path_of(costs, start, goal):
+        return locplan.plan(costs, start, goal, planner="grid").path
+
+    def honest(costs, start, goal):
+        return path_of(costs, start, goal)
+
+    def writer(costs, start, goal):
+        found = path_of(costs, start, goal)
+        for layer in (costs.density, costs.u, costs.e, costs.grid.clearance):
+            layer.setflags(write=True)
+            layer *= 0.5
         return found
 
-    settings = {"queries": 3, "weights": [0.0], "configs": QUICK, "workers": 1}
-    settings |= {"least_distance": 2.0, "baseline": "grid"}
-    for planners in (["grid"], [vandal, "grid"]):
-        runs = locplan.compare(rooms(), planners, **settings).runs
-        costs = [run.measures["cost"] for run in runs if run.task.planner == "grid"]
-        alone = costs if len(planners) == 1 else alone  # noqa: F821
-    assert costs == alone
+    def replacer(costs, start, goal):
+        found = path_of(costs, start, goal)
+        object.__setattr__(costs, "density", np.ones(costs.grid.shape))
+        object.__setattr__(costs, "e", costs.e / 2)
+        object.__setattr__(costs.grid, "resolution", 1.0)
+        costs.grid.__dict__["clearance"] = costs.grid.clearance * 2
+        return found
+
+    class Vandal:
+        name, minimises, space = "vandal", None, "R2"
+
+        def check(self):
+            pass
+
+        def prepare(self):
+            pass
+
+        def solve(self, costs, start, goal):
+            return Found(replacer(costs, start, goal))
+
+    planners = [writer, replacer, Vandal(), honest, "grid"]
+    settings = {"weights": [4.0], "configs": QUICK, "workers": 1, "least_distance": 2.0}
+    runs = locplan.compare(rooms(), planners, 3, **settings, baseline="grid").runs
+    by_query = {}
+    for run in runs:
+        assert run.status == "solved", run.note
+        by_query.setdefault(run.task.query, []).append(dict(run.measures))
+    for measures in by_query.values():
+        assert len(measures) == 5
+        assert all(one == measures[-1] for one in measures)
+    costs = Costmap.blank(rooms(), robot_radius=0.1)
+    before = costs.copy()
+    query = locplan.planners.random_queries(costs, 1, 1, least_distance=2.0)[0]
+    spoilt = locplan.plan(costs, query.start, query.goal, planner=writer)
+    metrics = locplan.costs.path_metrics(before, spoilt.path)
+    assert spoilt.metrics.cost == metrics.cost
+    assert spoilt.metrics.clearance == metrics.clearance
 
 
 def test_what_a_function_has_closed_over_decides_its_paths(tmp_path):
@@ -276,7 +314,8 @@ def test_a_time_limit_is_for_those_who_take_one():
         "BITstar:time_limit=2": 2.0,
         "RRTstar:iterations=10": None,
     }
-    assert PlannerSpec.of(detour).with_time_limit(0.7).options == {"time_limit": 0.7}
+    limited = PlannerSpec.of(detour).with_time_limit(0.7)
+    assert options_of(limited.planner) == {"time_limit": 0.7}
     with pytest.raises(ConfigError):
         PlannerSpec.of("BITstar").with_time_limit(-1.0)
 

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import pickle
 
 import naive
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from conftest import corridor, drawn
 
 from locplan._kernels import rays
+from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field
@@ -230,3 +232,77 @@ def test_another_weight_keeps_what_is_blocked(field):
     np.testing.assert_allclose(shortest.with_weight(4.0).density, costs.density)
     with pytest.raises(ConfigError, match="no weight"):
         Costmap.from_density(field.grid, np.ones(field.grid.shape)).with_weight(1.0)
+
+
+def two_headings(weight: float) -> Costmap:
+    grid = drawn("..#", "...")
+    u = np.array([[[0.0, 0.25, 0.5], [0.75, 1.0, 1.0]], [[0.5] * 3, [0.125] * 3]], np.float32)
+    costs = dataclasses.replace(Costmap.blank(grid), u=u.mean(axis=0), e=u[0] / 10, weight=0.0)
+    costs = dataclasses.replace(costs, u_of_heading=u, e_of_heading=u / 10)
+    return costs.with_weight(weight)
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.5, 7.0])
+def test_the_weight_counts_in_each_heading(weight):
+    costs = two_headings(weight)
+    density = costs.density_of_heading
+    free = np.isfinite(costs.density)
+    np.testing.assert_array_equal(density[:, free], 1 + weight * costs.u_of_heading[:, free])
+    assert np.isinf(density[:, ~free]).all()
+    assert not free.all()
+
+
+def test_a_larger_radius_blocks_more_and_is_remembered():
+    grid = drawn("#......", ".......", ".......")
+    narrow, wide = (Costmap.blank(grid, robot_radius=radius) for radius in (0.5, 2.2))
+    widened = narrow.with_robot_radius(2.2)
+    assert widened.robot_radius == wide.robot_radius == 2.2
+    np.testing.assert_array_equal(widened.density, wide.density)
+    with pytest.raises(PoseError, match=r"closer than the robot's radius of 2\.2 m"):
+        widened.cell_of((1.5, 1.5))
+    with pytest.raises(ConfigError, match="cannot serve"):
+        widened.with_robot_radius(1.0)
+
+
+@pytest.mark.parametrize(("u", "share"), [(0.45, 0.0), (0.5, 0.0), (0.55, 0.5)])
+def test_a_place_is_degenerate_above_a_half(u, share):
+    costs = Costmap.blank(OccupancyGrid(np.full((1, 4), FREE), 1.0))
+    costs = dataclasses.replace(costs, u=np.array([[0.0, u, u, 0.0]]))
+    metrics = path_metrics(costs, Path(np.array([[0.0, 0.5], [4.0, 0.5]])))
+    assert metrics.degenerate_share == pytest.approx(share)
+    assert metrics.longest_degenerate == pytest.approx(4 * share)
+
+
+def layers(costs: Costmap) -> list[np.ndarray]:
+    return [costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading]
+
+
+def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
+    costs = two_headings(3.0)
+    shared_costmaps.put(costs, tmp_path / "shared")
+    for each in (
+        costs,
+        costs.with_weight(2.0),
+        costs.with_robot_radius(0.6),
+        costs.blocked_where(costs.e > 0.05),
+        dataclasses.replace(costs, u=costs.u / 2),
+        pickle.loads(pickle.dumps(costs)),
+        costs.copy(),
+        shared_costmaps.get(tmp_path / "shared"),
+        shared_costmaps.weighted(tmp_path / "shared", 8.0),
+    ):
+        for layer in layers(each):
+            with pytest.raises(ValueError, match="read-only"):
+                layer[..., 0, 0] = 9.0
+    for theirs, own in zip(layers(costs.copy()), layers(costs), strict=True):
+        np.testing.assert_array_equal(theirs, own)
+        assert not np.shares_memory(theirs, own)
+
+
+def test_an_array_that_was_given_is_neither_locked_nor_followed():
+    given = np.ones((2, 3))
+    for view in (given, given[:, ::-1]):
+        costs = dataclasses.replace(two_headings(1.0), u=view)
+        given[0, 0] += 1.0
+        assert (costs.u == given[1, 1]).sum() >= 5
+        assert costs.u.max() < given.max()

@@ -19,7 +19,7 @@ from locplan.comparison._workers import Workers
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import Query, plan
+from locplan.planners import FunctionPlanner, GridPlanner, Query, plan
 
 HERE = Path(__file__).parent
 ERRORS = ("fail", "refuse", "depart", "boast", "trespass", "stray", "print_something")
@@ -221,7 +221,7 @@ def test_seeds_are_for_those_who_take_them(tmp_path):
         "grid",
         "RRTstar:iterations=200",
         "RRTstar:iterations=200,seed=9",
-        PlannerSpec("mine", function=counting, options={"folder": str(tmp_path)}),
+        PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(tmp_path)})),
     ]
     found = by_planner(run_all([job()], planners, seeds=[3, 4], workers=2))
     seeds = {label: sorted({run.task.seed for run in some}) for label, some in found.items()}
@@ -300,7 +300,7 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
                 os.kill(killed[0], signal.SIGKILL)
 
     queries = [dataclasses.replace(QUERIES[0], name=str(n)) for n in range(6)]
-    lazy = PlannerSpec("lazy", function=slow, options={"folder": str(tmp_path), "nap": 0.4})
+    lazy = PlannerSpec("lazy", FunctionPlanner(slow, {"folder": str(tmp_path), "nap": 0.4}))
     runs = run_all([job(queries=queries)], [lazy], workers=2, progress=kill)
     statuses = [run.status for run in runs]
     assert statuses.count("crashed") == len(killed) == 1
@@ -311,7 +311,7 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
 def test_what_is_done_is_not_done_again(tmp_path):
     calls, file = tmp_path / "calls", tmp_path / "runs.jsonl"
     calls.mkdir()
-    mine = PlannerSpec("mine", function=counting, options={"folder": str(calls)})
+    mine = PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(calls)}))
 
     def made(resume=True, **changes):
         before = len(list(calls.iterdir()))
@@ -378,7 +378,7 @@ SCRIPT = """
 import sys
 sys.path[:0] = {path!r}
 from test_engine import *
-naps = PlannerSpec("nap", function={planner}, options={{"folder": {folder!r}}})
+naps = PlannerSpec("nap", FunctionPlanner({planner}, {{"folder": {folder!r}}}))
 run_all([job()], [naps, spin], workers=2, journal={folder!r} + ".jsonl")
 """
 
@@ -461,8 +461,11 @@ def test_wrong_input_is_told_before_any_run(tmp_path):
         ("BITstar:time_limit", "must be NAME=VALUE"),
         ("BITstar:time_limit=soon", "must be positive, seconds"),
         ("BITstar:seed=0", "seed must be a whole number"),
-        ("BITstar:progress=yes", "is no option here"),
-        ("BITstar:planner=grid", "is no option here"),
+        ("BITstar:progress=yes", "progress must be a function"),
+        ("BITstar:name=grid", "has no option 'name'"),
+        ("grid:via=1", "has no option 'via'"),
+        ("grid:max_e=-1", "max_e must be a positive number"),
+        ("any-angle:budget=2", "a budget is for planner 'grid'"),
         ("RRTstar:settings.rage=2", "has no setting 'rage'"),
     ],
 )
@@ -479,11 +482,11 @@ def test_time_limits_and_spaces_are_known():
     assert limit("BITstar:time_limit=2") == 2
     assert limit("BITstar") == 5
     assert limit("BITstar:iterations=10") is None
+    assert limit("RRT:max_e=0.1") == 5
+    assert limit("grid:budget=3,time_limit=2") == 2
     assert limit("grid") is None
-    assert PlannerSpec.of("PRM:space=SE2").space == "SE2"
-    assert PlannerSpec.of("grid:allow_corner_cutting=true").options == {
-        "allow_corner_cutting": True
-    }
+    assert PlannerSpec.of("PRM:space=SE2").planner.space == "SE2"
+    assert PlannerSpec.of("grid:allow_corner_cutting=true").planner == GridPlanner(True)
 
 
 def test_headings_are_for_planners_that_have_them():

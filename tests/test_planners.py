@@ -1,17 +1,35 @@
 import dataclasses
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from conftest import drawn, random_rooms
 from naive import shortest_costs as naive_shortest_costs
 from skimage.graph import MCP_Geometric
+from toy_planner import ToyPlanner
 
 from locplan._kernels import search
-from locplan.costs import Costmap, path_metrics
-from locplan.errors import ConfigError, PoseError
+from locplan.comparison import compare
+from locplan.costs import Costmap, Path, path_metrics
+from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import names, plan, plan_beside_shortest, plan_field
+from locplan.planners import (
+    PLANNERS,
+    AnyAngle,
+    Found,
+    GridPlanner,
+    Ompl,
+    Plan,
+    Planner,
+    names,
+    plan,
+    plan_beside_shortest,
+    plan_field,
+    planner_for,
+)
+from locplan.planners._registry import Entry
 
 
 def random_density(shape, seed, *, blocked=0.25, greatest=9.0):
@@ -71,9 +89,8 @@ def test_costs_equal_scikit_images(seed, blocked):
 def test_the_path_costs_what_the_search_found(seed, corner_cutting):
     density = random_density((30, 40), seed, blocked=0.3)
     expected = naive_shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
-    result = plan(
-        costs_from(density), (0.5, 0.5), (39.5, 29.5), allow_corner_cutting=corner_cutting
-    )
+    options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
+    result = plan(costs_from(density), (0.5, 0.5), (39.5, 29.5), **options)
     if np.isinf(expected):
         assert result.status == "unreachable"
         assert result.path is None
@@ -88,22 +105,19 @@ def test_weight_0_is_the_shortest_path_around_a_wall():
         ".....",
         resolution=2.0,
     )
-    result = plan(Costmap.from_density(grid, np.ones(grid.shape)), (1.0, 3.0), (9.0, 3.0))
+    costs = Costmap.from_density(grid, np.ones(grid.shape))
+    result = plan(costs, (1.0, 3.0), (9.0, 3.0), planner="grid")
     assert result.metrics.length == pytest.approx(12.0)
-    cut = plan(
-        Costmap.from_density(grid, np.ones(grid.shape)),
-        (1.0, 3.0),
-        (9.0, 3.0),
-        allow_corner_cutting=True,
-    )
+    cut = plan(costs, (1.0, 3.0), (9.0, 3.0), planner="grid", allow_corner_cutting=True)
     assert cut.metrics.length == pytest.approx(4 + 4 * np.sqrt(2))
 
 
 def test_corners_are_not_cut_unless_allowed():
     grid = drawn(".#", "..")
     costs = Costmap.from_density(grid, np.ones((2, 2)))
-    assert plan(costs, (0.5, 1.5), (1.5, 0.5)).metrics.length == pytest.approx(2.0)
-    cut = plan(costs, (0.5, 1.5), (1.5, 0.5), allow_corner_cutting=True)
+    ends = (0.5, 1.5), (1.5, 0.5)
+    assert plan(costs, *ends, planner="grid").metrics.length == pytest.approx(2.0)
+    cut = plan(costs, *ends, planner="grid", allow_corner_cutting=True)
     assert cut.metrics.length == pytest.approx(np.sqrt(2))
 
 
@@ -114,7 +128,7 @@ def test_the_path_begins_and_ends_exactly_at_start_and_goal():
     start, goal = (grid.cell_to_world(*map(int, cell)) for cell in free[[0, -1]])
     start = (start[0] + 0.02, start[1] - 0.03)
     costs = Costmap.from_density(grid, np.ones(grid.shape))
-    result = plan(costs, start, goal)
+    result = plan(costs, start, goal, planner="grid")
     np.testing.assert_allclose(result.path.xy[0], start)
     np.testing.assert_allclose(result.path.xy[-1], goal)
     assert np.isfinite(result.metrics.cost)
@@ -123,12 +137,12 @@ def test_the_path_begins_and_ends_exactly_at_start_and_goal():
 
 def test_start_and_goal_in_one_cell():
     costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
-    result = plan(costs, (0.2, 0.2), (0.2, 0.2))
+    result = plan(costs, (0.2, 0.2), (0.2, 0.2), planner="grid")
     assert result.status == "solved"
     assert result.metrics.length == result.metrics.cost == 0.0
-    near = plan(costs, (0.2, 0.2), (0.4, 0.3))
+    near = plan(costs, (0.2, 0.2), (0.4, 0.3), planner="grid")
     assert near.metrics.length == pytest.approx(math.hypot(0.2, 0.1))
-    across = plan(costs, (0.9, 0.5), (1.1, 0.5))
+    across = plan(costs, (0.9, 0.5), (1.1, 0.5), planner="grid")
     assert across.metrics.length == pytest.approx(0.2)
 
 
@@ -153,7 +167,7 @@ def test_impossible_ends_and_unknown_names_are_refused():
 
 def test_paths_have_no_needless_positions():
     costs = Costmap.from_density(drawn(*["......"] * 6), np.ones((6, 6)))
-    assert len(plan(costs, (0.5, 0.5), (5.5, 5.5)).path.xy) == 2
+    assert len(plan(costs, (0.5, 0.5), (5.5, 5.5), planner="grid").path.xy) == 2
 
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
@@ -166,7 +180,8 @@ def test_one_field_serves_all_starts(corner_cutting):
     starts = np.argwhere(np.isfinite(density))[::17]
     for row, col in starts:
         start = (col + 0.4, row + 0.7)
-        single = plan(costs, start, (29.5, 24.5), allow_corner_cutting=corner_cutting)
+        options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
+        single = plan(costs, start, (29.5, 24.5), **options)
         result = to_goal.plan(start)
         assert result.status == single.status
         assert (to_goal.path(start) is None) == np.isinf(expected[row, col])
@@ -224,3 +239,127 @@ def test_the_plan_beside_the_shortest_costs_no_more(planner):
             shortest, aware = (one.metrics for one in plans.values())
             assert aware.cost <= shortest.cost
             assert shortest.length <= aware.length
+
+
+def test_the_registry_says_what_the_planners_say():
+    for name, entry in PLANNERS.items():
+        planner = planner_for(name)
+        assert isinstance(planner, Planner)
+        assert (planner.name, planner.minimises) == (name, entry.minimises)
+        assert planner.space == "R2"
+        assert set(entry.options()) | {"name"} >= {
+            field.name for field in dataclasses.fields(planner)
+        }
+        for space in entry.spaces[1:]:
+            curved = {} if space == "SE2" else {"turning_radius": 1.0}
+            assert planner_for(name, {"space": space, **curved}).space == space
+    assert PLANNERS["grid"].options() == {"allow_corner_cutting": False}
+
+
+def test_the_registry_imports_nothing_heavy():
+    code = (
+        "import sys; from locplan.planners._registry import names; assert 'PRM' in names();"
+        "print({'numpy', 'numba', 'ompl', 'cv2', 'scipy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.strip() == "set()", done.stderr
+
+
+def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
+    monkeypatch.setitem(PLANNERS, "toy", Entry("toy_planner:ToyPlanner", minimises=None))
+    costs = costs_from(np.ones((6, 9)))
+    result = plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", rows_first=True)
+    assert result.path.xy.tolist() == [[0.5, 0.5], [0.5, 5.5], [8.5, 5.5]]
+    assert (result.planner, result.minimises) == ("toy", False)
+    assert result.metrics.cost == pytest.approx(13.0)
+    with pytest.raises(ConfigError, match="it has: rows_first, seed"):
+        plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", columns_first=True)
+    with pytest.raises(ConfigError, match="rows_first must be"):
+        planner_for("toy", {"rows_first": 3})
+    planners = ["toy:rows_first=true", ToyPlanner(rows_first=True, seed=7), "grid"]
+    settings = {"weights": [0.0], "seeds": [1, 2], "workers": 1, "least_distance": 3.0}
+    runs = compare({"mine": costs}, planners, 2, **settings).runs
+    assert {run.status for run in runs} == {"solved"}
+    seeds = {}
+    for run in runs:
+        seeds.setdefault(run.task.planner, set()).add(run.note)
+    assert seeds["toy:rows_first=true"] == {"seed 1", "seed 2"}
+    assert seeds["toy:rows_first=True,seed=7"] == {"seed 7"}
+
+
+def test_planners_are_named_functions_or_objects():
+    costs = costs_from(random_density((30, 40), 1, blocked=0.1))
+    ends = (0.5, 0.5), (39.5, 29.5)
+
+    def mine(costs, start, goal, *, accuracy):
+        return plan(costs, start, goal, accuracy=accuracy).path
+
+    named = plan(costs, *ends, accuracy="high")
+    assert named.planner == "any-angle"
+    for planner, options in (
+        ("any-angle", {"accuracy": "high"}),
+        (AnyAngle(accuracy="high"), {}),
+        (AnyAngle(), {"accuracy": "high"}),
+        (mine, {"accuracy": "high"}),
+        (lambda *query: Found(plan(*query, accuracy="high").path), {}),
+        (lambda *query: plan(*query, accuracy="high"), {}),
+    ):
+        result = plan(costs, *ends, planner=planner, **options)
+        np.testing.assert_array_equal(result.path.xy, named.path.xy)
+        assert result.metrics.cost == named.metrics.cost
+    assert result.planner == "<lambda>"
+    np.testing.assert_array_equal(
+        plan(costs, *ends, planner=GridPlanner()).path.xy,
+        plan(costs, *ends, planner="grid").path.xy,
+    )
+    via = plan(costs, *ends, planner=mine, via=[ends[1]], accuracy="normal")
+    np.testing.assert_array_equal(via.path.xy[-1], ends[1])
+
+
+@pytest.mark.parametrize(
+    ("planner", "options", "message"),
+    [
+        (AnyAngle(accuracy="perfect"), {}, "accuracy must be one of"),
+        (AnyAngle(), {"patience": 3}, "it has: accuracy, allow_corner_cutting"),
+        (Ompl("AORRTC"), {}, "OMPL's planners are"),
+        (lambda costs, start, goal: None, {"patience": 3}, "no option 'patience'; it has: none"),
+        (AnyAngle, {}, "planner must be a name, a function"),
+        (3, {}, "planner must be a name, a function"),
+        (lambda *query: None, {}, "not NoneType"),
+        (lambda *query: Path([(0.5, 0.5), (0.5, 1.5)]), {}, "does not lead from start to goal"),
+        (lambda *query: Found(status="solved"), {}, "returned no path"),
+        (lambda *query: Found(status="lost"), {}, "with a status of solved, unreachable"),
+        (lambda *query: Path(query[1:]), {}, "enters cells where the robot cannot be"),
+    ],
+)
+def test_wrong_planners_are_told(planner, options, message):
+    costs = costs_from(np.array([[1.0, np.inf, 1.0], [1.0, 1.0, 1.0]]))
+    with pytest.raises(LocplanError, match=message):
+        plan(costs, (0.5, 0.5), (2.5, 0.5), planner=planner, **options)
+
+
+def test_limits_are_kept_by_functions_too():
+    costs = dataclasses.replace(costs_from(np.ones((9, 9))), e=np.indices((9, 9))[0] / 10)
+    ends = (0.5, 0.5), (8.5, 0.5)
+
+    def upwards(costs, start, goal):
+        return Path([start, (4.5, 4.5), goal])
+
+    assert plan(costs, *ends, planner=upwards, max_e=0.45).status == "solved"
+    with pytest.raises(LocplanError, match="cannot be"):
+        plan(costs, *ends, planner=upwards, max_e=0.35)
+
+
+def test_the_time_that_a_function_tells_counts_where_it_can_be():
+    costs = costs_from(np.ones((3, 3)))
+    ends = (0.5, 0.5), (2.5, 2.5)
+
+    def told(seconds):
+        def mine(costs, start, goal):
+            return Plan("solved", "mine", start, goal, Path([start, goal]), None, seconds)
+
+        return plan(costs, *ends, planner=mine).solve_time
+
+    assert told(1e-9) == 1e-9
+    assert 0 < told(99.0) < 99.0
+    assert told(math.nan) > 0

@@ -15,7 +15,7 @@ from ompl import base, geometric, util
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import names, plan
+from locplan.planners import Found, names, plan
 from locplan.planners import ompl as sampling
 from locplan.planners._spaces import SPACES
 from locplan.planners.ompl._kinds import KINDS
@@ -287,7 +287,7 @@ def test_impossible_ends_are_the_same_errors_as_the_grid_planners():
     costs = two_ways()
     for start in ((2.0, 2.0), (9.0, 9.0), (math.nan, 1.0), (1.0,), "here"):
         with pytest.raises(PoseError) as grid:
-            plan(costs, start, (3.45, 1.05))
+            plan(costs, start, (3.45, 1.05), planner="grid")
         with pytest.raises(PoseError) as tree:
             plan(costs, start, (3.45, 1.05), planner="RRTstar")
         assert str(tree.value) == str(grid.value)
@@ -319,7 +319,7 @@ def test_settings_reach_the_planner():
 def test_a_search_can_begin_with_the_grid_planners_path(planner):
     start, goal, _ = request("R2")
     costs = two_ways()
-    on_grid = plan(costs, start, goal).metrics.cost
+    on_grid = plan(costs, start, goal, planner="grid").metrics.cost
     result = plan(costs, start, goal, planner=planner, from_grid=True, iterations=300)
     assert result.metrics.cost <= on_grid * (1 + 1e-6)
 
@@ -415,7 +415,7 @@ def test_ctrl_c_ends_a_search(planner):
     import os, signal, sys, threading, time; sys.path.insert(0, "tests")
     from test_sampling import Costmap, drawn, plan, sampling
     import numpy as np
-    sampling.prepare(planner={planner!r})
+    sampling.Ompl({planner!r}).prepare()
     wall = "#" * 280 + "." * 20
     costs = Costmap.blank(drawn(*["." * 300] * 149, wall, *["." * 300] * 150))
     # All is loaded first: numba turns an interrupt of its own loading into another error.
@@ -478,13 +478,12 @@ def test_many_solves_in_one_process_do_not_grow():
 
 
 def test_a_timeout_is_no_verdict_on_the_footprint():
-    from locplan.costs import Footprint
-    from locplan.planners._limits import clear_of_walls
+    def late(costs, start, goal):
+        return Found(status="timeout", note="no path found within 1 s")
 
-    outline = Footprint([(0.3, 0.1), (0.3, -0.1), (-0.3, -0.1), (-0.3, 0.1)])
-    late = {"status": "timeout", "note": "no path found within 1 s"}
-    stops = [(0.55, 0.55), (3.45, 3.55)]
-    assert clear_of_walls(lambda costs, stops: dict(late), outline)(two_ways(), stops) == late
+    outline = [(0.3, 0.1), (0.3, -0.1), (-0.3, -0.1), (-0.3, 0.1)]
+    found = plan(two_ways(), (0.55, 0.55), (3.45, 3.55), planner=late, footprint=outline)
+    assert (found.status, found.note) == ("timeout", "no path found within 1 s")
 
 
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])

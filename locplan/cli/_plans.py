@@ -144,8 +144,6 @@ def plan(
         "from_grid": (from_grid, False),
         "improve": (improve, False),
         "settings": (settings_of(setting or ()), {}),
-        "via": (stops, []),
-        "footprint": (outline, None),
     }
     options = {name: value for name, (value, usual) in given.items() if value != usual}
     grid = load(map_file)
@@ -160,7 +158,8 @@ def plan(
         headings,
         config_file,
     )
-    planners.check_request(planner, max_e=max_e, budget=budget, **options)
+    limits: dict[str, Any] = {"via": stops, "footprint": outline, "max_e": max_e, "budget": budget}
+    planners.planner_for(planner, options, **limits)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot_radius), *ends, stops, space=space)
     check_weight(weight)
     check_criterion(criterion, config)
@@ -176,9 +175,7 @@ def plan(
     ) as progress:
         if planner in KINDS:
             options["progress"] = in_turn(progress, 2 * (len(stops) + 1))
-        plans = planners.plan_beside_shortest(
-            costs, *ends, planner=planner, max_e=max_e, budget=budget, **options
-        )
+        plans = planners.plan_beside_shortest(costs, *ends, planner=planner, **(limits | options))
     if output:
         reporting.write_plans(output, costs, computed, plans)
     print(

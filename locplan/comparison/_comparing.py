@@ -23,7 +23,7 @@ from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.planners import Plan, Query
+from locplan.planners import AnyPlanner, Planner, Query
 
 BASELINE = "any-angle"
 """To compare with, unless told otherwise and if it is there."""
@@ -32,7 +32,10 @@ PACKAGES = ("numpy", "numba", "scipy", "ompl")
 
 def compare(
     maps: Any,
-    planners: Sequence[str | Callable[..., Plan] | PlannerSpec] = ("grid", "any-angle"),
+    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] = (
+        "grid",
+        "any-angle",
+    ),
     queries: Any = 10,
     *,
     weights: Sequence[float] = (4.0,),
@@ -61,10 +64,10 @@ def compare(
     ----------
     maps : map, or sequence or mapping of them
         Each a map_server YAML, an OccupancyGrid, or a Costmap of one's own; a mapping names them.
-    planners : sequence
-        Names with options, such as "BITstar:time_limit=2"; functions ``f(costs, start, goal,
-        **options)`` that return a `Plan`, such as ``Plan("solved", "mine", start, goal, Path(xy),
-        None, seconds)``, whose metrics are measured anew, each on a costmap of its own; or
+    planners : sequence, or one of them
+        Names with options, such as "BITstar:time_limit=2"; whatever else `locplan.plan` takes:
+        functions ``f(costs, start, goal, **options)`` that return a `Path`, each with a costmap
+        of its own, or objects such as ``planners.Ompl("BITstar", time_limit=2)``; or
         `PlannerSpec`.
     queries : int, path, sequence, or mapping of them by map
         How many to draw at random; a CSV of name, start_x, start_y, goal_x, goal_y [m], or a
@@ -112,7 +115,8 @@ def compare(
     LocplanError
         If anything is wrong with the input, before the first run.
     """
-    planners = [planners] if isinstance(planners, str) or callable(planners) else planners
+    if isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners):
+        planners = [planners]
     weights = [float(weights)] if isinstance(weights, Real) else list(weights)
     if not isinstance(seeds, Iterable):
         raise ConfigError(f"seeds must be a sequence of whole numbers, not {seeds!r}")
@@ -126,7 +130,7 @@ def compare(
     began = datetime.now(UTC).astimezone()
 
     def jobs() -> Iterator[Job]:
-        headed = any(spec.space != "R2" for spec in specs)
+        headed = any(spec.planner.space != "R2" for spec in specs)
         for source, costs in _sources(
             maps,
             queries,

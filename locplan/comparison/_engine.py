@@ -7,7 +7,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from numbers import Real
@@ -27,7 +27,7 @@ from locplan.comparison._workers import PATIENCE, Workers, usable_cores
 from locplan.costs import Costmap
 from locplan.costs._costmap import check_weight
 from locplan.errors import ConfigError, LocplanError
-from locplan.planners import Plan, Query, check_ends
+from locplan.planners import AnyPlanner, Query, check_ends
 
 BY_CHANCE = ("crashed", "hung", "out of memory")
 """What may end otherwise with more memory or patience, or undisturbed: made anew on resuming."""
@@ -48,7 +48,7 @@ class Job:
 
 def run_all(
     jobs: Iterable[Job],
-    planners: Sequence[str | Callable[..., Plan] | PlannerSpec],
+    planners: Sequence[AnyPlanner | PlannerSpec],
     *,
     weights: Sequence[float] = (4.0,),
     seeds: Sequence[int] = (1,),
@@ -65,7 +65,7 @@ def run_all(
     ----------
     jobs : iterable of Job
         May make each costmap when it is asked for: they are not kept in memory.
-    planners : sequence of str, callable or PlannerSpec
+    planners : sequence of str, function, Planner or PlannerSpec
         See `PlannerSpec.of`.
     weights : sequence of float
         Metres of detour accepted per degenerate metre; 0 for costmaps without a field.
@@ -168,7 +168,7 @@ def _check(job: Job, specs: Sequence[PlannerSpec], weights: Sequence[float]) -> 
         check_weight(weight)
         if weight and math.isnan(job.costs.weight):
             raise ConfigError(f"map {job.map!r} has no field, so that its only weight is 0")
-    spaces = {spec.space for spec in specs if spec.function is None}
+    spaces = {spec.planner.space for spec in specs}
     for query in job.queries:
         for space in {"R2", *spaces}:
             headed = slice(None) if space != "R2" else slice(2)
@@ -186,7 +186,7 @@ def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> lis
 
     def key(order: Order) -> tuple[int, float]:
         limit = specs[order.planner].time_limit
-        unknown = float("inf") if specs[order.planner].function else 0.0
+        unknown = float("inf") if specs[order.planner].guarded else 0.0
         return place[order.costs, order.task.weight], -(unknown if limit is None else limit)
 
     return sorted(orders, key=key)

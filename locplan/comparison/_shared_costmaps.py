@@ -34,11 +34,11 @@ def put(costs: Costmap, folder: Path) -> None:
 
 
 def get(folder: Path) -> Costmap:
-    """The costmap; its pages are shared with all who have it until they write to them."""
+    """The costmap; its pages are shared with all who have it, and read-only."""
     buffers = []
     for n in range(len(list(folder.glob("*.raw")))):
         with (folder / f"{n}.raw").open("rb") as file:
-            buffers.append(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY))
+            buffers.append(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     return pickle.loads((folder / "about.pickle").read_bytes(), buffers=buffers)
 
 
@@ -46,11 +46,6 @@ def get(folder: Path) -> Costmap:
 def weighted(folder: Path, weight: float) -> Costmap:
     """The costmap with a weight; the last one is kept."""
     return with_weight(_latest(folder), weight)
-
-
-def private(folder: Path, weight: float) -> Costmap:
-    """The same, with pages of its own: what is written to it nobody else sees."""
-    return with_weight(get(folder), weight)
 
 
 def with_weight(costs: Costmap, weight: float) -> Costmap:

@@ -23,8 +23,7 @@ from locplan.comparison._runs import MEASURES, Run, Task
 from locplan.comparison._specs import PlannerSpec
 from locplan.costs import Path as Route
 from locplan.errors import LocplanError
-from locplan.planners import Plan
-from locplan.planners._result import Position
+from locplan.planners import Plan, Position
 
 READY = "ready"
 _DIE_WITH_PARENT = 1  # Linux's PR_SET_PDEATHSIG
@@ -70,11 +69,7 @@ def main(descriptor: int, parent: int) -> None:
 
 def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
     """Make one run in so much memory [bytes]; whatever a planner raises is a result."""
-    # A function may write into its costmap: it gets one that no other run sees.
-    of_its_own = planner.function is not None
-    costs = (shared_costmaps.private if of_its_own else shared_costmaps.weighted)(
-        order.costs, order.task.weight
-    )
+    costs = shared_costmaps.weighted(order.costs, order.task.weight)
     began = time.perf_counter()
     try:
         with limited_memory(memory):
@@ -158,7 +153,7 @@ def _received(handed: bytes) -> list[PlannerSpec]:
     cv2.setNumThreads(1)  # a run is timed on one core
     planners = pickle.loads(handed)
     for planner in planners:
-        planner.prepare()
+        planner.planner.prepare()
     return planners
 
 

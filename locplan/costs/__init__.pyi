@@ -1,7 +1,7 @@
 from ._about import about_costs as about_costs
 from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS
 from ._costmap import Costmap as Costmap
-from ._costmap import CostSettings as CostSettings
+from ._degeneracy import CostSettings as CostSettings
 from ._footprint import Footprint as Footprint
 from ._metrics import PathMetrics as PathMetrics
 from ._metrics import path_metrics as path_metrics

@@ -2,51 +2,36 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import number, one_of, position
-from locplan.costs._degeneracy import LAWS, degeneracy
+from locplan.costs._degeneracy import LAWS, CostSettings, degeneracy
 from locplan.errors import ConfigError, FieldError, PoseError
-from locplan.field import CovarianceField, FieldConfig
+from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
 
 ROBOT_RADIUS = 0.25
 """Radius of a robot of which nothing is known [m]."""
 MAX_DENSITY = 1e9
 """Greatest finite density: beyond it the steps of a long path would be lost in rounding."""
-
-
-@dataclass(frozen=True)
-class CostSettings:
-    """What the degeneracy u of a costmap was made of; see `Costmap.from_fields`."""
-
-    law: str
-    criterion: str
-    fuse: str
-    headings: str
-    configs: tuple[FieldConfig, ...]
-    """The settings of the fields."""
-
-    def to_json(self) -> dict[str, object]:
-        """All of them, fit for JSON."""
-        about: dict[str, object] = {
-            name: getattr(self, name) for name in ("law", "criterion", "fuse", "headings")
-        }
-        return about | {"configs": [config.to_json() for config in self.configs]}
+LAYERS = ("density", "u", "e", "u_of_heading", "e_of_heading")
+"""The arrays of a costmap."""
 
 
 @dataclass(frozen=True, eq=False)
 class Costmap:
     """Cost of travel for every cell: J(path) = integral of density ds.
 
-    Made by `from_field` or `from_density`.
+    Made by `from_field` or `from_density`. Its arrays are read-only; those that are given as such
+    are kept, others are copied.
     """
 
     grid: OccupancyGrid
@@ -67,6 +52,22 @@ class Costmap:
     """The same [m^2 rad]."""
     settings: CostSettings | None = None
     """What u was made of; None without a field."""
+
+    def __post_init__(self) -> None:
+        for name in LAYERS:
+            layer = getattr(self, name)
+            if layer is not None and layer.flags.writeable:
+                object.__setattr__(self, name, sealed(layer.copy()))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for name in LAYERS:
+            if state[name] is not None:
+                sealed(state[name])
+
+    def copy(self) -> Costmap:
+        """A costmap that shares nothing with this one, not even the map."""
+        return copy.deepcopy(self)
 
     @classmethod
     def from_field(
@@ -176,10 +177,10 @@ class Costmap:
             density=_blocked(density, grid, robot_radius),
             weight=float(weight),
             robot_radius=float(robot_radius),
-            u=u,
-            e=e,
-            u_of_heading=own[0][0].astype(np.float32) if own else None,
-            e_of_heading=own[0][1].astype(np.float32) if own else None,
+            u=sealed(u),
+            e=sealed(e),
+            u_of_heading=sealed(own[0][0].astype(np.float32)) if own else None,
+            e_of_heading=sealed(own[0][1].astype(np.float32)) if own else None,
             settings=CostSettings(
                 law, criterion, fuse, headings, tuple(field.config for field in fields)
             ),
@@ -208,7 +209,7 @@ class Costmap:
                 f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
             )
         values[~grid.free] = np.inf
-        nothing = np.full(grid.shape, np.nan)
+        nothing = sealed(np.full(grid.shape, np.nan))
         return cls(
             grid=grid,
             density=_blocked(values, grid, robot_radius),
@@ -243,12 +244,12 @@ class Costmap:
         check_weight(weight)
         if math.isnan(self.weight):
             raise ConfigError("a costmap from a density has no weight; make another one instead")
-        density = np.where(np.isfinite(self.density), 1 + weight * self.u, np.inf)
+        density = sealed(np.where(np.isfinite(self.density), 1 + weight * self.u, np.inf))
         return dataclasses.replace(self, density=density, weight=float(weight))
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
         """The same costmap with more cells blocked, (H, W)."""
-        return dataclasses.replace(self, density=np.where(blocked, np.inf, self.density))
+        return dataclasses.replace(self, density=sealed(np.where(blocked, np.inf, self.density)))
 
     def with_robot_radius(self, robot_radius: float) -> Costmap:
         """The same costmap for a robot of another radius [m], at least as large as its own.
@@ -320,6 +321,12 @@ def check_weight(weight: float) -> None:
     number("weight", weight, 0, MAX_DENSITY)
 
 
+def sealed(layer: NDArray) -> NDArray:
+    """The same array, which from now on is read-only."""
+    layer.setflags(write=False)
+    return layer
+
+
 def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:
     number("robot_radius", robot_radius, 0, MAX_DENSITY)
-    return np.where(grid.clearance < robot_radius - 1e-9, np.inf, density)
+    return sealed(np.where(grid.clearance < robot_radius - 1e-9, np.inf, density))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -15,6 +16,25 @@ from locplan.errors import ConfigError
 from locplan.field import SCALARS, CovarianceField, FieldConfig
 
 LAWS = ("logarithmic", "linear", "cube-root")
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """What the degeneracy u of a costmap was made of; see `Costmap.from_fields`."""
+
+    law: str
+    criterion: str
+    fuse: str
+    headings: str
+    configs: tuple[FieldConfig, ...]
+    """The settings of the fields."""
+
+    def to_json(self) -> dict[str, object]:
+        """All of them, fit for JSON."""
+        about: dict[str, object] = {
+            name: getattr(self, name) for name in ("law", "criterion", "fuse", "headings")
+        }
+        return about | {"configs": [config.to_json() for config in self.configs]}
 
 
 def check_criterion(criterion: str, config: FieldConfig) -> None:

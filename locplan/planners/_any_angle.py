@@ -5,22 +5,24 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import one_of
 from locplan.costs import Costmap, Path, path_metrics
-from locplan.errors import ConfigError
 from locplan.planners._grid import (
+    GridPlanner,
     bordered_index,
     cells_of,
     cheapest_cells,
     distinct,
     through_centres,
 )
-from locplan.planners._grid import prepare as prepare_grid
+from locplan.planners._protocol import Found, Position
 
 ACCURACIES = ("normal", "high")
 REACH = 3
@@ -37,42 +39,49 @@ SWEEPS = 20
 """How often at most for each."""
 
 
-def solve(
-    costs: Costmap,
-    start: Sequence[float],
-    goal: Sequence[float],
-    *,
-    accuracy: Literal["normal", "high"] = "normal",
-    allow_corner_cutting: bool = False,
-) -> Path | None:
-    """A path of straight lines in any direction, or None if there is none.
+@dataclass(frozen=True)
+class AnyAngle:
+    """A path of straight lines in any direction.
 
     It begins with the path of the grid planner, or with accuracy "high" the cheapest one over 32
     neighbours, and never costs more than the grid planner's.
-
-    Parameters
-    ----------
-    costs : Costmap
-        What travel costs.
-    start, goal : (x, y)
-        World positions [m] in free cells; the path begins and ends exactly there.
-    accuracy : "normal" or "high"
-        "high" takes about five times as long.
-    allow_corner_cutting : bool
-        Whether a line may pass the corner of a blocked cell.
     """
-    cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
-    if cells is None:
-        return None
-    on_grid = through_centres(costs, cells, start, goal, trim=True)
-    if accuracy == "high":
-        wider = _cells_of_32_moves(costs, start, goal, allow_corner_cutting)
-        cells = cells if wider is None else wider
-    ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
-    positions = np.vstack([ends[:1], cells + 0.5, ends[1:]])
-    straight = _improved(costs, positions, start, goal, allow_corner_cutting)
-    # Rounding can push a line along a wall's edge into the wall: then the grid's path is better.
-    return min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost)
+
+    accuracy: Literal["normal", "high"] = "normal"
+    """One of "normal" and "high"; "high" takes about five times as long."""
+    allow_corner_cutting: bool = False
+    """Whether a line may pass the corner of a blocked cell."""
+    name: ClassVar[str] = "any-angle"
+    minimises: ClassVar[str] = "J"
+    space: ClassVar[str] = "R2"
+
+    def check(self) -> None:
+        """Raise a ConfigError if there is no such accuracy."""
+        one_of("accuracy", self.accuracy, ACCURACIES)
+
+    def prepare(self) -> None:
+        """Compile the kernels, so that the first plan is not timed with them."""
+        from locplan.maps import FREE, OccupancyGrid
+
+        GridPlanner().prepare()
+        costs = Costmap.blank(OccupancyGrid(np.full((3, 9), FREE), 1.0))
+        self.solve(costs, (0.5, 0.5), (8.5, 1.5))
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan between two world positions [m] in free cells; the path has exactly these ends."""
+        cutting = self.allow_corner_cutting
+        cells = cheapest_cells(costs, start, goal, cutting)
+        if cells is None:
+            return Found()
+        on_grid = through_centres(costs, cells, start, goal, trim=True)
+        if self.accuracy == "high":
+            wider = _cells_of_32_moves(costs, start, goal, cutting)
+            cells = cells if wider is None else wider
+        ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
+        positions = np.vstack([ends[:1], cells + 0.5, ends[1:]])
+        straight = _improved(costs, positions, start, goal, cutting)
+        # Rounding can push a line along a wall's edge into the wall: then the grid's is better.
+        return Found(min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost))
 
 
 def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
@@ -81,21 +90,6 @@ def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = Fal
     positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
     straight = _improved(costs, positions, start, goal, allow_corner_cutting)
     return min(straight, path, key=lambda path: path_metrics(costs, path).cost)
-
-
-def check_options(*, accuracy: str = "normal", allow_corner_cutting: bool = False) -> None:
-    """Raise a ConfigError unless `solve` takes these."""
-    if accuracy not in ACCURACIES:
-        raise ConfigError(f"accuracy must be one of {', '.join(ACCURACIES)}, not {accuracy!r}")
-
-
-def prepare(**options: Any) -> None:
-    """Compile the kernels, so that the first plan is not timed with them."""
-    from locplan.maps import FREE, OccupancyGrid
-
-    prepare_grid()
-    costs = Costmap.blank(OccupancyGrid(np.full((3, 9), FREE), 1.0))
-    solve(costs, (0.5, 0.5), (8.5, 1.5), **options)
 
 
 def _improved(

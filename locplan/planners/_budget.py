@@ -3,99 +3,96 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap, Path
+from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.planners._grid import cells_of, through_centres
+from locplan.planners._protocol import Found, Position
 from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
 
 
 @dataclass(frozen=True)
-class WithinBudget:
-    """What `shortest_within` found."""
-
-    path: Path | None
-    """The shortest path within the budget, or None if there is none."""
-    bound: float
-    """No path within the budget is shorter [m]: its own length, unless time or labels ran out."""
-    least: float
-    """The least integral of any path; infinite if the goal is unreachable."""
-
-
-def shortest_within(
-    costs: Costmap,
-    start: Sequence[float],
-    goal: Sequence[float],
-    budget: float,
-    *,
-    objective: str = "u",
-    allow_corner_cutting: bool = False,
-    time_limit: float = 60.0,
-    max_labels: int = 20_000_000,
-) -> WithinBudget:
-    """The shortest grid path whose integral of u [m], or of e [m^2 rad m], is within the budget.
+class BudgetPlanner:
+    """The shortest grid path whose integral of u, or of e, is within a budget.
 
     Exact: Lagrangian bounds first, then a bi-objective search that they keep small. Integrals
     count rounded up by at most 1/131072 of their greatest rate at each step.
-
-    Raises
-    ------
-    ConfigError
-        If the budget is negative, or the costmap has no field.
     """
-    check_budget(budget, objective, time_limit, max_labels)
-    prepare()
-    began = time.perf_counter()
-    problem = Problem.between(costs, start, goal, objective, allow_corner_cutting)
-    second_to_go, frugal = problem.to_go(0, 1)
-    if frugal is None:
-        return WithinBudget(None, np.inf, np.inf)
-    least = float(problem.integral(problem.measured(frugal)[1]))
-    within = np.floor((budget - problem.ends[1]) * problem.per_integral + 1e-3)
-    if problem.measured(frugal)[1] > within:
-        return WithinBudget(None, np.inf, least)
-    first_to_go, short = problem.to_go(1, 0)
-    assert short is not None  # as there is a frugal one
-    bounds = _lagrangian(problem, first_to_go, short, frugal, within)
-    if bounds.gap > 0:
-        search = Search(
-            problem,
-            first_to_go,
-            second_to_go,
-            within=within,
-            both_to_go=bounds.both_to_go,
-            multiplier=bounds.multiplier,
-            most=bounds.most,
-            max_labels=max_labels,
-        )
-        found, to_come = search.run(1, began + time_limit)
-        if found.size:
-            path = through_centres(costs, search.cells_of(int(found[0])), start, goal)
-            return WithinBudget(path, path.length, least)
-        lower = min(max(to_come, bounds.lower), bounds.upper)
-    else:
+
+    budget: float
+    """Greatest integral of u [m], or of e [m^2 rad m]."""
+    objective: Literal["u", "e"] = "u"
+    """What is integrated."""
+    allow_corner_cutting: bool = False
+    """Whether a diagonal step may pass a blocked cell's corner."""
+    time_limit: float = 60.0
+    """Time after which the best path so far counts, with its bound [s]."""
+    max_labels: int = 20_000_000
+    """Greatest number of partial paths that are kept, of 48 bytes each."""
+    name: ClassVar[str] = "grid"
+    minimises: ClassVar[str] = "length"
+    space: ClassVar[str] = "R2"
+
+    def check(self) -> None:
+        """Raise a ConfigError unless the options are within their ranges."""
+        if not (isinstance(self.budget, Real) and self.budget >= 0):
+            raise ConfigError(f"budget must be at least 0, not {self.budget!r}")
+        check_caps(self.objective, self.time_limit, self.max_labels)
+
+    def prepare(self) -> None:
+        """Compile the kernels, so that no time limit is spent on that."""
+        prepare()
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan between two world positions [m]; a costmap without a field is a ConfigError."""
+        began = time.perf_counter()
+        problem = Problem.between(costs, start, goal, self.objective, self.allow_corner_cutting)
+        second_to_go, frugal = problem.to_go(0, 1)
+        if frugal is None:
+            return Found()
+        within = np.floor((self.budget - problem.ends[1]) * problem.per_integral + 1e-3)
+        if problem.measured(frugal)[1] > within:
+            return self._infeasible(float(problem.integral(problem.measured(frugal)[1])))
+        first_to_go, short = problem.to_go(1, 0)
+        assert short is not None  # as there is a frugal one
+        bounds = _lagrangian(problem, first_to_go, short, frugal, within)
         lower = bounds.upper
-    best = through_centres(costs, cells_of(bounds.best, problem.columns), start, goal)
-    return WithinBudget(best, min(float(problem.length(lower)), best.length), least)
+        if bounds.gap > 0:
+            search = Search(
+                problem,
+                first_to_go,
+                second_to_go,
+                within=within,
+                both_to_go=bounds.both_to_go,
+                multiplier=bounds.multiplier,
+                most=bounds.most,
+                max_labels=self.max_labels,
+            )
+            found, to_come = search.run(1, began + self.time_limit)
+            if found.size:
+                path = through_centres(costs, search.cells_of(int(found[0])), start, goal)
+                return Found(path, bound=path.length)
+            lower = min(max(to_come, bounds.lower), bounds.upper)
+        best = through_centres(costs, cells_of(bounds.best, problem.columns), start, goal)
+        return Found(best, bound=min(float(problem.length(lower)), best.length))
+
+    def _infeasible(self, least: float) -> Found:
+        note = (
+            f"no path has an integral of {self.objective} within {self.budget:g};"
+            f" the least is {rounded_up(least)}"
+        )
+        return Found(status="infeasible", feasible_from=least, note=note)
 
 
-def check_budget(
-    budget: float,
-    objective: str = "u",
-    time_limit: float = 60.0,
-    max_labels: int = 20_000_000,
-    allow_corner_cutting: bool = False,
-) -> None:
-    """Raise a ConfigError unless these arguments of `shortest_within` are within their ranges."""
-    if not (isinstance(budget, Real) and budget >= 0):
-        raise ConfigError(f"budget must be at least 0, not {budget!r}")
-    check_caps(objective, time_limit, max_labels)
+def rounded_up(value: float) -> str:
+    """A limit in six digits and not below the value: fit to be typed in again."""
+    return f"{value * (1 + 1e-5):.6g}"
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
-from locplan.planners._grid import bordered_index, cells_of, prepare, through_centres
+from locplan.planners._grid import GridPlanner, bordered_index, cells_of, through_centres
+from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 
 
@@ -20,7 +20,7 @@ class CostToGo:
 
     costs: Costmap
     """What travel costs."""
-    goal: Sequence[float]
+    goal: Position
     """World position [m]."""
     cost: NDArray[np.float64]
     """From each cell's centre to the goal's cell, (H, W) [m]; infinite if there is no path."""
@@ -29,7 +29,7 @@ class CostToGo:
     _bordered: NDArray[np.float64]
     _half: NDArray[np.float64]
 
-    def cells(self, start: Sequence[float]) -> NDArray[np.int64] | None:
+    def cells(self, start: Position) -> NDArray[np.int64] | None:
         """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none.
 
         Raises
@@ -46,24 +46,22 @@ class CostToGo:
         flat = trace(self._half, columns, self._bordered, source, self.allow_corner_cutting)
         return cells_of(flat[::-1], columns)
 
-    def path(self, start: Sequence[float]) -> Path | None:
+    def path(self, start: Position) -> Path | None:
         """The path of least cost over the cells' centres, or None if there is none."""
         cells = self.cells(start)
         return None if cells is None else through_centres(self.costs, cells, start, self.goal)
 
-    def plan(self, start: Sequence[float]) -> Plan:
+    def plan(self, start: Position) -> Plan:
         """The same path, measured, as `locplan.plan` with the grid planner gives it."""
         began = time.perf_counter()
-        cells = self.cells(start)
-        path = None
+        cells, found = self.cells(start), Found()
         if cells is not None:
-            path = through_centres(self.costs, cells, start, self.goal, trim=True)
-        return finished("grid", self.costs, start, self.goal, path, time.perf_counter() - began)
+            found = Found(through_centres(self.costs, cells, start, self.goal, trim=True))
+        elapsed = time.perf_counter() - began
+        return finished("grid", self.costs, start, self.goal, found, elapsed)
 
 
-def plan_field(
-    costs: Costmap, goal: Sequence[float], *, allow_corner_cutting: bool = False
-) -> CostToGo:
+def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = False) -> CostToGo:
     """Search from the goal once; then paths from any start take microseconds.
 
     Parameters
@@ -92,7 +90,7 @@ def plan_field(
     """
     from locplan._kernels.search import bordered_half, shortest_costs
 
-    prepare()
+    GridPlanner().prepare()
     rows, columns = costs.grid.shape[0] + 2, costs.grid.shape[1] + 2
     half = bordered_half(costs.density, 1)
     target = bordered_index(costs, goal, "goal")

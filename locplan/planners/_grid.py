@@ -3,45 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path, path_metrics
+from locplan.planners._protocol import Found, Position
 
 
-def solve(
-    costs: Costmap,
-    start: Sequence[float],
-    goal: Sequence[float],
-    *,
-    allow_corner_cutting: bool = False,
-) -> Path | None:
-    """The path of least cost over the centres of neighbouring cells, or None if there is none.
+@dataclass(frozen=True)
+class GridPlanner:
+    """The path of least cost over the centres of neighbouring cells."""
 
-    Parameters
-    ----------
-    costs : Costmap
-        What travel costs.
-    start, goal : (x, y)
-        World positions [m] in free cells; the path begins and ends exactly there.
-    allow_corner_cutting : bool
-        Whether a diagonal step may pass a blocked cell's corner.
-    """
-    cells = cheapest_cells(costs, start, goal, allow_corner_cutting)
-    return None if cells is None else through_centres(costs, cells, start, goal, trim=True)
+    allow_corner_cutting: bool = False
+    """Whether a diagonal step may pass a blocked cell's corner."""
+    name: ClassVar[str] = "grid"
+    minimises: ClassVar[str] = "J"
+    space: ClassVar[str] = "R2"
 
+    def check(self) -> None:
+        """Any options go together."""
 
-def check_options(**_: Any) -> None:
-    """Any option of `solve` will do."""
+    def prepare(self) -> None:
+        """Compile the search, so that the first plan is not timed with it."""
+        from locplan.maps import FREE, OccupancyGrid
 
+        costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
+        self.solve(costs, (0.5, 0.5), (2.5, 0.5))
 
-def prepare(**_: Any) -> None:
-    """Compile the search, so that the first plan is not timed with it."""
-    from locplan.maps import FREE, OccupancyGrid
-
-    solve(Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0)), (0.5, 0.5), (2.5, 0.5))
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan between two world positions [m] in free cells; the path has exactly these ends."""
+        cells = cheapest_cells(costs, start, goal, self.allow_corner_cutting)
+        if cells is None:
+            return Found()
+        return Found(through_centres(costs, cells, start, goal, trim=True))
 
 
 def cheapest_cells(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.planners._grid import cells_of, through_centres
+from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
 
@@ -31,9 +31,9 @@ class ParetoFront:
 
     costs: Costmap
     """What was planned on."""
-    start: Sequence[float]
+    start: Position
     """World position [m]."""
-    goal: Sequence[float]
+    goal: Position
     """World position [m]."""
     objective: str
     """What is integrated: "u" or "e"."""
@@ -58,7 +58,7 @@ class ParetoFront:
     def plan(self, index: int) -> Plan:
         """One of the paths, measured."""
         path = through_centres(self.costs, self._cells[index], self.start, self.goal)
-        return finished("pareto", self.costs, self.start, self.goal, path, self.solve_time)
+        return finished("pareto", self.costs, self.start, self.goal, Found(path), self.solve_time)
 
     @property
     def knee(self) -> int:
@@ -78,8 +78,8 @@ class ParetoFront:
 
 def pareto_front(
     costs: Costmap,
-    start: Sequence[float],
-    goal: Sequence[float],
+    start: Position,
+    goal: Position,
     *,
     objective: str = "u",
     allow_corner_cutting: bool = False,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.planners._result import Position
+from locplan.planners._protocol import Position
 
 COLUMNS = ("name", "start_x", "start_y", "goal_x", "goal_y")
 HEADINGS = ("start_heading_deg", "goal_heading_deg")

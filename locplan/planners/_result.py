@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
 
 from locplan.costs import Costmap, Path, PathMetrics, path_metrics
-
-Position = tuple[float, ...]
-"""x, y in the world [m], and a heading [rad] where the planner's space has one."""
+from locplan.planners._protocol import Found, Position, Status
 
 
 @dataclass(frozen=True)
 class Plan:
     """What a planner returned."""
 
-    status: Literal["solved", "unreachable", "infeasible", "timeout"]
+    status: Status
     """Whether there is a path.
 
     None to the goal ("unreachable"), none within the limits given ("infeasible"), or none found in
@@ -64,21 +60,31 @@ class Plan:
         return dataclasses.replace(self, metrics=path_metrics(costs, self.path), history=())
 
 
-Solver = Callable[[Costmap, list[Position]], dict[str, Any]]
-"""Finds the path over some stops: what it returns are fields of `Plan`, "path" if there is one."""
-
-
 def finished(
     planner: str,
     costs: Costmap,
-    start: Sequence[float],
-    goal: Sequence[float],
-    path: Path | None,
+    start: Position,
+    goal: Position,
+    found: Found,
     elapsed: float,
+    *,
+    minimises: bool = True,
 ) -> Plan:
-    """A plan with its metrics, "unreachable" without a path."""
-    ends = tuple(start), tuple(goal)
-    if path is None:
+    """What a planner found as a plan, with the metrics of its path on a costmap."""
+    note = found.note
+    if found.status == "unreachable" and not note:
         note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
-        return Plan("unreachable", planner, *ends, None, None, elapsed, note=note)
-    return Plan("solved", planner, *ends, path, path_metrics(costs, path), elapsed)
+    return Plan(
+        status=found.status,
+        planner=planner,
+        start=tuple(start),
+        goal=tuple(goal),
+        path=found.path,
+        metrics=None if found.path is None else path_metrics(costs, found.path),
+        solve_time=elapsed,
+        bound=found.bound,
+        feasible_from=found.feasible_from,
+        minimises=minimises,
+        history=found.history,
+        note=note,
+    )

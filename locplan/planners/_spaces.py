@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from numbers import Real
+from typing import TYPE_CHECKING
 
-from locplan.costs import Costmap
+from locplan._util.checks import one_of, positive
 from locplan.errors import ConfigError, PoseError
+
+if TYPE_CHECKING:
+    from locplan.costs import Costmap
 
 SPACES: tuple[str, ...] = ("R2", "SE2", "Dubins", "ReedsShepp")
 """Positions; poses that turn on the spot; curves driven forward; curves that may reverse."""
@@ -16,19 +19,14 @@ CURVED = ("Dubins", "ReedsShepp")
 
 def check_space(space: str, turning_radius: float | None) -> None:
     """Raise a ConfigError unless the two go together."""
-    if space not in SPACES:
-        raise ConfigError(f"space must be one of {', '.join(SPACES)}, not {space!r}")
+    one_of("space", space, SPACES)
     if space not in CURVED:
         if turning_radius is not None:
             raise ConfigError(f"a turning radius is for the spaces {', '.join(CURVED)}")
     elif turning_radius is None:
         raise ConfigError(f"space {space!r} needs a turning radius, in metres")
-    elif not (
-        isinstance(turning_radius, Real)
-        and not isinstance(turning_radius, bool)
-        and 0 < float(turning_radius) < math.inf
-    ):
-        raise ConfigError(f"turning_radius must be a positive number of m, not {turning_radius!r}")
+    else:
+        positive("turning_radius", turning_radius, "m")
 
 
 def check_pose(

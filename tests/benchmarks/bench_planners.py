@@ -110,7 +110,7 @@ def test_single_objective(benchmark, size):
 def test_any_angle(benchmark, size, seed, monkeypatch):
     costs = costs_of(rooms(size, seed))
     ends = ends_of(costs)
-    grid_seconds, grid = best_of(7, lambda: plan(costs, *ends))
+    grid_seconds, grid = best_of(7, lambda: plan(costs, *ends, planner="grid"))
     with monkeypatch.context() as patch:  # 32 neighbours and dynamic programming at all scales
         patch.setattr("locplan.planners._any_angle.SHIFTS", ())
         best = plan(costs, *ends, planner="any-angle", accuracy="high")

@@ -44,7 +44,7 @@ def iterations_a_second(planner: str, information, problem) -> float:
 def test_iterations_a_second(benchmark, planner, target):
     """Beside the usual way: states checked one by one from Python, and OMPL's own length."""
     costs, start, goal = rooms_of_400()
-    sampling.prepare(planner=planner)
+    sampling.Ompl(planner).prepare()
     motions = sampling.Motions(costs)
     rates = {}
 

@@ -1,4 +1,5 @@
 from ._motions import Motions as Motions
+from ._planner import Ompl as Ompl
 from ._roadmap import Roadmap as Roadmap
 from ._roadmap import grow_roadmap as grow_roadmap
 from ._setup import ClearMotionValidator as ClearMotionValidator
@@ -7,9 +8,6 @@ from ._setup import problem_definition as problem_definition
 from ._setup import space_information as space_information
 from ._setup import state_of as state_of
 from ._setup import state_space as state_space
-from ._solver import check_options as check_options
-from ._solver import prepare as prepare
-from ._solver import solve as solve
 from ._stopping import Limits as Limits
 
 __all__ = [
@@ -17,12 +15,10 @@ __all__ = [
     "CostObjective",
     "Limits",
     "Motions",
+    "Ompl",
     "Roadmap",
-    "check_options",
     "grow_roadmap",
-    "prepare",
     "problem_definition",
-    "solve",
     "space_information",
     "state_of",
     "state_space",

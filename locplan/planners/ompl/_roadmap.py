@@ -6,7 +6,6 @@ Python; its growth does not. Here an edge has its own cost, or none, in either d
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -19,14 +18,16 @@ from ompl import base, util
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from locplan._util.checks import whole
 from locplan.errors import ConfigError
+from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 from locplan.planners._spaces import CURVED
 from locplan.planners.ompl._logs import logged
 from locplan.planners.ompl._motions import Motions
 from locplan.planners.ompl._settings import check_settings, planner_of
 from locplan.planners.ompl._setup import pose_reader, space_information
-from locplan.planners.ompl._stopping import Limits, check_whole
+from locplan.planners.ompl._stopping import SEED, Limits
 
 ROADMAPS = ("PRM", "PRMstar")
 GROWTH = 0.5
@@ -44,7 +45,7 @@ class Roadmap:
     graph: csr_array = field(repr=False)
     """(n, n): J of the motion from one pose to another [m], where there is one."""
 
-    def plan(self, start: Sequence[float], goal: Sequence[float]) -> Plan:
+    def plan(self, start: Position, goal: Position) -> Plan:
         """The cheapest path over the roadmap, measured; "timeout" if it does not join the ends.
 
         Raises
@@ -56,12 +57,11 @@ class Roadmap:
         start, goal = self.motions.checked(start, "start"), self.motions.checked(goal, "goal")
         began = time.perf_counter()
         poses = self.poses_between(start, goal)
-        path = None if poses is None else self.motions.path(poses)
-        result = finished("roadmap", costs, start, goal, path, time.perf_counter() - began)
-        if path is None:
-            note = "the roadmap does not join start and goal; a larger one may"
-            return dataclasses.replace(result, status="timeout", note=note)
-        return result
+        note = "the roadmap does not join start and goal; a larger one may"
+        found = Found(status="timeout", note=note)
+        if poses is not None:
+            found = Found(self.motions.path(poses))
+        return finished("roadmap", costs, start, goal, found, time.perf_counter() - began)
 
     def poses_between(
         self, start: Sequence[float], goal: Sequence[float]
@@ -110,7 +110,7 @@ def grow_roadmap(
     *,
     planner: str = "PRMstar",
     limits: Limits | None = None,
-    seed: int = 1,
+    seed: int = SEED,
     settings: Mapping[str, Any] | None = None,
     ahead: NDArray[np.float64] | None = None,
 ) -> Roadmap:
@@ -138,7 +138,7 @@ def grow_roadmap(
     """
     if planner not in ROADMAPS:
         raise ConfigError(f"planner must be one of {', '.join(ROADMAPS)}, not {planner!r}")
-    check_whole("seed", seed)
+    whole("seed", seed)
     check_settings(planner, settings or {})
     limits = limits or Limits()
     with logged():

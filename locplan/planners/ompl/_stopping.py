@@ -6,15 +6,15 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from numbers import Real
 
-import numpy as np
-
+from locplan._util.checks import is_number, whole
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 
 TIME_LIMIT = 5.0
 """Default time limit [s]."""
+SEED = 1
+"""Default seed of OMPL's random numbers."""
 SETTLED_AFTER = 1000
 """Iterations that a search goes on at least before it may count as converged."""
 LOOK_EVERY = 8
@@ -47,9 +47,10 @@ class Limits:
     def __post_init__(self) -> None:
         for name, unit in (("time_limit", "seconds"), ("convergence", "a share of J")):
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, Real) and 0 < float(value) < math.inf):
+            if value is not None and not (is_number(value) and value > 0):
                 raise ConfigError(f"{name} must be positive, {unit}, not {value!r}")
-        check_whole("iterations", 1 if self.iterations is None else self.iterations)
+        if self.iterations is not None:
+            whole("iterations", self.iterations)
         if self.time_limit is None and self.iterations is None:
             self.time_limit = TIME_LIMIT
 
@@ -97,13 +98,6 @@ class Limits:
             return elapsed >= time_limit or iteration > most
 
         return ends
-
-
-def check_whole(name: str, value: object) -> None:
-    """Raise a ConfigError unless the value is a whole number of at least 1."""
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not (whole and value >= 1):  # type: ignore[operator]
-        raise ConfigError(f"{name} must be a whole number of at least 1, not {value!r}")
 
 
 def _settled(best: list[tuple[int, float]], iteration: int, convergence: float) -> bool:

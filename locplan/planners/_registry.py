@@ -1,0 +1,101 @@
+"""The planners that have a name, what each minimises, where it plans, and its options.
+
+Another planner is one more module and one more line in `PLANNERS`. Nothing heavy is imported
+before a planner is used.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from locplan.errors import ConfigError
+from locplan.planners.ompl._kinds import KINDS
+
+if TYPE_CHECKING:
+    from locplan.planners._protocol import Planner
+
+DEFAULT = "any-angle"
+"""The planner of whoever names none."""
+NO_OPTIONS = ("name", "planner")
+"""Fields of a planner that are no options: what it is called, and the planner that it wraps."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A planner that is known by a name."""
+
+    place: str
+    """Its class as "module:Class"; a class with a field `name` is given the name."""
+    minimises: str | None = "J"
+    """What its paths have least of; None if it stops at any path."""
+    spaces: tuple[str, ...] = ("R2",)
+    """Where it can plan."""
+
+    def kind(self) -> type[Any]:
+        """The planner's class, imported now."""
+        module, _, name = self.place.partition(":")
+        return getattr(import_module(module), name)
+
+    def options(self) -> dict[str, Any]:
+        """The names of its options with their defaults."""
+        return defaults_of(self.kind())
+
+
+PLANNERS: dict[str, Entry] = {
+    "grid": Entry("locplan.planners._grid:GridPlanner"),
+    "any-angle": Entry("locplan.planners._any_angle:AnyAngle"),
+    **{
+        name: Entry(
+            "locplan.planners.ompl._planner:Ompl", "J" if kind.minimises else None, kind.spaces
+        )
+        for name, kind in KINDS.items()
+    },
+}
+
+
+def names() -> tuple[str, ...]:
+    """The names of planners that `locplan.plan` knows."""
+    return tuple(PLANNERS)
+
+
+def named(name: str, options: Mapping[str, Any]) -> Planner:
+    """A planner by its name, with options, checked.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such planner, or it does not take the options.
+    """
+    if name not in PLANNERS:
+        raise ConfigError(f"planner must be one of {', '.join(names())}, not {name!r}")
+    entry = PLANNERS[name]
+    check_names(f"planner {name!r}", options, entry.options())
+    kind = entry.kind()
+    several = "name" in inspect.signature(kind).parameters
+    planner: Planner = kind(name, **options) if several else kind(**options)
+    planner.check()
+    return planner
+
+
+def defaults_of(kind: type) -> dict[str, Any]:
+    """The names of a kind's options with their defaults: the fields of a dataclass."""
+    if not dataclasses.is_dataclass(kind):
+        return {}
+    return {
+        one.name: one.default_factory() if callable(one.default_factory) else one.default
+        for one in dataclasses.fields(kind)
+        if one.name not in NO_OPTIONS
+    }
+
+
+def check_names(whose: str, options: Iterable[str], known: Iterable[str]) -> None:
+    """Raise a ConfigError unless all options are known."""
+    for name in options:
+        if name not in known:
+            names_known = ", ".join(known) or "none"
+            raise ConfigError(f"{whose} has no option {name!r}; it has: {names_known}")

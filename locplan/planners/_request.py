@@ -1,0 +1,115 @@
+"""From what a caller asks for to one planner: a name, a function or an object, and its limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan.costs import Footprint
+from locplan.errors import ConfigError
+from locplan.planners._budget import BudgetPlanner
+from locplan.planners._function import FunctionPlanner, Guarded, PlannerFunction
+from locplan.planners._limits import limited
+from locplan.planners._protocol import Planner, Position, Wrapper
+from locplan.planners._registry import DEFAULT, check_names, defaults_of, named
+
+AnyPlanner: TypeAlias = str | Planner | PlannerFunction
+"""How a planner may be given."""
+
+
+def planner_for(
+    planner: AnyPlanner | None = None,
+    options: Mapping[str, Any] | None = None,
+    *,
+    via: Sequence[Position] = (),
+    max_e: float | None = None,
+    budget: float | None = None,
+    footprint: Footprint | ArrayLike | None = None,
+) -> Planner:
+    """The planner, with its options and limits, that `locplan.plan` uses for these arguments.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such planner, or the options and limits do not go together.
+
+    Examples
+    --------
+    >>> planner_for("any-angle", {"accuracy": "high"})
+    AnyAngle(accuracy='high', allow_corner_cutting=False)
+    """
+    options = options or {}
+    if budget is None:
+        base = _unlimited(DEFAULT if planner is None else planner, options)
+    else:
+        if planner not in (None, "grid") or len(via) or footprint is not None or max_e is not None:
+            raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
+        known = [name for name in defaults_of(BudgetPlanner) if name != "budget"]
+        check_names("a budget", options, known)
+        base = BudgetPlanner(budget, **options)
+    made = limited(base, via, max_e, outline_of(footprint))
+    made.check()
+    return made
+
+
+def outline_of(footprint: Footprint | ArrayLike | None) -> Footprint | None:
+    """A footprint, or its corners, as a footprint."""
+    if footprint is None or isinstance(footprint, Footprint):
+        return footprint
+    return Footprint(np.asarray(footprint))
+
+
+def takes(planner: Planner, option: str) -> bool:
+    """Whether a planner has an option of this name."""
+    planner = innermost(planner)
+    if isinstance(planner, FunctionPlanner):
+        return option in planner.parameters
+    return option in defaults_of(type(planner))
+
+
+def innermost(planner: Planner) -> Planner:
+    """The planner without its limits."""
+    while isinstance(planner, Wrapper):
+        planner = planner.planner
+    return planner
+
+
+def options_of(planner: Planner) -> dict[str, Any]:
+    """The options and limits of a planner that differ from their defaults."""
+    if isinstance(planner, FunctionPlanner):
+        return dict(planner.options)
+    inner = options_of(planner.planner) if isinstance(planner, Wrapper) else {}
+    known = defaults_of(type(planner))
+    own = {name: getattr(planner, name) for name in known if getattr(planner, name) != known[name]}
+    return inner | own
+
+
+def with_options(planner: Planner, **options: Any) -> Planner:
+    """The same planner with other options; a ConfigError if it does not have them."""
+    if isinstance(planner, Wrapper):
+        return dataclasses.replace(planner, planner=with_options(planner.planner, **options))
+    if isinstance(planner, FunctionPlanner):
+        return dataclasses.replace(planner, options={**planner.options, **options})
+    check_names(f"planner {planner.name!r}", options, defaults_of(type(planner)))
+    return dataclasses.replace(planner, **options) if options else planner  # type: ignore[type-var]
+
+
+def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
+    """A planner by its name, or the user's own, guarded."""
+    if isinstance(planner, str):
+        return named(planner, options)
+    if isinstance(planner, Planner) and not isinstance(planner, type):
+        made = with_options(planner, **options)
+    elif callable(planner) and not isinstance(planner, type):
+        made = FunctionPlanner(planner, options)
+    else:
+        raise ConfigError(
+            "planner must be a name, a function f(costs, start, goal), or an object with name,"
+            f" minimises, space, check, prepare and solve, not {planner!r}"
+        )
+    ours = type(made).__module__.startswith("locplan.") and not isinstance(made, FunctionPlanner)
+    return made if ours else Guarded(made)
