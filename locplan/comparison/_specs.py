@@ -123,8 +123,13 @@ class PlannerSpec:
         """
         if self.function is None:
             return [self.name, dict(self.options)]
-        import cloudpickle
-
+        try:
+            import cloudpickle
+        except ModuleNotFoundError:
+            raise LocplanError(
+                f"planner {self.label!r}: a planner of your own needs cloudpickle:"
+                " pip install 'locplan[functions]'"
+            ) from None
         try:
             source = Path(inspect.getfile(self.function)).read_bytes()
         except (OSError, TypeError):  # of a notebook, or of a callable object

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ompl import base, util
 
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, path_metrics
@@ -17,6 +16,7 @@ from locplan.planners._any_angle import prepare as prepare_any_angle
 from locplan.planners._any_angle import straightened
 from locplan.planners._grid import cheapest_cells, through_centres
 from locplan.planners._spaces import check_space
+from locplan.planners.ompl._bindings import base, util
 from locplan.planners.ompl._kinds import KINDS, able
 from locplan.planners.ompl._leading import lead
 from locplan.planners.ompl._logs import logged
