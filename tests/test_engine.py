@@ -86,10 +86,19 @@ def counting(costs, start, goal, folder, seed=0):
     return plan(costs, start, goal)
 
 
-def slow(costs, start, goal, folder, nap=1.0):
+def slow(costs, start, goal, folder):
     Path(folder, f"{os.getpid()}").touch()
-    time.sleep(nap)
-    return plan(costs, start, goal)
+    time.sleep(1000)
+
+
+def first_waits(costs, start, goal, folder):
+    """Whoever comes first waits to be killed."""
+    try:
+        with Path(folder, "victim").open("x") as file:
+            file.write(str(os.getpid()))
+    except FileExistsError:
+        return plan(costs, start, goal)
+    signal.pause()
 
 
 def spawning(costs, start, goal, folder):
@@ -117,8 +126,12 @@ def alive(pid: int) -> bool:
         return False
 
 
-def within(seconds: float, condition) -> bool:
-    ends = time.monotonic() + seconds
+GUARD = 300.0
+"""Until then what must come has come, however busy the machine is [s]."""
+
+
+def comes_true(condition) -> bool:
+    ends = time.monotonic() + GUARD
     while time.monotonic() < ends:
         if condition():
             return True
@@ -139,27 +152,13 @@ def told(run):
 
 
 def test_every_failure_costs_one_run(capfd):
-    bad = [
-        crash,
-        leave,
-        spin,
-        sleep,
-        hog,
-        fail,
-        refuse,
-        depart,
-        boast,
-        trespass,
-        stray,
-        print_something,
-    ]
+    bad = [crash, leave, hog, fail, refuse, depart, boast, trespass, stray, print_something]
     ticks = []
     runs = run_all(
         [job()],
         ["grid", *bad],
         workers=2,
         memory=2e8,
-        patience=1.0,
         progress=lambda *tick: ticks.append(tick),
     )
     found = by_planner(runs)
@@ -168,25 +167,29 @@ def test_every_failure_costs_one_run(capfd):
         "grid": {"solved"},
         "crash": {"crashed"},
         "leave": {"crashed"},
-        "spin": {"hung"},
-        "sleep": {"hung"},
         "hog": {"out of memory"},
         **{label: {"error"} for label in ERRORS},
     }
     notes = {label: some[0].note for label, some in found.items()}
     assert notes["crash"] == "its process was ended by SIGSEGV"
     assert notes["leave"] == "its process ended with exit code 3"
-    assert notes["spin"] == "gave no answer within 1 s and was ended"
     assert notes["fail"] == "ValueError: no idea"
     assert notes["refuse"] == "not on this map"
     assert "says it has solved" in notes["boast"]
     assert "cannot be" in notes["trespass"]
     assert "does not lead" in notes["stray"]
     assert "must return a locplan.Plan" in notes["print_something"]
-    assert 1.0 < found["spin"][0].wall_seconds < 3.0
     assert [done for done, _ in ticks] == list(range(len(runs) + 1))
     assert all(run.xy == () and run.measures == {} for run in runs if run.status != "solved")
     assert capfd.readouterr().out == ""
+
+
+def test_whoever_gives_no_answer_is_ended():
+    for planner in (spin, sleep):
+        runs = run_all([job()], [planner], workers=2, patience=0.5)
+        assert {run.status for run in runs} == {"hung"}
+        assert {run.note for run in runs} == {"gave no answer within 0.5 s and was ended"}
+        assert all(run.wall_seconds >= 0.5 for run in runs)
 
 
 def test_runs_are_measured_on_the_costmap_of_their_weight():
@@ -294,13 +297,12 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
     killed = []
 
     def kill(done, total):
-        for file in tmp_path.iterdir():
-            if not killed:
-                killed.append(int(file.name))
-                os.kill(killed[0], signal.SIGKILL)
+        if done and not killed:  # another has solved its query: the first is waiting
+            killed.append(int((tmp_path / "victim").read_text()))
+            os.kill(killed[0], signal.SIGKILL)
 
     queries = [dataclasses.replace(QUERIES[0], name=str(n)) for n in range(6)]
-    lazy = PlannerSpec("lazy", FunctionPlanner(slow, {"folder": str(tmp_path), "nap": 0.4}))
+    lazy = PlannerSpec("lazy", FunctionPlanner(first_waits, {"folder": str(tmp_path)}))
     runs = run_all([job(queries=queries)], [lazy], workers=2, progress=kill)
     statuses = [run.status for run in runs]
     assert statuses.count("crashed") == len(killed) == 1
@@ -377,7 +379,9 @@ def test_a_journal_has_one_writer(tmp_path):
 SCRIPT = """
 import sys
 sys.path[:0] = {path!r}
+import signal
 from test_engine import *
+signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
 naps = PlannerSpec("nap", FunctionPlanner({planner}, {{"folder": {folder!r}}}))
 run_all([job()], [naps, spin], workers=2, journal={folder!r} + ".jsonl")
 """
@@ -395,7 +399,7 @@ def started(folder: Path, planner: str) -> subprocess.Popen:
         text=True,
         env={**os.environ, "TMPDIR": str(folder.parent)},  # what a killed process leaves
     )
-    assert within(20, lambda: list(folder.iterdir()))
+    assert comes_true(lambda: list(folder.iterdir()))
     return process
 
 
@@ -419,14 +423,12 @@ def test_an_end_leaves_no_processes(tmp_path, ending, planner):
     process = started(tmp_path / "naps", planner)
     workers = descendants(process.pid)
     assert len(workers) >= 2
-    began = time.monotonic()
-    os.killpg(process.pid, ending)  # as a terminal does
-    _, complaints = process.communicate(timeout=10)
-    assert time.monotonic() - began < 1.0
+    os.killpg(process.pid, ending)  # as a terminal does; by themselves they would go on and on
+    _, complaints = process.communicate(timeout=GUARD)
     if ending == signal.SIGINT:
         assert complaints.count("Traceback") == 1
         assert complaints.rstrip().endswith("KeyboardInterrupt")
-    assert within(1.0, lambda: not any(map(alive, workers)))
+    assert comes_true(lambda: not any(map(alive, workers)))
 
 
 def test_wrong_input_is_told_before_any_run(tmp_path):

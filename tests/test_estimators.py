@@ -171,6 +171,19 @@ def test_a_corridor_is_uncertain_along_its_axis(estimator):
         assert values[1] > (0.95 if angle == 0 else 0.4) * field.window.uniform_covariance[0, 0]
 
 
+@pytest.mark.parametrize(("yaw", "facing_the_wall"), [(90.0, 0), (-90.0, 2), (0.0, 1)])
+def test_a_lidar_sees_where_it_is_mounted_to(estimator, yaw, facing_the_wall):
+    # One wall to the north, in range; who heads east has it on the left.
+    grid = drawn("#" * 61, *["." * 61] * 60, resolution=0.1)
+    lidar = Lidar(range=2.5, field_of_view_deg=120.0, beams=61, mount_yaw_deg=yaw)
+    field = covariance_field(grid, config(estimator, lidar, headings=4))
+    # The deviation across the wall, for headings east, north, west and south.
+    across = np.sqrt([field.at(3.05, 4.5, angle)[1, 1] for angle in field.config.heading_angles])
+    nothing = math.sqrt(field.window.uniform_covariance[1, 1])
+    assert across[facing_the_wall] < 0.5 * nothing
+    assert across[(facing_the_wall + 2) % 4] == pytest.approx(nothing, rel=0.05)
+
+
 def test_the_papers_places_are_told_apart():
     grid, at = environments.make("places", resolution=0.05), environments.landmarks("places")
     wanted = FieldConfig(Scan(Lidar(range=6.0)), stride=0.4)

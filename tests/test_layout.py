@@ -29,13 +29,15 @@ ORDER = (
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 HOMES = {
     "matplotlib": ("plotting", "_figures"),
-    "ompl": ("planners.ompl",),
+    "ompl": ("planners.ompl._bindings",),
     "yaml": ("maps._files", "maps._ros_parameters", "export._servers", "export._value_maps"),
     "mcap": ("export._bags",),
     "cloudpickle": ("comparison._specs", "comparison._workers"),
     "pandas": ("comparison._frames",),
     "typer": ("cli",),
     "zarr": ("field._zarr",),
+    "fcntl": ("comparison._journal",),
+    "resource": ("comparison._worker",),
     "filelock": ("field._cache", "field._store"),
     "distributed": ("field._cluster",),
 }
@@ -147,6 +149,13 @@ def test_modules_stay_readable():
     for name, path in MODULES.items():
         assert len(path.read_text().splitlines()) <= 350, name
     assert len(list(PACKAGE.glob("*.py"))) <= 5
+
+
+def test_what_only_posix_has_is_imported_where_it_is_used():
+    for name, path in MODULES.items():
+        tops = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import)]
+        names = {alias.name for node in tops for alias in node.names}
+        assert not names & {"fcntl", "resource", "pwd", "grp", "termios"}, name
 
 
 def test_the_command_line_starts_without_the_heavy_libraries():

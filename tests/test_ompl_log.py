@@ -12,6 +12,7 @@ from datetime import datetime
 import pytest
 from made_up import failed, made_up, solved
 
+from locplan import __version__
 from locplan.comparison._ompl_log import STATUS_NAMES, STATUS_NUMBERS, write_ompl_logs
 from locplan.comparison._runs import STATUSES, Task
 from locplan.errors import LocplanError
@@ -46,7 +47,7 @@ def test_every_run_is_in_the_database(tmp_path):
     with database(logs, tmp_path) as made:
         assert rows(made, "SELECT DISTINCT name, timelimit, memorylimit, runcount, version, date"
                           " FROM experiments ORDER BY name") == [
-            (f"{name},_6_m,_weight_4", 2.0, None, 3, "locplan 0.1.0", "2025-03-04 05:06:07")
+            (f"{name},_6_m,_weight_4", 2.0, None, 3, f"locplan {__version__}", "2025-03-04 05:06:07")
             for name in ("office", "rooms")
         ]  # fmt: skip
         assert rows(made, "SELECT DISTINCT query FROM experiments") == [("q0",), ("q1",), ("q2",)]

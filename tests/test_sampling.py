@@ -1,11 +1,13 @@
 """OMPL's planners on a costmap."""
 
+import itertools
 import json
 import logging
 import math
 import subprocess
 import sys
 import textwrap
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +26,12 @@ from locplan.planners.ompl._stopping import Limits
 
 ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
 ABLE = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
-POSSIBLE_IN_TIME = {"FMT": 30.0, "BFMT": 30.0}
+
+
+def enough(planner: str) -> int:
+    """Iterations in which a planner finds a good path on `two_ways`; of most they are samples."""
+    samples = KINDS[planner].minimises and planner not in ("BITstar", "FMT", "BFMT")
+    return 1000 if samples else 20_000
 
 
 def two_ways() -> Costmap:
@@ -44,8 +51,8 @@ def request(space):
     return (0.55, 1.05, 1.57), (3.45, 1.05, -1.57), options | {"space": space}
 
 
-def in_a_process(code, *, seconds=60):
-    """The standard output of a Python program, which must end well, and in time."""
+def in_a_process(code, *, seconds=600):
+    """The standard output of a Python program, which must end well."""
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code)],
         capture_output=True,
@@ -67,8 +74,7 @@ def test_they_are_offered_by_their_names():
 def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, space):
     costs = two_ways()
     start, goal, options = request(space)
-    limit = POSSIBLE_IN_TIME.get(planner, 0.5 if KINDS[planner].minimises else 10.0)
-    result = plan(costs, start, goal, planner=planner, time_limit=limit, **options)
+    result = plan(costs, start, goal, planner=planner, iterations=enough(planner), **options)
     assert result.status == "solved"
     assert result.minimises == KINDS[planner].minimises
     assert result.start == start
@@ -95,14 +101,14 @@ def test_the_objective_is_really_honoured(planner):
         blank = Costmap.from_density(costs.grid, np.where(costs.density < 9, 1.0, np.inf))
         ours, by_length = [], []
         for seed in range(1, 9):
-            options = {"planner": planner, "seed": seed, "time_limit": 30.0}
+            options = {"planner": planner, "seed": seed, "iterations": enough(planner)}
             ours.append(plan(costs, start, goal, **options).metrics.cost)
             shortest = plan(blank, start, goal, **options).measured_on(costs)
             by_length.append(shortest.metrics.cost)
         assert np.mean(ours) < 0.9 * np.mean(by_length)
         return
     exact = plan(costs, start, goal, planner="any-angle").metrics.cost
-    result = plan(costs, start, goal, planner=planner, time_limit=1.0)
+    result = plan(costs, start, goal, planner=planner, iterations=enough(planner))
     assert result.metrics.cost < 1.15 * exact
     assert result.metrics.cost < 0.5 * path_metrics(costs, Path([start, goal])).cost
 
@@ -111,7 +117,7 @@ def test_the_objective_is_really_honoured(planner):
 @pytest.mark.parametrize("planner", ["RRTstar", "BITstar", "PRMstar", "RRT"])
 def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space):
     start, goal, options = request(space)
-    path = plan(two_ways(), start, goal, planner=planner, time_limit=0.5, **options).path
+    path = plan(two_ways(), start, goal, planner=planner, iterations=5000, **options).path
     steps = np.diff(path.xy, axis=0)
     travelled = np.hypot(*steps.T)
     turned = np.diff(np.unwrap(path.heading))
@@ -195,7 +201,7 @@ def test_where_the_straight_line_is_best_the_search_ends(planner, space):
     for seed in range(1, 6):
         for goal in ((40.5, 5.5), (41.3, 33.1), (5.6, 5.5)):
             result = plan(costs, (5.5, 5.5, *heading), (*goal, *heading), planner={planner!r},
-                          space={space!r}, seed=seed, time_limit=1.0)
+                          space={space!r}, seed=seed, iterations=1000)
             print(result.status)
     """
     assert set(in_a_process(code).split()) == {"solved"}
@@ -223,7 +229,7 @@ def test_what_reaches_ompl_is_finite_and_at_least_the_length():
     assert 0 < blocked < 500
 
 
-def test_an_unreachable_goal_is_told_at_once():
+def test_an_unreachable_goal_is_told_without_a_search():
     costs = Costmap.blank(drawn("...#...", "...#...", "...#..."), robot_radius=0.0)
     for planner, space in (("RRTstar", "R2"), ("PRM", "Dubins"), ("RRT", "SE2")):
         heading = () if space == "R2" else (0.0,)
@@ -234,15 +240,14 @@ def test_an_unreachable_goal_is_told_at_once():
             (6.5, 0.5, *heading),
             planner=planner,
             space=space,
-            time_limit=60.0,
+            progress=lambda *_: pytest.fail("a search was begun"),
             **radius,
         )
         assert result.status == "unreachable"
-        assert result.solve_time < 30
         assert result.path is None
 
 
-def test_a_path_not_found_in_time_is_a_timeout():
+def test_a_path_not_found_within_the_limit_is_a_timeout():
     for planner in ("RRTstar", "RRT", "PRM", "FMT"):
         result = plan(two_ways(), (2.05, 0.55), (2.05, 3.55), planner=planner, iterations=2)
         assert result.status == "timeout"
@@ -339,9 +344,11 @@ def test_paths_can_be_improved(planner):
 @pytest.mark.parametrize("planner", ANYTIME)
 def test_a_search_stops_once_its_cost_hardly_falls(planner):
     start, goal, _ = request("R2")
-    result = plan(two_ways(), start, goal, planner=planner, convergence=0.01, time_limit=60.0)
+    told, limits = [], {"convergence": 0.01, "iterations": 200_000}
+    limits["progress"] = lambda done, total: told.append(done)
+    result = plan(two_ways(), start, goal, planner=planner, **limits)
     assert result.status == "solved"
-    assert result.solve_time < 30
+    assert told[-1] < 150_000
     exact = plan(two_ways(), start, goal, planner="any-angle").metrics.cost
     assert result.metrics.cost < 1.1 * exact
 
@@ -352,7 +359,7 @@ def test_limits_combine_with_the_robots_outline_waypoints_and_max_e():
     via = [(2.0, 3.4, 0.0)]
     outline = [(0.15, 0.1), (0.15, -0.1), (-0.15, -0.1), (-0.15, 0.1)]
     result = plan(
-        costs, start, goal, planner="RRTstar", via=via, footprint=outline, time_limit=1.0, **options
+        costs, start, goal, planner="RRTstar", via=via, footprint=outline, iterations=500, **options
     )
     assert result.status == "solved"
     assert (result.path.xy == via[0][:2]).all(axis=1).any()
@@ -397,13 +404,35 @@ def test_nothing_is_printed(capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.fixture
+def slow_clock(monkeypatch):
+    """A clock that goes on by a millisecond whenever a search looks at it."""
+    seconds = itertools.count(step=0.001)
+    clock = SimpleNamespace(perf_counter=lambda: next(seconds))
+    monkeypatch.setattr("locplan.planners.ompl._stopping.time", clock)
+
+
+@pytest.mark.usefixtures("slow_clock")
+def test_a_time_limit_ends_the_search():
+    ends = Limits(time_limit=0.25).condition()
+    assert 248 <= next(n for n in itertools.count() if ends()) <= 250
+    start, goal, _ = request("R2")
+    result = plan(two_ways(), start, goal, planner="RRTstar", time_limit=0.25)
+    assert result.status == "solved"
+    assert 0.2 < result.history[-2][0] < 0.26
+    late = plan(two_ways(), start, goal, planner="RRTstar", time_limit=0.002)
+    assert (late.status, late.path) == ("timeout", None)
+    assert "0.002 s" in late.note
+
+
+@pytest.mark.usefixtures("slow_clock")
 def test_progress_is_told():
     told = []
     start, goal, _ = request("R2")
     given = {"planner": "RRTstar", "progress": lambda done, total: told.append((done, total))}
-    plan(two_ways(), start, goal, time_limit=0.5, **given)
-    assert told
-    assert all(0 <= done <= total == 500 for done, total in told)
+    plan(two_ways(), start, goal, time_limit=1.2, **given)
+    assert [round(done / 512) for done, _ in told] == [1, 2]
+    assert {total for _, total in told} == {1200}
     told.clear()
     plan(two_ways(), start, goal, iterations=2000, **given)
     assert told[-1] == (1536, 2000)
@@ -412,28 +441,32 @@ def test_progress_is_told():
 @pytest.mark.parametrize("planner", ["RRTstar", "BITstar", "PRMstar", "RRTConnect", "FMT"])
 def test_ctrl_c_ends_a_search(planner):
     code = f"""
-    import os, signal, sys, threading, time; sys.path.insert(0, "tests")
-    from test_sampling import Costmap, drawn, plan, sampling
-    import numpy as np
-    sampling.Ompl({planner!r}).prepare()
+    import os, signal, sys; sys.path.insert(0, "tests")
+    from test_sampling import Costmap, drawn, plan
+    from locplan.planners.ompl import _stopping
+    _stopping.TELL_EVERY = 8
     wall = "#" * 280 + "." * 20
     costs = Costmap.blank(drawn(*["." * 300] * 149, wall, *["." * 300] * 150))
     # All is loaded first: numba turns an interrupt of its own loading into another error.
     plan(costs, (5.5, 5.5), (290.5, 290.5), planner={planner!r}, iterations=200)
-    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
-    began = time.perf_counter()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
+    told = []
+    def interrupt(*done):
+        told.append(done)
+        os.kill(os.getpid(), signal.SIGINT)
     try:
-        while True:
-            plan(costs, (5.5, 5.5), (290.5, 290.5), planner={planner!r}, time_limit=30.0)
+        plan(costs, (5.5, 5.5), (290.5, 290.5), planner={planner!r}, iterations=10**9,
+             progress=interrupt)
     except KeyboardInterrupt:
-        print(time.perf_counter() - began)
+        print(len(told))
     """
-    assert float(in_a_process(code)) < 5
+    assert in_a_process(code) == "1\n"
 
 
 @pytest.mark.parametrize("planners", [tuple(KINDS)[n::3] for n in range(3)], ids=" ".join)
 def test_hard_cases_do_not_crash_the_process(planners):
-    # One free cell, a narrow map, huge costs, coordinates far from the origin.
+    # One free cell, a narrow map, huge costs, coordinates far from the origin. Whether a path is
+    # found in time is left open; without a limit of time, BFMT goes on and on in some.
     asked = [(planner, space) for planner in planners for space in KINDS[planner].spaces]
     code = f"""
     import sys; sys.path.insert(0, "tests")
@@ -492,6 +525,6 @@ def test_any_heading_is_a_heading(heading):
         radius = {} if space == "SE2" else {"turning_radius": 0.25}
         result = plan(
             two_ways(), (0.55, 1.05, heading), (3.45, 1.05, heading),
-planner=planner, space=space, time_limit=0.5, **radius,
+planner=planner, space=space, iterations=2000, **radius,
         )  # fmt: skip
         assert result.status == "solved"

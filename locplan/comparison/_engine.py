@@ -23,7 +23,7 @@ from locplan.comparison._journal import Journal
 from locplan.comparison._runs import Run, Task
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._worker import Order
-from locplan.comparison._workers import PATIENCE, Workers, usable_cores
+from locplan.comparison._workers import PATIENCE, Workers, check_platform, usable_cores
 from locplan.costs import Costmap
 from locplan.costs._costmap import check_weight
 from locplan.errors import ConfigError, LocplanError
@@ -95,6 +95,7 @@ def run_all(
     LocplanError
         If anything is wrong with the input, before the first run.
     """
+    check_platform()
     count = usable_cores() if workers is None else workers
     if not isinstance(count, int) or count < 1 or not patience > 0:
         raise ConfigError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
 import os
@@ -117,6 +116,10 @@ class Journal:
             raise LocplanError(f"{self.path}: cannot be written ({error.strerror})") from None
 
     def _lock(self) -> None:
+        try:
+            import fcntl
+        except ModuleNotFoundError:
+            return  # a system without locks (Windows)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

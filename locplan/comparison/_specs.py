@@ -108,8 +108,13 @@ class PlannerSpec:
         options = options_of(self.planner)
         if not isinstance(self.planner, Guarded):
             return [self.planner.name, options]
-        import cloudpickle
-
+        try:
+            import cloudpickle
+        except ModuleNotFoundError:
+            raise LocplanError(
+                f"planner {self.label!r}: a planner of your own needs cloudpickle:"
+                " pip install 'locplan[functions]'"
+            ) from None
         own: Any = innermost(self.planner)
         own = own.function if isinstance(own, FunctionPlanner) else own
         code = own if inspect.isroutine(own) else type(own)

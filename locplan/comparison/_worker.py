@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import os
 import pickle
-import resource
 import signal
 import sys
 import time
@@ -51,6 +49,8 @@ def main(descriptor: int, parent: int) -> None:
     why they cannot be used. Then comes one order after the other, and a run for each.
     """
     os.set_inheritable(descriptor, False)
+    import resource
+
     _end_with(parent)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a planner's crash leaves no files
     connection = Connection(descriptor)
@@ -124,6 +124,8 @@ def turning(path: Route) -> float:
 @contextmanager
 def limited_memory(extra: float) -> Iterator[None]:
     """Allow this process so much more memory than it has [bytes], where the system can (Linux)."""
+    import resource
+
     used = _data_size()
     before = resource.getrlimit(resource.RLIMIT_DATA)
     if used and math.isfinite(extra):
@@ -160,6 +162,8 @@ def _received(handed: bytes) -> list[PlannerSpec]:
 def _end_with(parent: int) -> None:
     """Have the system end this process with its parent, even while a planner hangs (Linux)."""
     if sys.platform == "linux":
+        import ctypes
+
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
         if os.getppid() != parent:
             sys.exit()

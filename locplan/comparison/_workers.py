@@ -21,8 +21,6 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from types import TracebackType
 
-import cloudpickle
-
 from locplan.comparison import _worker as worker_module
 from locplan.comparison._runs import Run
 from locplan.comparison._specs import PlannerSpec
@@ -40,6 +38,15 @@ ATTEMPTS = 3
 _LOOK_EVERY = 0.5
 """How often one looks for workers that ended without closing their socket [s]."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+
+
+def check_platform() -> None:
+    """Raise a LocplanError unless the system has the processes that comparisons need."""
+    if os.name != "posix":
+        raise LocplanError(
+            "comparisons are not available on Windows: their worker processes need a POSIX system;"
+            " take WSL"
+        )
 
 
 def usable_cores() -> int:
@@ -90,11 +97,18 @@ class Workers:
         self._memory = fair_memory(count) if memory is None else memory
         self._workers: list[_Worker] = []
         self._failed_starts = 0
+        remedy = "put it into a module"
         try:
-            self._handed = cloudpickle.dumps(list(planners))
+            from cloudpickle import dumps
+        except ModuleNotFoundError:  # without it all are locplan's: see PlannerSpec.identity
+            from pickle import dumps
+
+            remedy = "pip install 'locplan[functions]'"
+        try:
+            self._handed = dumps(list(planners))
         except Exception as error:  # pickling fails in many ways
             raise LocplanError(
-                f"a planner cannot be sent to a worker process ({error}); put it into a module"
+                f"a planner cannot be sent to a worker process ({error}); {remedy}"
             ) from None
 
     def __enter__(self) -> Workers:

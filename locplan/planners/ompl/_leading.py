@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from ompl import base
 
 from locplan.planners._any_angle import subdivided
+from locplan.planners.ompl._bindings import base
 from locplan.planners.ompl._setup import write_pose
 
 SPACING = 0.1

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from ompl import util
+from locplan.planners.ompl._bindings import util
 
 LOG = logging.getLogger("locplan.ompl")
 LOG.addHandler(logging.NullHandler())  # who wants to read it adds another

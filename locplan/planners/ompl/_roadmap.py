@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ompl import base, util
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -23,6 +22,7 @@ from locplan.errors import ConfigError
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 from locplan.planners._spaces import CURVED
+from locplan.planners.ompl._bindings import base, util
 from locplan.planners.ompl._logs import logged
 from locplan.planners.ompl._motions import Motions
 from locplan.planners.ompl._settings import check_settings, planner_of

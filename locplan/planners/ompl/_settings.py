@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from numbers import Real
 from typing import Any
 
-from ompl import base, geometric
-
 from locplan.errors import ConfigError
+from locplan.planners.ompl._bindings import base, geometric
 
 REWIRE_FACTOR = 0.25
 """Of RRTstar and its kin: a quarter as many neighbours give more iterations and a better J."""

@@ -10,10 +10,9 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from ompl import base
-from ompl.base import Cost
 
 from locplan.planners._spaces import wrapped
+from locplan.planners.ompl._bindings import Cost, base
 from locplan.planners.ompl._motions import Motions
 
 BLOCKED = 1e15

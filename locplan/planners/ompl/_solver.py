@@ -6,13 +6,13 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from ompl import base, util
 
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
 from locplan.planners._grid import cheapest_cells, through_centres
 from locplan.planners._protocol import Found, Position
+from locplan.planners.ompl._bindings import base, util
 from locplan.planners.ompl._leading import lead
 from locplan.planners.ompl._logs import logged
 from locplan.planners.ompl._motions import Motions

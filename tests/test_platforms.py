@@ -1,0 +1,82 @@
+"""What is said where a system or an extra lacks something."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+import locplan
+from locplan.comparison import PlannerSpec, compare
+from locplan.comparison._journal import Journal
+from locplan.errors import LocplanError
+from locplan.maps import FREE, OccupancyGrid
+
+ROOM = OccupancyGrid(np.full((30, 30), FREE), 0.1, name="room")
+ENDS = ((0.5, 0.5), (2.5, 2.0))
+SETTINGS = {"weights": [0.0], "workers": 1, "robot_radius": 0.1}
+
+
+def blank() -> locplan.Costmap:
+    return locplan.Costmap.blank(ROOM, robot_radius=0.1)
+
+
+@pytest.mark.parametrize(
+    ("platform", "message"),
+    [("win32", "not available on Windows: .*; take grid"), ("linux", "need ompl.*pip install")],
+)
+def test_without_ompl_its_planners_are_one_line(monkeypatch, platform, message):
+    bindings = "locplan.planners.ompl._bindings"
+    monkeypatch.delitem(sys.modules, bindings, raising=False)
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    monkeypatch.setattr("sys.platform", platform)
+    with pytest.raises(LocplanError, match=message) as caught:
+        import_module(bindings)
+    assert "\n" not in str(caught.value)
+
+
+def test_without_ompl_and_posix_the_rest_works():
+    code = """
+import sys
+for name in ("ompl", "fcntl", "resource", "cloudpickle"):
+    sys.modules[name] = None
+import locplan.comparison
+from test_platforms import ENDS, blank, locplan
+print(locplan.plan(blank(), *ENDS, planner="any-angle").status)
+for planner in ("RRTstar", "PRM"):
+    try:
+        locplan.plan(blank(), *ENDS, planner=planner)
+    except locplan.LocplanError as error:
+        print(error)
+"""
+    path = {"PYTHONPATH": ":".join(filter(None, sys.path))}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=path)
+    assert done.returncode == 0, done.stderr
+    status, *errors = done.stdout.splitlines()
+    assert status == "solved"
+    assert [error.split(",")[0] for error in errors] == ["OMPL's planners need ompl"] * 2
+
+
+def test_without_posix_comparisons_are_one_line(monkeypatch):
+    monkeypatch.setattr("locplan.comparison._workers.os", type("os", (), {"name": "nt"}))
+    with pytest.raises(LocplanError, match="comparisons are not available on Windows"):
+        compare({"room": blank()}, ["grid"], [ENDS], weights=[0.0])
+
+
+def test_without_file_locks_there_are_journals(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with Journal(tmp_path / "runs.jsonl") as journal:
+        assert journal.runs == {}
+
+
+def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):
+    def mine(costs, start, goal):
+        return locplan.plan(costs, start, goal)
+
+    monkeypatch.setitem(sys.modules, "cloudpickle", None)
+    given = {"room": blank()}, [ENDS]
+    (run,) = compare(given[0], ["grid"], given[1], weights=[0.0], workers=1).runs
+    assert run.status == "solved"
+    with pytest.raises(LocplanError, match=r"pip install 'locplan\[functions\]'"):
+        compare(given[0], [PlannerSpec("mine", function=mine)], given[1], weights=[0.0], workers=1)
