@@ -12,8 +12,14 @@ from pathlib import Path
 import locplan
 from locplan._util.intervals import Interval
 from locplan.planners import random_queries
-from locplan.simulation import Amcl, Evaluation, Routes, evaluate, simulate_queries
-from locplan.simulation import _reports as reports
+from locplan.simulation import (
+    Amcl,
+    Evaluation,
+    Routes,
+    _reports as reports,
+    evaluate,
+    simulate_queries,
+)
 
 FILTERS = {
     "Nav2's defaults": Amcl(),

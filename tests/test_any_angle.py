@@ -13,8 +13,7 @@ from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import _any_angle as any_angle
-from locplan.planners import plan
+from locplan.planners import _any_angle as any_angle, plan
 
 
 def smooth_density(shape, seed, *, blocks=10):

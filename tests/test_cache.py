@@ -5,9 +5,7 @@ import pytest
 from conftest import random_rooms
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import FieldConfig, Sad, SearchWindow
-from locplan.field import _cache as cache
-from locplan.field import _store as store
+from locplan.field import FieldConfig, Sad, SearchWindow, _cache as cache, _store as store
 from locplan.maps import OccupancyGrid
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))

@@ -14,9 +14,15 @@ from conftest import random_rooms
 from locplan import load_map, save_map
 from locplan.cli import main
 from locplan.errors import FieldError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow, covariance_field
-from locplan.field import _cluster as cluster
-from locplan.field import _store as store
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    Sad,
+    SearchWindow,
+    _cluster as cluster,
+    _store as store,
+    covariance_field,
+)
 from locplan.maps import OccupancyGrid
 
 distributed = pytest.importorskip("distributed", reason="the extra locplan[dask] is not installed")

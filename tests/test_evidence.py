@@ -16,8 +16,7 @@ import locplan
 from locplan import FieldConfig, LocplanError, simulation
 from locplan.field import Exponential, Fisher, Lidar, Sad, SearchWindow
 from locplan.maps import environments
-from locplan.simulation import Amcl, Places, calibrate, evaluate
-from locplan.simulation import _reports as reports
+from locplan.simulation import Amcl, Places, _reports as reports, calibrate, evaluate
 from locplan.simulation._predictors import (
     Predictor,
     configs,

@@ -15,9 +15,9 @@ from locplan.field import (
     FieldConfig,
     Sad,
     SearchWindow,
+    _zarr as field_files,
     covariance_field,
 )
-from locplan.field import _zarr as field_files
 from locplan.maps import OccupancyGrid
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))

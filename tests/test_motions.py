@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 from conftest import drawn
-from naive import arc_crossings as naive_arc_crossings
-from naive import motion_cost as naive_motion_cost
+from naive import arc_crossings as naive_arc_crossings, motion_cost as naive_motion_cost
 from ompl import base
 
 from locplan._kernels import arcs, curves, motions, search

@@ -84,7 +84,7 @@ def test_spread_takes_what_the_plain_floods_leave(shape, reach):
     for seed in range(2):
         inside = space_from(shape, seed)
         cells = shuffled_cells(inside, seed)
-        nodes = kernels.spread(
+        nodes = kernels.cover(
             np.pad(inside, 1).reshape(-1), shape[1] + 2, flat(cells, shape), reach
         )
         assert unflat(nodes, shape) == naive.cover(inside, cells, reach)
@@ -94,19 +94,19 @@ def test_spread_within_reach_of_all_takes_one_cell_in_each_piece():
     inside = np.ones((5, 7), bool)
     inside[:, 3] = False
     cells = shuffled_cells(inside, 0)
-    nodes = kernels.spread(np.pad(inside, 1).reshape(-1), 9, flat(cells, inside.shape), 99.0)
+    nodes = kernels.cover(np.pad(inside, 1).reshape(-1), 9, flat(cells, inside.shape), 99.0)
     assert len(nodes) == 2
 
 
 def test_spread_does_not_join_across_a_wall_or_a_corner():
     inside = np.array([[True, False], [False, True]])
     cells = flat([(0, 0), (1, 1)], inside.shape)
-    nodes = kernels.spread(np.pad(inside, 1).reshape(-1), 4, cells, 9.0)
+    nodes = kernels.cover(np.pad(inside, 1).reshape(-1), 4, cells, 9.0)
     np.testing.assert_array_equal(nodes, cells)
 
 
 def test_spread_over_nothing_takes_nothing():
-    assert len(kernels.spread(np.zeros(9, bool), 3, np.empty(0, np.int64), 2.0)) == 0
+    assert len(kernels.cover(np.zeros(9, bool), 3, np.empty(0, np.int64), 2.0)) == 0
 
 
 @pytest.mark.parametrize("blocked", [0.0, 0.3])

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan._kernels import bitplanes
-from locplan._kernels import sad as kernel
+from locplan._kernels import bitplanes, sad as kernel
 from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
 from locplan.field._estimator import MapPart
 from locplan.field.estimators import _sad as sad

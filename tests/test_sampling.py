@@ -17,8 +17,7 @@ from ompl import base, geometric, util
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import Found, names, plan
-from locplan.planners import ompl as sampling
+from locplan.planners import Found, names, ompl as sampling, plan
 from locplan.planners._spaces import SPACES
 from locplan.planners.ompl._kinds import KINDS
 from locplan.planners.ompl._logs import logged

@@ -10,9 +10,7 @@ import pytest
 from conftest import corridor, random_rooms
 from scipy import ndimage
 
-from locplan._kernels import likelihood
-from locplan._kernels import offsets as window_offsets
-from locplan._kernels import posterior as scan
+from locplan._kernels import likelihood, offsets as window_offsets, posterior as scan
 from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.rays import empty_squares

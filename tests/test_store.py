@@ -17,12 +17,12 @@ from locplan.field import (
     Sad,
     Scan,
     SearchWindow,
+    _cache as cache,
+    _store as store,
+    _tiles as tiles,
+    _zarr as field_files,
     covariance_field,
 )
-from locplan.field import _cache as cache
-from locplan.field import _store as store
-from locplan.field import _tiles as tiles
-from locplan.field import _zarr as field_files
 from locplan.maps import UNKNOWN, OccupancyGrid, save_map
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))

@@ -12,13 +12,15 @@ from typing import Annotated, Any
 import typer
 
 from locplan import __version__
-from locplan.cli import _compare as compare
-from locplan.cli import _evidence as evidence
-from locplan.cli import _exports as exports
-from locplan.cli import _fields as fields
-from locplan.cli import _figures as figures
-from locplan.cli import _plans as plans
-from locplan.cli import _simulations as simulations
+from locplan.cli import (
+    _compare as compare,
+    _evidence as evidence,
+    _exports as exports,
+    _fields as fields,
+    _figures as figures,
+    _plans as plans,
+    _simulations as simulations,
+)
 from locplan.cli._options import STYLE
 from locplan.errors import LocplanError
 

@@ -63,8 +63,7 @@ def evaluate(
     from locplan._util.progress import progress_bar
     from locplan.field import FieldConfig, Sad
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _evaluation as evaluation
-    from locplan.simulation import _reports as reports
+    from locplan.simulation import _evaluation as evaluation, _reports as reports
 
     config = FieldConfig() if sensor_range is None else FieldConfig(Sad(range=sensor_range))
     simulated_lidar, amcl, disturbances = simulated(config, lidar, params, settings)

@@ -34,8 +34,7 @@ from locplan.cli._options import (
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan.costs import Costmap
-    from locplan.costs import Path as Route
+    from locplan.costs import Costmap, Path as Route
 
 app = typer.Typer(**STYLE)
 

@@ -33,8 +33,7 @@ from locplan.cli._simulated import Folder, LidarName, MapFiles, Params, Radius, 
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan.costs import Costmap
-    from locplan.costs import Path as Route
+    from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
     from locplan.maps import OccupancyGrid
     from locplan.simulation._routes import Routes
@@ -95,8 +94,7 @@ def simulate(
     from locplan._util.progress import progress_bar
     from locplan.costs._costmap import check_weight
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _reports as reports
-    from locplan.simulation import _routes as routes
+    from locplan.simulation import _reports as reports, _routes as routes
 
     ends = start is not None, goal is not None
     if [bool(path), any(ends), random is not None].count(True) != 1 or any(ends) != all(ends):

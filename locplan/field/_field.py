@@ -19,8 +19,7 @@ from locplan._util.files import replacing_folder
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan.errors import LocplanError
-from locplan.field import _tiles as tiles
-from locplan.field import _zarr as field_files
+from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import (
     SCALARS,

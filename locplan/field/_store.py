@@ -25,8 +25,7 @@ from locplan._util.checks import instance
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
-from locplan.field import _tiles as tiles
-from locplan.field import _zarr as field_files
+from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._cache import (
     CacheEntry,
     cache_folder,

@@ -9,8 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import CovarianceField, FieldConfig, Fisher, Lidar, Sad, Scan, scalar
-from locplan.field import _tiles as tiles
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    Fisher,
+    Lidar,
+    Sad,
+    Scan,
+    _tiles as tiles,
+    scalar,
+)
 from locplan.field._lattice import stride_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
 

@@ -15,8 +15,7 @@ from benchmarks.bench_planners import rooms
 from locplan.costs import Costmap
 from locplan.field import FieldConfig, covariance_field
 from locplan.maps import FREE, OccupancyGrid, environments, load_map
-from locplan.planners import ompl as sampling
-from locplan.planners import plan
+from locplan.planners import ompl as sampling, plan
 from locplan.planners.ompl._logs import logged
 from locplan.planners.ompl._settings import planner_of
 

@@ -15,10 +15,13 @@ import pytest
 from conftest import random_rooms
 
 from locplan import load_map, save_map
-from locplan.field import FieldConfig, covariance_field
-from locplan.field import _cluster as cluster
-from locplan.field import _store as store
-from locplan.field import _zarr as field_files
+from locplan.field import (
+    FieldConfig,
+    _cluster as cluster,
+    _store as store,
+    _zarr as field_files,
+    covariance_field,
+)
 from locplan.maps import OCCUPIED, OccupancyGrid, environments
 
 KILLS = 50

@@ -5,9 +5,7 @@ import sys
 from locplan.errors import LocplanError
 
 try:
-    from ompl import base as base
-    from ompl import geometric as geometric
-    from ompl import util as util
+    from ompl import base as base, geometric as geometric, util as util
     from ompl.base import Cost as Cost
 except ModuleNotFoundError:
     raise LocplanError(
