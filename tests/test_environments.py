@@ -308,12 +308,12 @@ class TestErrors:
 
     @pytest.mark.parametrize("fraction", [-0.1, 1.1, math.nan, None])
     def test_noise_out_of_range(self, fraction: float) -> None:
-        with pytest.raises(ConfigError, match="fraction from 0 to 1"):
+        with pytest.raises(ConfigError, match="boundary_noise must be"):
             environments.make("places", resolution=0.1, boundary_noise=fraction)
 
     @pytest.mark.parametrize("seed", [-1, 0.5, None])
     def test_seed_out_of_range(self, seed: int) -> None:
-        with pytest.raises(ConfigError, match="seed must be an integer of at least 0"):
+        with pytest.raises(ConfigError, match="seed must be a whole number of at least 0"):
             environments.make("places", resolution=0.1, seed=seed)
 
 

@@ -47,7 +47,14 @@ def test_every_run_is_in_the_database(tmp_path):
     with database(logs, tmp_path) as made:
         assert rows(made, "SELECT DISTINCT name, timelimit, memorylimit, runcount, version, date"
                           " FROM experiments ORDER BY name") == [
-            (f"{name},_6_m,_weight_4", 2.0, None, 3, f"locplan {__version__}", "2025-03-04 05:06:07")
+            (
+                f"{name},_6_m,_weight_4",
+                2.0,
+                None,
+                3,
+                f"locplan {__version__}",
+                "2025-03-04 05:06:07",
+            )
             for name in ("office", "rooms")
         ]  # fmt: skip
         assert rows(made, "SELECT DISTINCT query FROM experiments") == [("q0",), ("q1",), ("q2",)]

@@ -406,7 +406,7 @@ def test_amcl_has_the_names_and_defaults_of_nav2():
         ({"max_particles": 100}, "must not exceed max_particles"),
         ({"min_particles": 2.5}, "min_particles must be a whole number"),
         ({"pf_err": math.nan}, "pf_err must be positive"),
-        ({"update_min_d": "far"}, "update_min_d must be a number"),
+        ({"update_min_d": "far"}, "update_min_d must be at least 0, not 'far'"),
     ],
 )
 def test_impossible_filters_are_refused(changes, reason):

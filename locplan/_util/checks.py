@@ -18,12 +18,12 @@ def number(name: str, value: object, low: float = -math.inf, high: float = math.
     ConfigError
         If the value is none, or lies outside the limits.
     """
-    if not is_number(value):
-        raise ConfigError(f"{name} must be a number, not {value!r}")
-    if not low <= float(value) <= high:
+    if is_number(value) and low <= float(value) <= high:
+        return float(value)
+    limits = "a number"
+    if math.isfinite(low):
         limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-        raise ConfigError(f"{name} must be {limits}, not {value:g}")
-    return float(value)
+    raise ConfigError(f"{name} must be {limits}, not {shown(value)}")
 
 
 def positive(name: str, value: object, unit: str = "") -> float:
@@ -36,7 +36,7 @@ def positive(name: str, value: object, unit: str = "") -> float:
     """
     if not (is_number(value) and value > 0):
         what = f"a positive number of {unit}" if unit else "positive"
-        raise ConfigError(f"{name} must be {what}, not {value!r}")
+        raise ConfigError(f"{name} must be {what}, not {shown(value)}")
     return float(value)
 
 
@@ -50,14 +50,14 @@ def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int
     """
     if not is_whole(value) or not low <= value <= high:
         limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
-        raise ConfigError(f"{name} must be a whole number {limits}, not {value!r}")
+        raise ConfigError(f"{name} must be a whole number {limits}, not {shown(value)}")
     return int(value)
 
 
 def one_of(name: str, value: object, choices: Collection[str]) -> None:
     """Raise a ConfigError unless the value is one of some words."""
     if not (isinstance(value, str) and value in choices):
-        raise ConfigError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+        raise ConfigError(f"{name} must be one of {', '.join(choices)}, not {shown(value)}")
 
 
 def instance(name: str, value: object, kind: type, remedy: str = "") -> None:

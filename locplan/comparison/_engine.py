@@ -10,13 +10,13 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from locplan import __version__
+from locplan._util.checks import positive, whole
 from locplan._util.progress import ProgressCallback
 from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.comparison._journal import Journal
@@ -97,16 +97,11 @@ def run_all(
     """
     check_platform()
     count = usable_cores() if workers is None else workers
-    if not isinstance(count, int) or count < 1 or not patience > 0:
-        raise ConfigError(
-            f"workers must be a whole number of at least 1 and patience positive, not {count!r} and"
-            f" {patience!r}"
-        )
-    if memory is not None and not (isinstance(memory, Real) and memory > 0):
-        raise ConfigError(f"memory must be a positive number of bytes, not {memory!r}")
-    weights, seeds = list(weights), list(seeds)
-    if not all(isinstance(seed, int) and seed >= 1 for seed in seeds):
-        raise ConfigError(f"seeds must be whole numbers of at least 1, not {seeds!r}")
+    whole("workers", count)
+    positive("patience", patience, "s")
+    if memory is not None:
+        positive("memory", memory, "bytes")
+    weights, seeds = list(weights), [whole("each seed", seed) for seed in seeds]
     specs = specs_of(planners)
     for name, values in (("weight", weights), ("seed", seeds)):
         if not values or len(set(values)) < len(values):

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import number, whole
 from locplan.errors import ConfigError
 from locplan.maps._drawing import Box, Canvas
 from locplan.maps._grid import FREE, OCCUPIED, OccupancyGrid
@@ -270,10 +270,7 @@ def make(
     ((158, 412), 'two_corridors')
     """
     plan = _plan(name)
-    if not (isinstance(resolution, Real) and _FINEST <= resolution <= _COARSEST):
-        raise ConfigError(
-            f"resolution must be {_FINEST} to {_COARSEST} metres per cell, not {resolution!r}"
-        )
+    number("resolution", resolution, _FINEST, _COARSEST)
     canvas = Canvas(plan.size, resolution)
     plan.draw(canvas)
     return with_boundary_noise(canvas.grid(name), boundary_noise, seed=seed)
@@ -302,10 +299,8 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
     ConfigError
         If the fraction or the seed is out of its range.
     """
-    if not (isinstance(fraction, Real) and 0 <= fraction <= 1):
-        raise ConfigError(f"boundary noise must be a fraction from 0 to 1, not {fraction!r}")
-    if not (isinstance(seed, Integral) and seed >= 0):
-        raise ConfigError(f"seed must be an integer of at least 0, not {seed!r}")
+    number("boundary_noise", fraction, 0, 1)
+    whole("seed", seed, 0)
     occupied, free = grid.cells == OCCUPIED, grid.free
     boundary = (occupied & _beside(free)) | (free & _beside(occupied))
     flip = boundary & (np.random.default_rng(seed).random(grid.shape) < fraction)

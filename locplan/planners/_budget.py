@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from numbers import Real
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import number
 from locplan.costs import Costmap
-from locplan.errors import ConfigError
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
 from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
@@ -41,8 +40,7 @@ class BudgetPlanner:
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
-        if not (isinstance(self.budget, Real) and self.budget >= 0):
-            raise ConfigError(f"budget must be at least 0, not {self.budget!r}")
+        number("budget", self.budget, 0)
         check_caps(self.objective, self.time_limit, self.max_labels)
 
     def prepare(self) -> None:

@@ -6,11 +6,11 @@ import dataclasses
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import one_of, positive
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.planners._grid import bordered_index, cells_of
@@ -142,11 +142,9 @@ class Problem:
 
 def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
     """Raise a ConfigError unless these options of a search are within their ranges."""
-    if objective not in OBJECTIVES:
-        raise ConfigError(f"objective must be one of {', '.join(OBJECTIVES)}, not {objective!r}")
-    for name, value in (("time_limit", time_limit), ("max_labels", max_labels)):
-        if not (isinstance(value, Real) and value > 0):
-            raise ConfigError(f"{name} must be a positive number, not {value!r}")
+    one_of("objective", objective, OBJECTIVES)
+    positive("time_limit", time_limit, "s")
+    positive("max_labels", max_labels)
 
 
 def prepare() -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
-from numbers import Real
 from typing import Any
 
+from locplan._util.checks import number
 from locplan.errors import ConfigError
 from locplan.planners.ompl._bindings import base, geometric
 
@@ -62,10 +61,8 @@ def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
     for name, value in settings.items():
         if name not in known:
             raise ConfigError(f"{planner} has no setting {name!r}; it has: {', '.join(known)}")
-        number = isinstance(value, Real) and not isinstance(value, bool)
-        least = 1 if isinstance(value, int) else 0
-        if number and not least <= float(value) < math.inf:
-            raise ConfigError(f"{planner}'s setting {name} must be {least} or more, not {value!r}")
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)
 
 
 def _setters(planner: str) -> dict[str, str]:
