@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Collection
 from numbers import Integral, Real
+from pathlib import Path
 from typing import TypeGuard
 
-from locplan.errors import ConfigError, PoseError
+from locplan.errors import ConfigError, LocplanError, PoseError
 
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
@@ -84,6 +86,13 @@ def position(x: object, y: object = None, name: str = "a position") -> tuple[flo
     if not (math.isfinite(first) and math.isfinite(second)):
         raise PoseError(f"{name} must be finite metres, not {first:g},{second:g}")
     return first, second
+
+
+def file_path(name: str, value: object) -> Path:
+    """The name of a file as a Path; anything else is a LocplanError."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise LocplanError(f"{name} must be a path, not {shown(value)}")
+    return Path(value)
 
 
 def shown(value: object) -> str:

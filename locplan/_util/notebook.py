@@ -15,7 +15,7 @@ class Pictured:
     _drawn_by: ClassVar[str]
     """Module and function that make the figure, since what is drawn knows no pictures."""
 
-    def _repr_png_(self) -> bytes:
+    def _repr_png_(self) -> bytes | None:
         module, _, name = self._drawn_by.partition(":")
         figure = getattr(import_module(module), name)(self)
         return png_of(figure)

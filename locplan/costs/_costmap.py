@@ -7,12 +7,13 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import number, one_of, position
+from locplan._util.checks import instance, number, one_of, position
+from locplan._util.notebook import Pictured
 from locplan.costs._degeneracy import LAWS, CostSettings, degeneracy
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField
@@ -26,13 +27,15 @@ LAYERS = ("density", "u", "e", "u_of_heading", "e_of_heading")
 """The arrays of a costmap."""
 
 
-@dataclass(frozen=True, eq=False)
-class Costmap:
+@dataclass(frozen=True, eq=False, repr=False)
+class Costmap(Pictured):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
     Made by `from_field` or `from_density`. Its arrays are read-only; those that are given as such
     are kept, others are copied.
     """
+
+    _drawn_by: ClassVar[str] = "locplan.plotting:costmap_figure"
 
     grid: OccupancyGrid
     """The map."""
@@ -68,6 +71,16 @@ class Costmap:
     def copy(self) -> Costmap:
         """A costmap that shares nothing with this one, not even the map."""
         return copy.deepcopy(self)
+
+    def __repr__(self) -> str:
+        rows, cols = self.grid.shape
+        free = np.isfinite(self.density).mean()
+        made = f"weight {self.weight:g}" if self.settings else "a density of one's own"
+        return (
+            f"Costmap({self.grid.name or 'map'}, {rows} x {cols} cells of"
+            f" {self.grid.resolution:g} m, {free:.0%} free for a radius of"
+            f" {self.robot_radius:g} m, {made})"
+        )
 
     @classmethod
     def from_field(
@@ -148,8 +161,10 @@ class Costmap:
 
         The other parameters are those of `from_field`.
         """
+        instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
         fields = list(fields)
         for field in fields:
+            instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
             if field.grid.digest != grid.digest:
                 raise FieldError(
                     f"the field of {field.grid.name or 'another map'} does not belong to"
@@ -201,6 +216,7 @@ class Costmap:
             If the array has another shape than the map, or holds NaN, values below 1, or finite
             ones above 1e9.
         """
+        instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
         values = np.array(density, dtype=np.float64)
         if values.shape != grid.shape:
             raise ConfigError(f"density has shape {values.shape}, but the map {grid.shape}")
@@ -222,7 +238,8 @@ class Costmap:
     @classmethod
     def blank(cls, grid: OccupancyGrid, *, robot_radius: float = ROBOT_RADIUS) -> Costmap:
         """A cost of 1 wherever the robot can be: shortest paths, no field."""
-        return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
+        ones = np.ones(getattr(grid, "shape", ()))
+        return cls.from_density(grid, ones, robot_radius=robot_radius)
 
     @property
     def density_of_heading(self) -> NDArray[np.float64]:
@@ -314,6 +331,11 @@ class Costmap:
         row, col = self.grid.world_to_grid(x, y)
         nearest = np.argmin((rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2)
         return self.grid.cell_to_world(int(rows[nearest]), int(cols[nearest]))
+
+
+def check_costs(costs: object) -> None:
+    """Raise a ConfigError unless this is a costmap."""
+    instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")
 
 
 def check_weight(weight: float) -> None:

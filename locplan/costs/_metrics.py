@@ -15,7 +15,7 @@ DEGENERATE = 0.5
 """The u above which a place counts as degenerate."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PathMetrics:
     """What a path costs, by the exact line integral over the map's cells.
 
@@ -40,6 +40,13 @@ class PathMetrics:
     """Longest stretch with u above 0.5 [m]."""
     clearance: float
     """Least distance from the centre of a crossed cell to an occupied one [m]."""
+
+    def __repr__(self) -> str:
+        return (
+            f"PathMetrics({self.length:.2f} m long, cost {self.cost:.2f} m, degenerate"
+            f" {self.integrated_u:.2f} m, integrated e {self.integrated_e:.3g} m² rad m,"
+            f" clearance {self.clearance:.2f} m)"
+        )
 
 
 def path_metrics(costs: Costmap, path: Path) -> PathMetrics:

@@ -9,7 +9,7 @@ nodes a spanner is kept, and nodes move to where the routes through them cost le
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -35,22 +35,25 @@ ROUNDS, LANDMARKS = 2, 32
 """How often nodes move, and from how many of them the routes lead that they move for."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RouteGraph:
     """Nodes, and straight edges that can be travelled both ways; made by `roadmap`."""
 
-    nodes: NDArray[np.float64] = field(repr=False)
+    nodes: NDArray[np.float64]
     """World positions (n, 2) [m], exact in single precision: Nav2 keeps no more."""
-    edges: NDArray[np.int64] = field(repr=False)
+    edges: NDArray[np.int64]
     """Pairs of nodes (m, 2), the lower one first."""
-    length: NDArray[np.float64] = field(repr=False)
+    length: NDArray[np.float64]
     """(m,) [m]."""
-    cost: NDArray[np.float64] = field(repr=False)
+    cost: NDArray[np.float64]
     """J (m,) [m], at least the length."""
-    integrated_e: NDArray[np.float64] = field(repr=False)
+    integrated_e: NDArray[np.float64]
     """(m,) [m^2 rad m]; NaN without a field."""
-    integrated_u: NDArray[np.float64] = field(repr=False)
+    integrated_u: NDArray[np.float64]
     """(m,) [m]; NaN without a field."""
+
+    def __repr__(self) -> str:
+        return f"RouteGraph({len(self.nodes)} nodes, {len(self.edges)} edges each way)"
 
     @property
     def penalty(self) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ class Layer(NamedTuple):
     """Its value of a perfect match, and its value of a featureless place."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MapPart:
     """Some cells of a map, with the part of the map that their covariances depend on."""
 
@@ -53,6 +53,9 @@ class MapPart:
     """What `Estimator.prepare` made of these levels, or None."""
     shared: NDArray[np.int64] | None = None
     """Two numbers shared with other threads: 1 to stop early, and the count of cells done."""
+
+    def __repr__(self) -> str:
+        return f"MapPart({len(self.rows)} cells, {self.levels.shape} of {self.map_shape})"
 
     @classmethod
     def whole(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import file_path, instance
 from locplan.errors import MapError
 from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -61,7 +62,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     >>> grid.name, grid.cells.tolist()
     ('room', [[0, 254], [127, 254]])
     """
-    file = Path(path)
+    file = file_path("a map file", path)
     if file.is_dir():
         raise _fault(file, "is a folder without any map", "give a map YAML, or a folder of them")
     header = _read_header(file)
@@ -123,7 +124,8 @@ def save_map(
     """
     import yaml
 
-    file = Path(path)
+    instance("grid", grid, OccupancyGrid)
+    file = file_path("a map file", path)
     if file.suffix not in (".yaml", ".yml"):
         raise _fault(file, "is no name for a map", "end it in .yaml")
     if mode not in MODES:

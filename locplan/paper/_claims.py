@@ -40,7 +40,7 @@ _STRIPS = (
 _HEIGHT = 6.0  # of templates and strips [m]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Slide:
     """A template slid along a strip of map (Figs. 4-11)."""
 
@@ -53,6 +53,9 @@ class Slide:
     """Of the template's left edge from the strip's, (n,) [m]."""
     curves: Mapping[str, NDArray[np.float64]]
     """Of each of the seven models, (n,); NaN where it is undefined."""
+
+    def __repr__(self) -> str:
+        return f"Slide({self.title}, {len(self.shift)} shifts)"
 
     def constant_until(self, model: str, shift: float) -> bool:
         """Whether a model is defined, and the same, from no shift up to this one [m]."""

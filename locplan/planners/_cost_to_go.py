@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap, Path
+from locplan.costs import Costmap, Path, check_costs
 from locplan.planners._grid import GridPlanner, bordered_index, cells_of, through_centres
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CostToGo:
     """The least cost from every cell to a goal; made by `plan_field`."""
 
@@ -28,6 +28,11 @@ class CostToGo:
     """Whether a diagonal step may pass a blocked cell's corner."""
     _bordered: NDArray[np.float64]
     _half: NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        reached = np.isfinite(self.cost).sum()
+        x, y = self.goal[:2]
+        return f"CostToGo({self.costs.grid.name or 'map'}, to {x:g},{y:g} m from {reached} cells)"
 
     def cells(self, start: Position) -> NDArray[np.int64] | None:
         """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none.
@@ -90,6 +95,7 @@ def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = F
     """
     from locplan._kernels.search import bordered_half, shortest_costs
 
+    check_costs(costs)
     GridPlanner().prepare()
     rows, columns = costs.grid.shape[0] + 2, costs.grid.shape[1] + 2
     half = bordered_half(costs.density, 1)

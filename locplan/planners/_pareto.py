@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap
+from locplan._util.notebook import Pictured
+from locplan.costs import Costmap, check_costs
 from locplan.errors import ConfigError
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
@@ -22,8 +24,8 @@ MAX_POINTS = 100_000
 """Of a front."""
 
 
-@dataclass(frozen=True, eq=False)
-class ParetoFront:
+@dataclass(frozen=True, eq=False, repr=False)
+class ParetoFront(Pictured):
     """Grid paths of which none is better than another in both length and integral.
 
     Ordered by length; the last has the least integral.
@@ -51,6 +53,19 @@ class ParetoFront:
     solve_time: float
     """Time spent, without compilation [s]."""
     _cells: tuple[NDArray[np.int64], ...]
+    _drawn_by: ClassVar[str] = "locplan.plotting:front_figure"
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "ParetoFront(no path joins start and goal)"
+        exact = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%}"
+        return (
+            f"ParetoFront({len(self)} paths of {self.length[0]:.2f} to {self.length[-1]:.2f} m,"
+            f" {exact}, knee at {self.length[self.knee]:.2f} m)"
+        )
+
+    def _repr_png_(self) -> bytes | None:
+        return super()._repr_png_() if len(self) else None
 
     def __len__(self) -> int:
         return len(self.length)
@@ -120,6 +135,7 @@ def pareto_front(
     ConfigError
         If an option is out of its range, or the costmap has no field.
     """
+    check_costs(costs)
     check_caps(objective, time_limit, max_labels)
     prepare()
     began = time.perf_counter()

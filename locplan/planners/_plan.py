@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from locplan.costs import Costmap, Footprint
+from locplan.costs import Costmap, Footprint, check_costs
 from locplan.planners._protocol import Planner, Position
 from locplan.planners._request import AnyPlanner, outline_of, planner_for, takes
 from locplan.planners._result import Plan, finished
@@ -100,6 +100,7 @@ def plan(
     >>> round(result.metrics.cost, 3)
     3.606
     """
+    check_costs(costs)
     outline = outline_of(footprint)
     limits: dict[str, Any] = {"max_e": max_e, "budget": budget, "footprint": outline}
     asked = planner_for(planner, options, via=via, **limits)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import ClassVar
 
+from locplan._util.notebook import Pictured
 from locplan.costs import Costmap, Path, PathMetrics, path_metrics
 from locplan.planners._protocol import Found, Position, Status
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Pictured):
     """What a planner returned."""
+
+    _drawn_by: ClassVar[str] = "locplan.plotting:path_figure"
 
     status: Status
     """Whether there is a path.
@@ -25,7 +29,7 @@ class Plan:
     """World position [m], or pose."""
     goal: Position
     """World position [m], or pose."""
-    path: Path | None = field(repr=False)
+    path: Path | None
     """The path from start to goal, or None."""
     metrics: PathMetrics | None
     """What the path costs, or None."""
@@ -45,19 +49,31 @@ class Plan:
     """If infeasible: the least `budget` or `max_e` with which there is a path."""
     minimises: bool = True
     """Whether the planner seeks the least J; some of OMPL's stop at the first path they find."""
-    history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+    history: tuple[tuple[float, float], ...] = ()
     """Of a sampling planner: seconds since it began and its best J [m], whenever that fell.
 
     Of a path over waypoints there is none.
     """
     note: str = ""
     """Why there is no path, and what would help, if that is known."""
+    costs: Costmap | None = field(default=None, compare=False)
+    """The costmap that `metrics` were measured on."""
+
+    def __repr__(self) -> str:
+        ends = " to ".join(",".join(f"{v:g}" for v in end) for end in (self.start, self.goal))
+        if self.metrics is None:
+            return f"Plan({self.status}, {self.planner}, {ends}: {self.note or 'no path'})"
+        return (
+            f"Plan({self.status}, {self.planner}, {ends}: {self.metrics.length:.2f} m long,"
+            f" cost {self.metrics.cost:.2f} m, {self.solve_time:.3g} s)"
+        )
 
     def measured_on(self, costs: Costmap) -> Plan:
         """The same path with its metrics on another costmap of the same map, without history."""
         if self.path is None:
             return self
-        return dataclasses.replace(self, metrics=path_metrics(costs, self.path), history=())
+        metrics = path_metrics(costs, self.path)
+        return dataclasses.replace(self, metrics=metrics, history=(), costs=costs)
 
 
 def finished(
@@ -87,4 +103,5 @@ def finished(
         minimises=minimises,
         history=found.history,
         note=note,
+        costs=costs,
     )

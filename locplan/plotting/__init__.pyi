@@ -14,7 +14,9 @@ from ._maps import (
     save_figure as save_figure,
 )
 from ._plans import (
+    costmap_figure as costmap_figure,
     front_figure as front_figure,
     history_figure as history_figure,
+    path_figure as path_figure,
     plan_figure as plan_figure,
 )

@@ -18,6 +18,8 @@ from locplan.field import CovarianceField
 from locplan.plotting._captions import request
 from locplan.plotting._maps import (
     END_STYLE,
+    FIELD_COLOURS,
+    draw_cells,
     draw_ends,
     draw_field,
     draw_map,
@@ -28,6 +30,8 @@ from locplan.plotting._maps import (
 from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from locplan.planners import ParetoFront, Plan
 
 FRONT_COLOURS = "viridis"
@@ -108,6 +112,50 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     )
     upper.set_title(f"{costs.grid.name or 'map'}: {request(costs, plans)}", fontsize="medium")
     return figure
+
+
+def costmap_figure(costs: Costmap) -> Figure:
+    """The degeneracy u of a costmap over its map; blocked cells show the map.
+
+    Parameters
+    ----------
+    costs : Costmap
+        What travel costs.
+    """
+    figure = Picture(figsize=map_size(costs.grid), layout="constrained")
+    axes = figure.add_subplot()
+    _draw_u(figure, axes, costs)
+    radius = f"robot radius {costs.robot_radius:g} m"
+    axes.set_title(f"{costs.grid.name or 'map'}: {radius}", fontsize="medium")
+    return figure
+
+
+def path_figure(plan: Plan) -> Figure:
+    """A plan's path over the degeneracy u of its costmap.
+
+    Parameters
+    ----------
+    plan : Plan
+        What a planner returned; without a path only its ends are shown.
+    """
+    assert plan.costs is not None
+    figure = Picture(figsize=map_size(plan.costs.grid), layout="constrained")
+    axes = figure.add_subplot()
+    _draw_u(figure, axes, plan.costs)
+    if plan.path is not None:
+        draw_path(axes, plan.path, **PATH_STYLES[1])
+    draw_ends(axes, plan.start, plan.goal)
+    found = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
+    axes.set_title(f"{plan.costs.grid.name or 'map'}: {plan.planner}, {found}", fontsize="medium")
+    return figure
+
+
+def _draw_u(figure: Figure, axes: Axes, costs: Costmap) -> None:
+    draw_map(axes, costs.grid)
+    u = np.where(np.isfinite(costs.density), costs.u, np.nan)
+    if np.isfinite(u).any():
+        image = draw_cells(axes, costs.grid, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
+        figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)
 
 
 def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:

@@ -33,7 +33,7 @@ MIN_VARIANCE = 1e-12
 """Added, so that no covariance is singular [m^2]."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """A field's noise level, and tau, that fit the errors, and how well they do.
 
@@ -68,6 +68,12 @@ class Calibration:
     """Rms position error of each place, (n,) [m]."""
     maps: Sequence[str]
     error: ErrorKind
+
+    def __repr__(self) -> str:
+        return (
+            f"Calibration({self.config.estimator.name}, k {self.noise_level.value:.3g}, R²"
+            f" {self.r_squared:.2f}, {len(self.measured)} places)"
+        )
 
     @property
     def tau(self) -> float | None:

@@ -16,7 +16,7 @@ LOST = 1.0
 """A robot farther off than this, at any time, counts as lost [m]."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Drives:
     """Simulated drives along one line.
 
@@ -27,6 +27,12 @@ class Drives:
     """The true poses, (n, 3), in the world [m, m, rad]."""
     errors: NDArray[np.float64]
     """The filter's pose less the true one, (drives, n, 3), in the world [m, m, rad]."""
+
+    def __repr__(self) -> str:
+        return (
+            f"Drives({len(self.errors)} of {self.distance[-1]:.2f} m, RMSE {self.rmse.value:.3g} m,"
+            f" {self.lost_rate.value:.0%} lost)"
+        )
 
     @property
     def distance(self) -> NDArray[np.float64]:

@@ -30,7 +30,7 @@ KIND_LABELS: dict[ErrorKind, str] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """Errors at places of some maps, and what each predictor says of them."""
 
@@ -44,6 +44,10 @@ class Evaluation:
     drives: int
     scans: int
     seed: int
+
+    def __repr__(self) -> str:
+        places = sum(len(each.points) for each in self.places)
+        return f"Evaluation({places} places on {len(self.places)} maps)"
 
     @cached_property
     def ranks(self) -> dict[tuple[Predictor, ErrorKind], Rank]:

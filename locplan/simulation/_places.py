@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import whole
+from locplan._util.checks import instance, whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
@@ -34,7 +34,7 @@ LAST = 0.1
 ErrorKind = Literal["tracking", "match"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Places:
     """Places of a map and the errors there, as second moments of (x, y, heading).
 
@@ -51,6 +51,9 @@ class Places:
     """(n, 3, 3), in the world [m, m, rad]."""
     match: NDArray[np.float64]
     """The same."""
+
+    def __repr__(self) -> str:
+        return f"Places({len(self.points)} of {self.grid.name or 'map'})"
 
     @property
     def xy(self) -> NDArray[np.float64]:
@@ -101,6 +104,7 @@ def choose_points(
     """
     import cv2
 
+    instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
     whole("places", count, 2)
     wide = grid.free & (grid.clearance >= robot_radius)
     _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)

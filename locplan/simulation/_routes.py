@@ -31,7 +31,7 @@ SHORTEST, AWARE = "shortest", "localizability-aware"
 """The names of `locplan.planners.plan_beside_shortest`."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Simulation:
     """Drives along some paths on one map."""
 
@@ -46,6 +46,10 @@ class Simulation:
     seed: int
     made_of: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """What the paths were planned on, fit for JSON."""
+
+    def __repr__(self) -> str:
+        driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
+        return f"Simulation({self.grid.name or 'map'}, {driven})"
 
     def summary(self) -> dict[str, Any]:
         """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
@@ -189,7 +193,7 @@ COLUMNS = (
 """Of `Routes.rows`."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Routes:
     """Both paths of many queries on one map, driven. Queries are the samples of all intervals."""
 
@@ -197,6 +201,9 @@ class Routes:
     routes: Sequence[Route]
     about: Mapping[str, Any]
     """Of the costs, the filter and the worlds, fit for JSON."""
+
+    def __repr__(self) -> str:
+        return f"Routes({self.grid.name or 'map'}, {len(self.routes)} queries, {self.verdict})"
 
     @property
     def length_ratio(self) -> Interval:

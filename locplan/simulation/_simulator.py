@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import whole
+from locplan._util.checks import instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -69,12 +69,17 @@ class Simulator:
         seed: int = 1,
         threads: int | None = None,
     ) -> None:
+        instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
         whole("seed", seed, 0)
         if threads is not None:
             whole("threads", threads, 1)
         self.grid, self.seed, self.threads = grid, seed, threads
         self.lidar = lidar or SHORT_LIDAR
         self.amcl, self.disturbances = amcl or Amcl(), disturbances or Disturbances()
+
+    def __repr__(self) -> str:
+        lidar = f"lidar of {self.lidar.range:g} m"
+        return f"Simulator({self.grid.name or 'map'}, {lidar}, seed {self.seed})"
 
     @cached_property
     def worlds(self) -> list[NDArray[np.uint8]]:

@@ -1,0 +1,166 @@
+"""What people see of objects: short lines, pictures in notebooks, lists and arrays."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from conftest import drawn
+from PIL import Image
+
+import locplan
+from locplan import Costmap, CovarianceField, Path
+from locplan.errors import ConfigError, LocplanError, PoseError
+from locplan.maps import environments
+from locplan.planners import Plan
+from locplan.simulation import Amcl, Simulator, simulate
+
+ENDS = (2.0, 3.0), (38.0, 3.0)
+WINDOW = locplan.SearchWindow(half_width=2.0, step=1.0)
+
+
+@pytest.fixture(scope="module")
+def grid() -> locplan.OccupancyGrid:
+    return environments.make("two_corridors", resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def field(grid) -> CovarianceField:
+    return locplan.covariance_field(grid, locplan.FieldConfig(locplan.Sad(), stride=0.4))
+
+
+@pytest.fixture(scope="module")
+def costs(grid, field) -> Costmap:
+    return Costmap.from_field(grid, field)
+
+
+@pytest.fixture(scope="module")
+def plan(costs) -> Plan:
+    return locplan.plan(costs, *ENDS)
+
+
+def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
+    front = locplan.pareto_front(costs, *ENDS, max_labels=200_000)
+    drives = simulate(grid, {"a": Path([(2.0, 3.0), (4.0, 3.0)])}, drives=2, amcl=Amcl())
+    said = {
+        grid: "OccupancyGrid(two_corridors, 158 x 412 cells of 0.1 m, origin",
+        field: "CovarianceField(two_corridors: ",
+        costs: "Costmap(two_corridors, 158 x 412 cells of 0.1 m, ",
+        plan.path: "Path(2,3 to 38,3 m, ",
+        plan: "Plan(solved, any-angle, 2,3 to 38,3: ",
+        plan.metrics: "PathMetrics(",
+        front: "ParetoFront(",
+        locplan.plan_field(costs, ENDS[1]): "CostToGo(two_corridors, to 38,3 m",
+        drives: "Simulation(two_corridors, a: Drives(2 of 2.00 m, RMSE ",
+        Simulator(grid): "Simulator(two_corridors, lidar of 6 m, seed 1)",
+        locplan.export.roadmap(costs): "RouteGraph(",
+    }
+    for each, beginning in said.items():
+        assert repr(each).startswith(beginning), repr(each)
+        assert len(repr(each)) < 160, repr(each)
+        assert "array" not in repr(each)
+    assert " m² rad" in repr(field)
+
+
+def test_a_plan_without_a_path_says_why(grid):
+    walled = drawn("..#..", resolution=1.0)
+    found = locplan.plan(Costmap.blank(walled), (0.5, 0.5), (4.5, 0.5))
+    assert repr(found).startswith("Plan(unreachable, any-angle, 0.5,0.5 to 4.5,0.5: no path joins")
+    field = locplan.covariance_field(walled, locplan.Sad(range=2.0, window=WINDOW))
+    costs = Costmap.from_field(walled, field)
+    assert locplan.pareto_front(costs, (0.5, 0.5), (4.5, 0.5))._repr_png_() is None
+    assert Image.open(io.BytesIO(found._repr_png_())).size[0] > 100
+
+
+def test_notebooks_show_pictures(grid, field, costs, plan):
+    front = locplan.pareto_front(costs, *ENDS, max_labels=200_000)
+    for each in (grid, field, costs, plan, front, locplan.plotting.field_figure(field)):
+        image = Image.open(io.BytesIO(each._repr_png_()))
+        assert image.format == "PNG"
+        assert min(image.size) > 100
+        assert len(np.unique(np.asarray(image.convert("L")))) > 2
+
+
+def test_a_path_is_a_list_of_positions_and_an_array(plan, tmp_path):
+    path = plan.path
+    assert len(path) == len(path.xy) == len(list(path))
+    assert next(iter(path)) == ENDS[0]
+    np.testing.assert_array_equal(np.asarray(path), path.xy)
+    assert np.asarray(path, dtype=np.float32).dtype == np.float32
+
+
+@pytest.mark.parametrize("heading", [None, np.array([0.1, -3.0, 2.0])])
+def test_a_path_comes_back_from_its_file(tmp_path, heading):
+    path = Path(np.array([[0.25, 1.0], [2.0, -3.5], [4.0, 4.125]]), heading)
+    path.save(tmp_path / "p.csv")
+    again = Path.load(tmp_path / "p.csv")
+    np.testing.assert_allclose(again.xy, path.xy, atol=5e-7)
+    assert (again.heading is None) == (heading is None)
+    with pytest.raises(LocplanError, match=r"must end in \.csv"):
+        path.save(tmp_path / "p.json")
+    with pytest.raises(LocplanError, match="cannot be read"):
+        Path.load(tmp_path / "none.csv")
+
+
+def test_equal_maps_are_equal_whatever_their_names(grid):
+    same = locplan.OccupancyGrid(grid.cells.copy(), grid.resolution, grid.origin, "other")
+    assert same == grid
+    assert len({same, grid}) == 1
+    cells = grid.cells.copy()
+    cells[0, 0] = 0 if cells[0, 0] else 254
+    assert locplan.OccupancyGrid(cells, grid.resolution, grid.origin) != grid
+    assert grid != "two_corridors"
+
+
+def test_positions_are_pairs_or_two_numbers(grid, field):
+    assert grid.world_to_cell((2.0, 3.0)) == grid.world_to_cell(2.0, 3.0)
+    np.testing.assert_array_equal(field.at((2.0, 3.0)), field.at(2.0, 3.0))
+    for wrong in ((2.0,), "here", (1.0, 2.0, 3.0), (np.nan, 1.0)):
+        with pytest.raises(PoseError, match="a position must be"):
+            grid.world_to_cell(wrong)
+        with pytest.raises(PoseError, match="a position must be"):
+            field.at(wrong)
+
+
+def test_a_field_is_a_dataset_of_xarray(grid, field):
+    data = field.to_xarray()
+    np.testing.assert_array_equal(data["e"], field.e)
+    i, j = np.argwhere(field.evaluated)[40]
+    point = float(data["x"][j]), float(data["y"][i])
+    np.testing.assert_allclose(field.at(point), data["covariance"][i, j], rtol=1e-9)
+    assert data["e"].attrs["units"] == "m² rad"
+    lidar = locplan.Lidar(range=3.0, field_of_view_deg=180.0, beams=20)
+    several = locplan.FieldConfig(locplan.Scan(lidar), stride=2.0, headings=4)
+    data = locplan.covariance_field(grid, several).to_xarray()
+    assert data["ambiguity"].dims == ("y", "x", "heading")
+    assert data["heading"].values.tolist() == several.heading_angles.tolist()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda g, f, c: locplan.plan(g, *ENDS), "costs must be a Costmap, not a value of type"),
+        (
+            lambda g, f, c: locplan.plan("lab.yaml", *ENDS),
+            "costs must be a Costmap, not 'lab.yaml'",
+        ),
+        (lambda g, f, c: locplan.plan_field(g, ENDS[0]), "costs must be a Costmap"),
+        (lambda g, f, c: locplan.pareto_front(f, *ENDS), "costs must be a Costmap"),
+        (lambda g, f, c: Costmap.from_field(f, g), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: Costmap.from_field(g, c), "field must be a CovarianceField"),
+        (lambda g, f, c: Costmap.from_density("lab.yaml", 1), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: Costmap.blank(f), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: locplan.covariance_field("lab.yaml"), "locplan.load_map"),
+        (lambda g, f, c: locplan.load_or_compute(f), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: locplan.covariance_field(g, "sad"), "config must be a FieldConfig"),
+        (lambda g, f, c: locplan.load_map(g), "a map file must be a path"),
+        (lambda g, f, c: locplan.save_map("m.yaml", g), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: locplan.simulation.simulate("m", {"a": [(0, 0)]}), "grid must be"),
+        (lambda g, f, c: locplan.simulation.evaluate(["m.yaml"]), "grid must be"),
+        (lambda g, f, c: locplan.plan(c, ENDS), "goal"),
+    ],
+)
+def test_arguments_of_another_kind_are_named(grid, field, costs, call, message):
+    with pytest.raises((ConfigError, LocplanError, TypeError), match=message):
+        call(grid, field, costs)
