@@ -23,22 +23,22 @@ def covariance_field(
 ) -> CovarianceField:
     """Compute the covariance of a pose match over the free cells of a map.
 
-    Evaluated on every lattice point (`config.stride` apart) in a free cell, and on the nearest
-    lattice point of free cells that would have none to be read from.
+    It is evaluated on every lattice point (`config.stride` apart) in a free cell. A free cell
+    without such a point around it adds its nearest lattice point.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     config : FieldConfig or Estimator, optional
-        `Sad()` by default.
+        Estimator and lattice; `Sad()` by default.
     threads : int, optional
-        All cores by default. The result does not depend on it.
+        Number of threads; all cores by default. The result does not depend on it.
     executor : concurrent.futures.Executor, optional
-        Where to run the tiles instead of own threads: a process pool, or a cluster by
+        Executor that runs the tiles instead of threads: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan.
     progress : callable, optional
-        Called with (done, total) cells now and then.
+        Function that is called with (done, total) cells from time to time.
 
     Raises
     ------
