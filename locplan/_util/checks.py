@@ -13,12 +13,12 @@ from locplan.errors import ConfigError, LocplanError, PoseError
 
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite number within limits, as a float.
+    """Return a finite number within limits as a float.
 
     Raises
     ------
     ConfigError
-        If the value is none, or lies outside the limits.
+        If the value is no number, or lies outside the limits.
     """
     if is_number(value) and low <= float(value) <= high:
         return float(value)
@@ -29,12 +29,12 @@ def number(name: str, value: object, low: float = -math.inf, high: float = math.
 
 
 def positive(name: str, value: object, unit: str = "") -> float:
-    """A finite number above 0, as a float; `unit` is what it counts.
+    """Return a finite number above 0 as a float; `unit` is its unit in the error message.
 
     Raises
     ------
     ConfigError
-        If the value is none.
+        If the value is no such number.
     """
     if not (is_number(value) and value > 0):
         what = f"a positive number of {unit}" if unit else "positive"
@@ -43,12 +43,12 @@ def positive(name: str, value: object, unit: str = "") -> float:
 
 
 def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
-    """A whole number within limits, as an int.
+    """Return a whole number within limits as an int.
 
     Raises
     ------
     ConfigError
-        If the value is none, or lies outside the limits.
+        If the value is no whole number, or lies outside the limits.
     """
     if not is_whole(value) or not low <= value <= high:
         limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
@@ -71,7 +71,7 @@ def instance(name: str, value: object, kind: type, remedy: str = "") -> None:
 
 
 def position(x: object, y: object = None, name: str = "a position") -> tuple[float, float]:
-    """A position in the world, given as x and y or as (x, y), as two floats [m].
+    """Return a position in the world, given as x and y or as (x, y), as two floats [m].
 
     Raises
     ------
@@ -96,19 +96,19 @@ def file_path(name: str, value: object) -> Path:
 
 
 def shown(value: object) -> str:
-    """A value in an error message: short, and of an object of ours or an array just its class."""
+    """Short text of a value for an error message; only the class of arrays and other objects."""
     plain = isinstance(value, (str, int, float, bool, type(None), list, tuple, dict))
     text = repr(value) if plain else f"a value of type {type(value).__name__}"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Whether a value is a finite real number, and no bool."""
+    """Return whether a value is a finite real number, and no bool."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Whether a value is a whole number, and no bool."""
+    """Return whether a value is a whole number, and no bool."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 

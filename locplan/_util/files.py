@@ -1,4 +1,4 @@
-"""Writing files whole or not at all."""
+"""Writing files and folders whole or not at all, and checks of where to write them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PICTURES = (".png", ".pdf", ".svg")
 
 @contextmanager
 def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary file beside `target` that takes its place when the block ends well.
+    """Yield a temporary file beside `target` that replaces it when the block succeeds.
 
     The temporary name keeps the target's suffix, since writers choose the format by it. On an
     exception the temporary file is removed and `target` stays as it was.
@@ -49,7 +49,7 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
 def replacing_folder(
     target: str | os.PathLike[str], suffix: str | None, ours: Callable[[Path], bool]
 ) -> Iterator[Path]:
-    """A new folder beside `target` that takes its place when the block ends well.
+    """Yield a new folder beside `target` that replaces it when the block succeeds.
 
     On an exception the new folder is removed and `target` stays as it was. A folder that is
     replaced is moved aside first and removed last.
@@ -57,7 +57,7 @@ def replacing_folder(
     Raises
     ------
     LocplanError
-        As `check_folder_target` does, or if the disk is full.
+        If `check_folder_target` raises it, or the disk is full.
     """
     check_folder_target(Path(target), suffix, ours)
     path = Path(os.path.realpath(target))
@@ -86,7 +86,7 @@ def replacing_folder(
 def check_target(path: Path, *suffixes: str) -> None:
     """Raise a LocplanError unless a file with one of these suffixes can be written there.
 
-    To be called before long work, so that it is not done in vain.
+    It is called before long work, so that no work is lost.
     """
     if path.suffix.lower() not in suffixes:
         raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
@@ -98,7 +98,7 @@ def check_target(path: Path, *suffixes: str) -> None:
 def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], bool]) -> None:
     """Raise a LocplanError unless a folder, with this suffix if one is given, can be written there.
 
-    What is there already may be replaced if `ours` says that we have written it.
+    An existing folder may be replaced if `ours` says that locplan has written it.
     """
     if suffix is not None and path.suffix != suffix:
         raise LocplanError(f"{path}: must end in {suffix}")
@@ -108,9 +108,9 @@ def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], b
 
 
 def check_folder(folder: Path) -> None:
-    """Raise a LocplanError unless results can be written into a folder, there or to be made.
+    """Raise a LocplanError unless results can be written into a folder, which need not exist.
 
-    To be called before long work; the folder is made when there is something to write.
+    It is called before long work; the folder is made when there is something to write.
     """
     there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
     if not there.is_dir():
@@ -120,7 +120,7 @@ def check_folder(folder: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, unless they are there.
+    """Make a folder and those above it, unless they exist.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""95 % intervals: of a share, and of root mean squares and their ratios."""
+"""95 % intervals of shares, of means, and of root mean squares and their ratios."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 MIN_SAMPLES = 5
-"""Of fewer values nothing is said but their mean."""
+"""Least number of values that have an interval; fewer values have only a mean."""
 
 
 class Interval(NamedTuple):
@@ -30,7 +30,7 @@ def wilson(share: float, trials: int) -> Interval:
 
 
 def of_mean(values: NDArray[np.float64]) -> Interval:
-    """Student's interval of the mean of values that are independent; none of too few."""
+    """Student's 95 % interval of the mean of independent values; NaN if they are too few."""
     values = np.asarray(values, float)
     if values.size < MIN_SAMPLES:
         return Interval(float(values.mean()) if values.size else np.nan, np.nan, np.nan)
@@ -40,21 +40,21 @@ def of_mean(values: NDArray[np.float64]) -> Interval:
 
 
 def of_geometric_mean(values: NDArray[np.float64]) -> Interval:
-    """The same of positive values' geometric mean, on their logarithms."""
+    """Student's 95 % interval of the geometric mean of positive values, from their logarithms."""
     return Interval(*np.exp(of_mean(np.log(values))).tolist())
 
 
 def of_rms(squares: NDArray[np.float64], others: NDArray[np.float64] | None = None) -> Interval:
-    """Interval of a root mean square, or of the ratio of two of the same trials.
+    """95 % interval of a root mean square, or of the ratio of two over the same trials.
 
-    Student's, on the jackknife's pseudo-values of the logarithm.
+    It is Student's interval of the jackknife's pseudo-values of the logarithm.
 
     Parameters
     ----------
     squares : (n,) array
         Mean square of each trial.
     others : (n,) array, optional
-        Of the root mean square to divide by, in the same order.
+        Mean squares of the root mean square to divide by, in the same order.
     """
     below = np.ones_like(squares) if others is None else others
     total, total_below, count = squares.sum(), below.sum(), squares.size

@@ -1,4 +1,4 @@
-"""How objects show themselves in a notebook: by a figure that a package above can draw of them."""
+"""Display of objects in a notebook, by figures that a package above draws of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Pictured:
     """An object whose picture is its display in a notebook."""
 
     _drawn_by: ClassVar[str]
-    """Module and function that make the figure, since what is drawn knows no pictures."""
+    """Module and function that make the figure, by name: the object's package draws nothing."""
 
     def _repr_png_(self) -> bytes | None:
         module, _, name = self._drawn_by.partition(":")
@@ -22,7 +22,7 @@ class Pictured:
 
 
 def png_of(figure: object, dpi: int = DPI) -> bytes:
-    """A figure of matplotlib as a PNG image."""
+    """PNG image of a figure of matplotlib."""
     written = io.BytesIO()
     save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type
     save(written, format="png", dpi=dpi, bbox_inches="tight", pad_inches=0.1)

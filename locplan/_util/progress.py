@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 ProgressCallback = Callable[[int, int], None]
-"""Called with (done, total) as work proceeds."""
+"""Function that is called with (done, total) as work proceeds."""
 
 
 @contextmanager
 def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[ProgressCallback]:
-    """A bar on standard error with the rate, unless there is no unit for it, and the time left.
+    """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
     It appears once the work has taken `patience` seconds, also before anything is done (the
-    first run of all compiles the kernels), and vanishes when the work ends. Where standard error
-    is no terminal there is none.
+    first run of all compiles the kernels), and vanishes when the work ends. There is no bar if
+    standard error is no terminal.
     """
     from rich.console import Console
     from rich.progress import (
@@ -41,7 +41,7 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
         disable=not console.is_terminal,
     )
     task = bar.add_task(label, total=None, rate="starting (the first run compiles)")
-    first: tuple[float, int] | None = None  # compilation tells nothing about the rate
+    first: tuple[float, int] | None = None  # compilation says nothing about the rate
 
     def update(done: int, total: int) -> None:
         nonlocal first
@@ -67,7 +67,7 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
 
 
 def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:
-    """Callbacks for parts of one task, one after the other, of so many steps each."""
+    """Callbacks for the parts of one task, which follow each other and have `sizes` steps."""
 
     def part(before: int) -> ProgressCallback:
         def update(done: int, _: int) -> None:
@@ -80,7 +80,7 @@ def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[Progr
 
 
 def in_turn(progress: ProgressCallback, runs: int) -> ProgressCallback:
-    """A callback for several runs, one after the other, that tells of all as of one."""
+    """Callback for several runs, one after the other, that reports them as one."""
     before = last = 0
 
     def update(done: int, total: int) -> None:

@@ -1,4 +1,4 @@
-"""Numbers as people read them: tables, sizes, ages; and as files do."""
+"""Tables, sizes and ages for people to read, and numbers for CSV and JSON files."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from locplan._util.files import replacing
 
 
 def write_csv(target: Path, values: NDArray[np.float64], header: str, number: str = "%.6f") -> None:
-    """Columns of numbers with a header, whole or not at all."""
+    """Write columns of numbers with a header as CSV, whole or not at all."""
     with replacing(target) as temporary:
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
 
 
 def finite(values: Any) -> Any:
-    """JSON knows neither NaN nor infinity: null stands for both, at any depth."""
+    """Replace NaN and infinity, which JSON does not know, by None at any depth."""
     if isinstance(values, Mapping):
         return {key: finite(value) for key, value in values.items()}
     if isinstance(values, (list, tuple)):
@@ -30,7 +30,7 @@ def finite(values: Any) -> Any:
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Rows under their columns, as wide as the terminal."""
+    """Text of a table, at most as wide as the terminal."""
     from rich import box
     from rich.console import Console
     from rich.table import Column, Table
@@ -47,7 +47,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def in_bytes(size: float) -> str:
-    """A size as people write it."""
+    """Text of a size [bytes], such as 1.5 GB."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 999.5:
             return f"{size:.3g} {unit}"
@@ -56,7 +56,7 @@ def in_bytes(size: float) -> str:
 
 
 def age(moment: float) -> str:
-    """How long ago a moment was, in seconds since the epoch."""
+    """Text of the time since a moment [s since the epoch], such as 5 min ago."""
     seconds = max(0.0, time.time() - moment)
     for size, unit in ((86400, "d"), (3600, "h"), (60, "min")):
         if seconds >= size:

@@ -1,4 +1,4 @@
-"""What results were made of."""
+"""Description of the input that results were made from."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from locplan.costs._costmap import Costmap
 
 
 def about_costs(costs: Costmap) -> dict[str, object]:
-    """The version, the map and the costmap's settings, fit for JSON."""
+    """Version, map and settings of a costmap, fit for JSON."""
     return {
         "locplan": __version__,
         "map": {"name": costs.grid.name, "digest": costs.grid.digest},

@@ -1,4 +1,4 @@
-"""From localizability to the cost of travel."""
+"""The costmap: the cost of travel of each cell, made from localizability."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from locplan._util.notebook import Pictured
 from locplan.costs._degeneracy import LAWS, CostSettings, degeneracy
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField
-from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, check_grid
 
 ROBOT_RADIUS = 0.25
-"""Radius of a robot of which nothing is known [m]."""
+"""Default radius of the robot [m]."""
 MAX_DENSITY = 1e9
-"""Greatest finite density: beyond it the steps of a long path would be lost in rounding."""
+"""Greatest finite density; with a higher one, rounding would swallow a path's short steps."""
 LAYERS = ("density", "u", "e", "u_of_heading", "e_of_heading")
-"""The arrays of a costmap."""
+"""Names of the arrays of a costmap."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Costmap(Pictured):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
-    Made by `from_field` or `from_density`. Its arrays are read-only; those that are given as such
-    are kept, others are copied.
+    It is made by `from_field`, `from_fields`, `from_density` or `blank`. Its arrays are read-only;
+    arrays that are given read-only are kept, others are copied.
     """
 
     _drawn_by: ClassVar[str] = "locplan.plotting:costmap_figure"
@@ -50,11 +50,11 @@ class Costmap(Pictured):
     e: NDArray[np.float64]
     """The field's e [m^2 rad], (H, W); NaN where there is no field."""
     u_of_heading: NDArray[np.float32] | None = None
-    """For n headings of the robot, evenly spaced from 0 on, where it matters: (n, H, W)."""
+    """u for n headings of the robot, evenly spaced from 0 on, (n, H, W); None if they are alike."""
     e_of_heading: NDArray[np.float32] | None = None
-    """The same [m^2 rad]."""
+    """e for the headings of `u_of_heading` [m^2 rad], (n, H, W); None if they are alike."""
     settings: CostSettings | None = None
-    """What u was made of; None without a field."""
+    """Settings of u; None without a field."""
 
     def __post_init__(self) -> None:
         for name in LAYERS:
@@ -69,18 +69,13 @@ class Costmap(Pictured):
                 sealed(state[name])
 
     def copy(self) -> Costmap:
-        """A costmap that shares nothing with this one, not even the map."""
+        """Copy of the costmap that shares nothing with it, not even the map."""
         return copy.deepcopy(self)
 
     def __repr__(self) -> str:
-        rows, cols = self.grid.shape
-        free = np.isfinite(self.density).mean()
         made = f"weight {self.weight:g}" if self.settings else "a density of one's own"
-        return (
-            f"Costmap({self.grid.name or 'map'}, {rows} x {cols} cells of"
-            f" {self.grid.resolution:g} m, {free:.0%} free for a radius of"
-            f" {self.robot_radius:g} m, {made})"
-        )
+        grid = repr(self.grid).removeprefix("OccupancyGrid(").partition(", origin")[0]
+        return f"Costmap({grid}, robot radius {self.robot_radius:g} m, {made})"
 
     @classmethod
     def from_field(
@@ -94,29 +89,29 @@ class Costmap(Pictured):
         criterion: str | None = None,
         headings: Literal["mean", "worst"] = "mean",
     ) -> Costmap:
-        """1 + weight * u on free cells, with u between absolute anchors of the field's config.
+        """Make a density 1 + weight * u on free cells, with u between the field's absolute anchors.
 
         Parameters
         ----------
         grid : OccupancyGrid
             The map that the field was computed for.
         field : CovarianceField
-            The field; its Sigma + Q counts, whatever its config adds itself.
+            The field; u is made of Sigma + Q, whether or not its estimator adds Q.
         weight : float, optional
             Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own.
         robot_radius : float
-            Cells whose centre is closer to an occupied cell are blocked [m], >= 0.
+            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
         law : str
             "logarithmic": u = ln(e/e_min) / ln(e_max/e_min); "linear": e / e_max; "cube-root":
-            its cube root. All clipped to 0..1.
+            the cube root of e / e_max. All are clipped to 0..1.
         criterion : str, optional
-            What u is made of, by default what the estimator says: "e", "position_std",
+            Value that u is made of, by default the estimator's own: "e", "position_std",
             "position_rms", "heading_std" (see `locplan.field.scalar`), or a layer of the field,
             "ambiguity" or "entropy", which is always linear between its anchors.
         headings : str
-            Of a field with several headings, what counts where the robot's own is not known: the
-            "mean" information over all, or the "worst" heading. Planners whose states have a
-            heading take its own.
+            Value that counts in a field with several headings where the robot's own is not known:
+            that of the "mean" information, or of the "worst" heading. Planners whose states have
+            a heading take its own.
 
         Raises
         ------
@@ -148,20 +143,20 @@ class Costmap(Pictured):
         criterion: str | None = None,
         headings: Literal["mean", "worst"] = "mean",
     ) -> Costmap:
-        """The same from several fields of a map, such as those of "fisher" and "scan".
+        """Make a costmap from several fields of a map, such as those of "fisher" and "scan".
 
         Parameters
         ----------
         fields : sequence of CovarianceField
             At least one; those with several headings must have as many.
         fuse : str
-            "max": the larger u; "mean": that of the mean logarithm of the criterion, between the
-            mean logarithms of the anchors. The mean of "fisher" and "scan" by "position_std"
-            predicts the errors of real lasers best. The e that plans report is fused alike.
+            "max": the larger u; "mean": u of the criterion's mean logarithm, between the mean
+            logarithms of the anchors. The mean of "fisher" and "scan" by "position_std" predicts
+            the errors of real lasers best. The e that plans report is fused in the same way.
 
         The other parameters are those of `from_field`.
         """
-        instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+        check_grid(grid)
         fields = list(fields)
         for field in fields:
             instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
@@ -205,7 +200,7 @@ class Costmap(Pictured):
     def from_density(
         cls, grid: OccupancyGrid, density: ArrayLike, *, robot_radius: float = 0.0
     ) -> Costmap:
-        """A cost of one's own: (H, W) of at least 1 per metre, inf where blocked.
+        """Make a costmap from a density of your own, (H, W): at least 1 per metre, inf if blocked.
 
         Cells that are not free, or closer to an occupied one than `robot_radius` [m], are
         blocked as well. Without a field a path's `integrated_e` and `integrated_u` are NaN.
@@ -216,7 +211,7 @@ class Costmap(Pictured):
             If the array has another shape than the map, or holds NaN, values below 1, or finite
             ones above 1e9.
         """
-        instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+        check_grid(grid)
         values = np.array(density, dtype=np.float64)
         if values.shape != grid.shape:
             raise ConfigError(f"density has shape {values.shape}, but the map {grid.shape}")
@@ -238,12 +233,12 @@ class Costmap(Pictured):
     @classmethod
     def blank(cls, grid: OccupancyGrid, *, robot_radius: float = ROBOT_RADIUS) -> Costmap:
         """A cost of 1 wherever the robot can be: shortest paths, no field."""
-        ones = np.ones(getattr(grid, "shape", ()))
-        return cls.from_density(grid, ones, robot_radius=robot_radius)
+        check_grid(grid)
+        return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
 
     @property
     def density_of_heading(self) -> NDArray[np.float64]:
-        """`density` for each heading (n, H, W), or where that does not matter once (1, H, W)."""
+        """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
         if self.u_of_heading is None:
             return self.density[None]
         free = np.isfinite(self.density) & np.isfinite(self.u_of_heading)
@@ -251,7 +246,7 @@ class Costmap(Pictured):
         return np.where(free, 1 + self.weight * u, np.inf)
 
     def with_weight(self, weight: float) -> Costmap:
-        """The same costmap, made from its u with another weight; 0 finds shortest paths.
+        """Copy of the costmap with the density of another weight; 0 finds shortest paths.
 
         Raises
         ------
@@ -265,16 +260,16 @@ class Costmap(Pictured):
         return dataclasses.replace(self, density=density, weight=float(weight))
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
-        """The same costmap with more cells blocked, (H, W)."""
+        """Copy of the costmap with more cells blocked, given as a mask (H, W)."""
         return dataclasses.replace(self, density=sealed(np.where(blocked, np.inf, self.density)))
 
     def with_robot_radius(self, robot_radius: float) -> Costmap:
-        """The same costmap for a robot of another radius [m], at least as large as its own.
+        """Copy of the costmap for a robot of another radius [m], at least the costmap's own.
 
         Raises
         ------
         ConfigError
-            If the radius is smaller than its own: what is blocked cannot be opened again.
+            If the radius is smaller than the costmap's: blocked cells cannot be freed again.
         """
         number("robot_radius", robot_radius, 0, MAX_DENSITY)
         if robot_radius < self.robot_radius:
@@ -286,12 +281,13 @@ class Costmap(Pictured):
         return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
 
     def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
-        """The cell at a world position [m] where the robot can stand.
+        """Row and column of the cell at a world position [m] where the robot can stand.
 
         Raises
         ------
         PoseError
-            If it cannot: says why, and names the nearest position where it can.
+            If the robot cannot stand there. The error says why, and names the nearest position
+            where it can.
         """
         x, y = position(xy, name=role)
         row, col = self.grid.world_to_cell(x, y)
@@ -312,10 +308,9 @@ class Costmap(Pictured):
             return "lies outside the map"
         if np.isfinite(self.density[row, col]):
             return None
-        if self.grid.cells[row, col] == OCCUPIED:
-            return "lies in a wall"
-        if self.grid.cells[row, col] == UNKNOWN:
-            return "lies in unknown space"
+        level = self.grid.cells[row, col]
+        if level in (OCCUPIED, UNKNOWN):
+            return "lies in a wall" if level == OCCUPIED else "lies in unknown space"
         clearance = self.grid.clearance[row, col]
         if clearance < self.robot_radius:
             return (
@@ -344,7 +339,7 @@ def check_weight(weight: float) -> None:
 
 
 def sealed(layer: NDArray) -> NDArray:
-    """The same array, which from now on is read-only."""
+    """Make an array read-only, and return it."""
     layer.setflags(write=False)
     return layer
 

@@ -1,4 +1,4 @@
-"""How degenerate a place is: a scalar of one or several fields, between absolute anchors."""
+"""Degeneracy of places: a scalar of one or several fields, between absolute anchors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LAWS = ("logarithmic", "linear", "cube-root")
 
 @dataclass(frozen=True)
 class CostSettings:
-    """What the degeneracy u of a costmap was made of; see `Costmap.from_fields`."""
+    """Settings of the degeneracy u of a costmap; see `Costmap.from_fields`."""
 
     law: str
     criterion: str
@@ -30,7 +30,7 @@ class CostSettings:
     """The settings of the fields."""
 
     def to_json(self) -> dict[str, object]:
-        """All of them, fit for JSON."""
+        """All settings, fit for JSON."""
         about: dict[str, object] = {
             name: getattr(self, name) for name in ("law", "criterion", "fuse", "headings")
         }
@@ -50,7 +50,7 @@ def degeneracy(
     fuse: str,
     headings: Literal["mean", "worst"] | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """u and e of all fields together, (H, W), or without `headings` for each, (n, H, W)."""
+    """u and e of all fields together, (H, W), or without `headings` of each one, (n, H, W)."""
     us, es, values, anchors = [], [], [], []
     for field in fields:
         least, greatest = _anchors(field, criterion)
@@ -82,7 +82,7 @@ def _anchors(field: CovarianceField, criterion: str) -> tuple[float, float]:
 
 
 def _headings_first(values: NDArray, headings: str | None) -> NDArray[np.float64]:
-    """(H, W, n) as (n, H, W); where each heading is asked for, (H, W) is that of one for all."""
+    """Move headings to the front, (n, H, W); without `headings`, (H, W) becomes (1, H, W)."""
     if values.ndim == 3:
         return np.moveaxis(values, 2, 0)
     return values if headings else values[None]

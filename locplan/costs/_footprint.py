@@ -1,4 +1,4 @@
-"""A robot's outline, and whether it stays clear of walls along a path."""
+"""A robot's outline, and the check that it stays clear of walls along a path."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 
 TURN = math.radians(2.0)
-"""Turning on the spot is checked in steps of this [rad], the outline grown by what lies between."""
+"""Step in which turns are checked, with the outline grown to cover the angles between [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class Footprint:
     Parameters
     ----------
     vertices : (n, 2) array of float64
-        Corners x (forward), y (left) [m] from the robot's centre, n >= 3; of an outline that is
-        not convex the convex hull counts. The centre must lie inside.
+        Corners x (forward), y (left) [m] from the robot's centre, n >= 3. If the outline is not
+        convex, its convex hull counts. The centre must lie inside.
 
     Examples
     --------
@@ -55,27 +55,27 @@ class Footprint:
 
     @property
     def circumscribed_radius(self) -> float:
-        """Of the least circle about the centre that holds the outline [m]."""
+        """Radius of the smallest circle about the centre that holds the outline [m]."""
         return float(np.hypot(*self.vertices.T).max())
 
     @property
     def inscribed_radius(self) -> float:
-        """Of the greatest circle about the centre that the outline holds [m]."""
+        """Radius of the largest circle about the centre that the outline holds [m]."""
         edges = np.roll(self.vertices, -1, axis=0) - self.vertices
         across = self.vertices[:, 0] * edges[:, 1] - self.vertices[:, 1] * edges[:, 0]
         return float((across / np.hypot(*edges.T)).min())
 
     def first_collision(self, grid: OccupancyGrid, path: Path) -> tuple[float, float] | None:
-        """Where along a path the outline first meets an occupied cell, or None.
+        """Position along a path where the outline first meets an occupied cell, or None.
 
         A path without headings is driven forward: the robot heads along each line and turns on
-        the spot, the shorter way, where two lines meet. Exact for lines; turns are checked a hair
-        too strictly.
+        the spot, the shorter way, where two lines meet. The check is exact for lines, and slightly
+        too strict for turns.
 
         Returns
         -------
         (x, y) or None
-            The position where the line or the turn begins that fails [m].
+            The position where the colliding line or turn begins [m].
         """
         outline = self.vertices / grid.resolution
         occupied = grid.cells == OCCUPIED
@@ -91,7 +91,7 @@ class Footprint:
 
 
 def _moves(grid: OccupancyGrid, path: Path) -> Iterator[tuple[NDArray, NDArray, float, float]]:
-    """From where to where (col, row), the heading at first, and the turn meanwhile [rad]."""
+    """Start and end (col, row), first heading and turn [rad] of each move along a path."""
     positions = np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1]
     if path.heading is not None:
         headings = path.heading - grid.origin[2]
@@ -136,7 +136,7 @@ def _hull(corners: NDArray) -> NDArray[np.float64]:
 
 
 def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
-    """Whether a convex polygon (n, 2) of (col, row) meets an occupied cell: separating axes."""
+    """True if a convex polygon (n, 2) of (col, row) meets an occupied cell, by separating axes."""
     low, high = np.floor(polygon.min(axis=0)).astype(int), np.floor(polygon.max(axis=0)).astype(int)
     top, left = max(0, low[1]), max(0, low[0])
     rows, cols = np.nonzero(occupied[top : max(0, high[1] + 1), left : max(0, high[0] + 1)])
@@ -147,7 +147,7 @@ def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
     normals = np.column_stack([edges[:, 1], -edges[:, 0]])
     apart = np.zeros(len(centres), bool)
     for normal in normals:
-        half = np.abs(normal).sum() / 2  # of a cell's shadow on the normal
+        half = np.abs(normal).sum() / 2  # half the width of a cell's projection on the normal
         polygon_shadow, shadow = polygon @ normal, centres @ normal
         apart |= shadow - half >= polygon_shadow.max() - 1e-9
         apart |= shadow + half <= polygon_shadow.min() + 1e-9

@@ -1,4 +1,4 @@
-"""What a path costs, by the exact line integral over the cells of a costmap."""
+"""Metrics of paths, by the exact line integral over the cells of a costmap."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ DEGENERATE = 0.5
 
 @dataclass(frozen=True, repr=False)
 class PathMetrics:
-    """What a path costs, by the exact line integral over the map's cells.
+    """Metrics of a path, by the exact line integral over the map's cells.
 
-    All that depends on a field is NaN for a costmap without one.
+    Metrics that depend on a field are NaN for a costmap without one.
     """
 
     length: float
-    """[m]"""
+    """Length of the path [m]."""
     cost: float
     """J, the integral of the costmap's density [m]; infinite if a blocked cell is crossed."""
     integrated_e: float
     """Integral of e [m^2 rad m]."""
     integrated_u: float
-    """Integral of u [m]: degenerate metres."""
+    """Integral of u, the degenerate metres [m]."""
     mean_e: float
-    """[m^2 rad]"""
+    """Mean e over the length [m^2 rad]."""
     max_e: float
-    """[m^2 rad]"""
+    """Greatest e on the path [m^2 rad]."""
     degenerate_share: float
     """Share of the length with u above 0.5."""
     longest_degenerate: float
-    """Longest stretch with u above 0.5 [m]."""
+    """Length of the longest stretch with u above 0.5 [m]."""
     clearance: float
     """Least distance from the centre of a crossed cell to an occupied one [m]."""
 
@@ -50,7 +50,7 @@ class PathMetrics:
 
 
 def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
-    """Measure a path on a costmap, in its own headings where it has them and they matter.
+    """Measure a path on a costmap, in the path's headings if it and the costmap have headings.
 
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
     integrals of e and u are NaN.
@@ -80,14 +80,14 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
 def profile(
     costs: Costmap, path: Path, layer: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A layer (H, W), or (n, H, W) for n headings, along a path, as steps.
+    """Steps of a layer (H, W), or (n, H, W) for n headings, along a path.
 
     Returns
     -------
     distance : (n + 1,) array
-        Where each crossed cell begins, and the path's length [m].
+        Distance along the path at which each crossed cell begins, and the path's length [m].
     values : (n,) array
-        The layer there; NaN outside the map.
+        Value of the layer in each cell; NaN outside the map.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
     heading, row, col, lengths = _crossed(costs.grid, path, len(layers))
@@ -98,7 +98,7 @@ def profile(
 def _crossed(
     grid: OccupancyGrid, path: Path, headings: int
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Headings, rows and columns of the cells that a path crosses, and its length in each [m]."""
+    """Headings, rows and columns of the cells that a path crosses, and lengths in them [m]."""
     if headings == 1:
         row, col, lengths = _crossed_cells(grid, path.xy)
         return 0 * row, row, col, lengths
@@ -115,7 +115,7 @@ def _crossed_cells(grid: OccupancyGrid, xy: NDArray) -> tuple[NDArray, NDArray, 
 
     positions = np.column_stack(grid.world_to_grid(*xy.T))
     row, col, lengths = cells_along(positions)
-    if lengths.size == 0:  # it stays where it is
+    if lengths.size == 0:  # the path has no length
         row, col = np.floor(positions[:1]).astype(np.int64).T
         lengths = np.zeros(1)
     return row, col, lengths * grid.resolution

@@ -1,4 +1,4 @@
-"""A path in the plane: its poses, how long it is, and positions at equal distances."""
+"""A path in the plane: its poses, its length, and positions at equal distances."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Path:
     Parameters
     ----------
     xy : (n, 2) array of float64
-        World positions from start to goal [m], n >= 1. Copied, and read-only afterwards.
+        World positions from start to goal [m], n >= 1. They are copied, and read-only afterwards.
     heading : (n,) array of float64, optional
-        Where the robot faces there, counter-clockwise from the x axis [rad].
+        Heading of the robot at each position, counter-clockwise from the x axis [rad].
 
     Examples
     --------
@@ -66,17 +66,17 @@ class Path:
         return len(self.xy)
 
     def __iter__(self) -> Iterator[tuple[float, float]]:
-        """The positions as (x, y) [m]."""
+        """Iterate over the positions as (x, y) [m]."""
         return map(tuple, self.xy.tolist())
 
     def __array__(
         self, dtype: DTypeLike | None = None, copy: bool | None = None
     ) -> NDArray[np.float64]:
-        """The positions, (n, 2) [m]."""
+        """Positions, (n, 2) [m]."""
         return np.array(self.xy, dtype=dtype, copy=copy)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write x_m, y_m, and heading_rad where there are headings, a position a row, as CSV.
+        """Write x_m, y_m, and heading_rad if there are headings, as CSV with a row per position.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class Path:
         Raises
         ------
         LocplanError
-            If the file cannot be read, or is no such file.
+            If the file cannot be read, or does not hold a path.
         """
         file = FilePath(path)
         try:
@@ -129,7 +129,7 @@ class Path:
 
     @property
     def facing(self) -> NDArray[np.float64]:
-        """`heading`, or else the direction in which each position is left, (n,) [rad]."""
+        """`heading`, or without it the direction of the line after each position, (n,) [rad]."""
         if self.heading is not None:
             return self.heading
         steps = np.diff(self.xy, axis=0)
@@ -141,7 +141,7 @@ class Path:
         return np.arctan2(y, x)
 
     def resampled(self, spacing: float) -> Path:
-        """The same line with positions at equal distances of at most `spacing` [m]."""
+        """Path along the same line with positions at equal distances of at most `spacing` [m]."""
         if not spacing > 0:
             raise LocplanError(f"spacing must be positive metres, not {spacing}")
         count = max(1, int(np.ceil(self.length / spacing - 1e-9)))
@@ -152,14 +152,14 @@ class Path:
         return Path(xy, np.interp(at, self.distance, np.unwrap(self.heading)))
 
     def by_heading(self, count: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-        """Its stretches by which of `count` headings, evenly spaced from 0 on, is next.
+        """Split the path into stretches by the nearest of `count` headings, evenly spaced from 0.
 
         Along each line of the path the heading turns evenly, the shorter way.
 
         Yields
         ------
         heading : int
-            0..count - 1.
+            Index of the nearest heading, 0..count - 1.
         xy : (k, 2) array
             World positions of the stretch [m]; the next one begins where it ends.
         """
@@ -182,7 +182,7 @@ class Path:
 
 
 def joined(paths: Sequence[Path]) -> Path:
-    """Paths one after the other, each beginning where the one before ends."""
+    """Join paths of which each begins where the one before ends."""
     xy = np.vstack([paths[0].xy, *(path.xy[1:] for path in paths[1:])])
     headings = [path.heading for path in paths if path.heading is not None]
     if len(headings) < len(paths):

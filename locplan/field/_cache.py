@@ -1,4 +1,4 @@
-"""The folder of cached fields: what it holds, how large it may grow, who may write."""
+"""The folder of cached fields: its entries, its size limit, and its locks."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from filelock import BaseFileLock
 
 LIMIT = "5 GB"
-"""Of the folder's size, unless LOCPLAN_CACHE_SIZE says otherwise."""
+"""Greatest size of the folder, unless LOCPLAN_CACHE_SIZE sets another."""
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 _DAY = 86400.0
 _KEY = "[0-9a-f]{32}"
-"""What our fields are named by: nothing else in the folder is touched."""
+"""Pattern of the names of cached fields; nothing else in the folder is touched."""
 
 
 @dataclass(frozen=True)
@@ -31,21 +31,21 @@ class CacheEntry:
     """A cached field."""
 
     folder: Path
-    """Its Zarr group."""
+    """Folder of the field's Zarr group."""
     about: dict[str, Any]
     """The group's attributes; empty if they are damaged."""
     size: int
-    """Of all its files [bytes]."""
+    """Total size of the field's files [bytes]."""
     chunks: int
-    """Finished, of `about["chunks"]`."""
+    """Number of finished chunks, of `about["chunks"]` in all."""
     computed: float
-    """When its computation began [s since the epoch]."""
+    """Time at which the computation began [s since the epoch]."""
     used: float
-    """When it was used last [s since the epoch]."""
+    """Time of the last use [s since the epoch]."""
 
     @classmethod
     def read(cls, folder: Path) -> CacheEntry:
-        """The entry in a folder, as far as it can be read."""
+        """Read the entry of a field's folder, as far as it can be read."""
         try:
             about = field_files.read_attributes(folder)
         except FieldError:
@@ -62,7 +62,7 @@ class CacheEntry:
 
     @property
     def share(self) -> float:
-        """How much of the field is finished, 0..1."""
+        """Finished share of the field, 0..1."""
         return self.chunks / self.about["chunks"] if self.about.get("chunks") else 1.0
 
 
@@ -72,7 +72,7 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
     Raises
     ------
     ConfigError
-        If it begins with ~ and a user that there is not.
+        If it begins with ~ and the name of a user that does not exist.
     """
     from platformdirs import user_cache_path
 
@@ -86,7 +86,7 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
 
 
 def cache_limit() -> int:
-    """How large the folder may grow [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or 5 GB.
+    """Greatest size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB.
 
     Raises
     ------
@@ -101,20 +101,21 @@ def cache_limit() -> int:
 
 
 def entries(folder: Path) -> list[CacheEntry]:
-    """What the folder holds, the last used first."""
+    """Entries of the cached fields in the folder, the last used first."""
     return [CacheEntry.read(path) for path in fields(folder)]
 
 
 def fields(folder: Path) -> list[Path]:
-    """The cached fields in the folder, the last used first."""
+    """Paths of the cached fields in the folder, the last used first."""
     found = _named(folder, _KEY + re.escape(field_files.SUFFIX))
     return sorted(found, key=lambda path: _status(path / "zarr.json")[1], reverse=True)
 
 
 def lock_of(field: Path) -> BaseFileLock:
-    """The lock of whoever computes a field; the system frees it when its process ends.
+    """Lock that a process holds while it computes a field; the system frees it when that ends.
 
-    Lock files are empty and stay: to remove one while another process opens it would let two in.
+    Lock files are empty and are kept: if one were removed while another process opens it, two
+    processes could hold the lock.
     """
     from filelock import FileLock
 
@@ -124,7 +125,7 @@ def lock_of(field: Path) -> BaseFileLock:
 
 
 def remove(field: Path) -> bool:
-    """Remove a cached field unless a process is at it; whether it is gone.
+    """Remove a cached field unless a process holds its lock; return whether it is gone.
 
     Raises
     ------
@@ -142,14 +143,14 @@ def remove(field: Path) -> bool:
     except Timeout:
         return False
     except FileNotFoundError:
-        return True  # another process was faster
+        return True  # another process has removed it
     except OSError as error:
         raise LocplanError(f"{field}: cannot be removed ({error.strerror or error})") from None
     return True
 
 
 def remove_older(folder: Path, days: float) -> tuple[list[CacheEntry], list[CacheEntry]]:
-    """Remove the fields not used for so many days; those removed, and those in use."""
+    """Remove the fields not used for `days` days; return those removed and those in use."""
     removed: list[CacheEntry] = []
     busy: list[CacheEntry] = []
     for entry in entries(folder):
@@ -160,24 +161,24 @@ def remove_older(folder: Path, days: float) -> tuple[list[CacheEntry], list[Cach
 
 
 def evict(folder: Path, limit: int, keep: Path) -> None:
-    """Remove the fields used least recently until the rest, with `keep`, is within the limit."""
+    """Remove the least recently used fields, but not `keep`, down to the limit [bytes]."""
     found = entries(folder)
     total = sum(entry.size for entry in found)
     for entry in reversed(found):
         if total > limit and entry.folder != keep:
-            with suppress(LocplanError):  # what cannot be removed must not keep the rest
+            with suppress(LocplanError):  # one that cannot be removed is skipped
                 total -= entry.size if remove(entry.folder) else 0
     _sweep(folder)
 
 
 def mark_used(field: Path) -> None:
     """Note that a field was used just now, if the folder can be written."""
-    with suppress(OSError):  # a read-only cache serves as well, only without this note
+    with suppress(OSError):  # a read-only cache works without this note
         os.utime(field / "zarr.json")
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what killed processes have left half made."""
+    """Remove the unfinished folders that killed processes have left, after one day."""
     for path in _named(folder, rf"\.{_KEY}.*"):
         if time.time() - _status(path)[1] > _DAY:
             shutil.rmtree(path, ignore_errors=True)
@@ -187,11 +188,11 @@ def _named(folder: Path, pattern: str) -> list[Path]:
     try:
         return [folder / name for name in os.listdir(folder) if re.fullmatch(pattern, name)]
     except OSError:
-        return []  # there is no such folder
+        return []  # the folder does not exist
 
 
 def _status(path: Path) -> tuple[int, float]:
-    """Size [bytes] and time of the last change [s]; zeros for what has just been removed."""
+    """Size [bytes] and time of the last change [s] of a file; zeros if it has been removed."""
     try:
         status = path.stat()
     except OSError:

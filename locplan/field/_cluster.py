@@ -14,16 +14,16 @@ from typing import Any
 from locplan.errors import LocplanError
 
 PATIENCE = 10.0
-"""How long the scheduler may take to answer [s]."""
+"""Longest time that the scheduler may take to answer [s]."""
 WORKERLESS = 60.0
-"""How long it is waited for workers to come back when all are gone [s]."""
+"""Longest time to wait for workers to come back when all are gone [s]."""
 
 
 @contextmanager
 def executor_of(scheduler: str) -> Iterator[Executor]:
-    """An executor on the cluster of a scheduler, such as ``tcp://192.168.1.2:8786``.
+    """Yield an executor on the cluster of a scheduler, such as ``tcp://192.168.1.2:8786``.
 
-    Tiles of workers that die are computed by others. The workers need locplan.
+    If a worker dies, other workers compute its tiles. The workers need locplan.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
         from distributed import Client
     except ImportError:
         raise LocplanError("a scheduler needs dask: pip install 'locplan[dask]'") from None
-    for name in ("distributed", "distributed.client"):  # what goes wrong is told once, by us
+    for name in ("distributed", "distributed.client"):  # our own error reports failures once
         logging.getLogger(name).setLevel(logging.CRITICAL)
     client = _connected(Client, scheduler)
     with client:
@@ -49,13 +49,13 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
 
 
 def _connected(client: Any, scheduler: str) -> Any:
-    """A client, or an error: in a thread, for what is no scheduler may answer without end."""
+    """Connect in a thread, since a server that is no scheduler may never finish its answer."""
     answer: SimpleQueue[Any] = SimpleQueue()
 
     def connect() -> None:
         try:
             answer.put(client(scheduler, timeout=PATIENCE, set_as_default=False))
-        except Exception as error:  # or it answers nonsense, which fails in any way
+        except Exception as error:  # a wrong server's answer fails in many ways
             answer.put(error)
 
     threading.Thread(target=connect, daemon=True).start()
@@ -70,7 +70,7 @@ def _connected(client: Any, scheduler: str) -> Any:
 
 
 def _watch(client: Any, executor: Any, over: threading.Event) -> None:
-    """Cancel the tiles once the cluster has had no worker for too long."""
+    """Cancel the tiles when the cluster has had no worker for `WORKERLESS` seconds."""
     seen = time.monotonic()
     while not over.wait(min(2.0, WORKERLESS / 4)):
         if client.scheduler_info()["workers"]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 
-from locplan._util.checks import instance
 from locplan._util.progress import ProgressCallback
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator
 from locplan.field._field import CovarianceField
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, check_grid
 
 
 def covariance_field(
@@ -23,22 +22,22 @@ def covariance_field(
 ) -> CovarianceField:
     """Compute the covariance of a pose match over the free cells of a map.
 
-    Evaluated on every lattice point (`config.stride` apart) in a free cell, and on the nearest
-    lattice point of free cells that would have none to be read from.
+    It is evaluated on every lattice point (`config.stride` apart) in a free cell. A free cell
+    without such a point around it adds its nearest lattice point.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     config : FieldConfig or Estimator, optional
-        `Sad()` by default.
+        Estimator and lattice; `Sad()` by default.
     threads : int, optional
-        All cores by default. The result does not depend on it.
+        Number of threads; all cores by default. The result does not depend on it.
     executor : concurrent.futures.Executor, optional
-        Where to run the tiles instead of own threads: a process pool, or a cluster by
+        Executor that runs the tiles instead of threads: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan.
     progress : callable, optional
-        Called with (done, total) cells now and then.
+        Function that is called with (done, total) cells from time to time.
 
     Raises
     ------
@@ -49,14 +48,17 @@ def covariance_field(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from locplan.field import Sad
     >>> from locplan.maps import FREE
     >>> grid = OccupancyGrid(np.full((30, 30), FREE), resolution=0.1)
+    >>> import numpy as np
     >>> from locplan.field import Sad
     >>> field = covariance_field(grid, Sad(range=0.5))
     >>> field.covariance.shape
     (15, 15, 3, 3)
     """
-    instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+    check_grid(grid)
     config = config_of(config)
     values = tiles.nothing_known(grid, config)
     tiles.complete(values, grid, config, threads, executor, progress)

@@ -20,9 +20,9 @@ MAX_HEADINGS = 360
 
 @dataclass(frozen=True)
 class FieldConfig:
-    """What a covariance field is computed with: an estimator, and where it is evaluated.
+    """Settings of a covariance field: its estimator, and where it is evaluated.
 
-    Wherever a FieldConfig is asked for, an estimator alone stands for ``FieldConfig(estimator)``.
+    Functions that take a FieldConfig also take an estimator, for ``FieldConfig(estimator)``.
 
     Raises
     ------
@@ -39,13 +39,13 @@ class FieldConfig:
     """
 
     estimator: Estimator = field(default_factory=Sad)
-    """What gives the covariance at a pose: `Sad`, `Fisher`, `Scan`, or one of your own."""
+    """Estimator of the covariance at a pose: `Sad`, `Fisher`, `Scan`, or one of your own."""
     stride: float = field(default=0.2, kw_only=True)
-    """Spacing of the evaluated cells [m]; it is rounded to whole cells, at least one."""
+    """Spacing of the evaluated cells [m], rounded to whole cells, at least one."""
     headings: int = field(default=0, kw_only=True)
     """Number of headings of the robot, evenly spaced from 0 on, that have covariances.
 
-    0 becomes 1 where the estimator sees the same in all headings, and else 8.
+    0 becomes 1 where the estimator sees the same in all headings, and 8 otherwise.
     """
 
     def __post_init__(self) -> None:
@@ -66,7 +66,7 @@ class FieldConfig:
 
     @property
     def heading_angles(self) -> NDArray[np.float64]:
-        """The headings that a field has covariances for, in the world, (headings,) [rad]."""
+        """World headings that a field has covariances for, (headings,) [rad]."""
         return 2 * np.pi * np.arange(self.headings) / self.headings
 
     def to_json(self) -> dict[str, object]:
@@ -76,7 +76,7 @@ class FieldConfig:
 
     @classmethod
     def from_json(cls, settings: Mapping[str, object]) -> FieldConfig:
-        """The config that `to_json` describes; what is missing has its default.
+        """Make a config from what `to_json` returned; missing settings take their defaults.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class FieldConfig:
 
 
 def config_of(settings: FieldConfig | Estimator | None) -> FieldConfig:
-    """The settings of a field, from an estimator alone or by default.
+    """Config of a field from a config, from an estimator alone, or from None (the default).
 
     Raises
     ------

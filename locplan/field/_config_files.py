@@ -1,4 +1,4 @@
-"""A field's settings in a file that every command takes."""
+"""Reading and writing a field's settings as a JSON file, which every command accepts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SUFFIX = ".json"
 
 
 def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: object) -> None:
-    """Write the settings of a field, and what else shall be known of them, as JSON.
+    """Write the settings of a field, and the further entries `about`, as JSON.
 
     Raises
     ------
@@ -31,10 +31,10 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: obje
 
 
 def load_config(path: str | os.PathLike[str]) -> FieldConfig:
-    """Read the settings of a field.
+    """Read the settings of a field from a JSON file.
 
-    From "config" in a JSON file, as `save_config` or a command wrote it, or from the whole of it;
-    what is not there has its default.
+    They are the file's "config", as `save_config` or a command writes it, the only one of its
+    "configs", or the whole file. Missing settings take their defaults.
 
     Raises
     ------

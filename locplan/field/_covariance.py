@@ -1,4 +1,4 @@
-"""What a pose covariance says: scalars, axes, and means of several covariances."""
+"""Scalars and axes of pose covariances, and means of several covariances."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class Quantity(NamedTuple):
-    """What a picture or a table calls something that a field holds."""
+    """Label and unit of a scalar or a layer of a field, for pictures and tables."""
 
     label: str
     unit: str
@@ -26,9 +26,9 @@ SCALARS = {
     "position_rms": Quantity("rms position deviation", "m"),
     "heading_std": Quantity("heading std. deviation", "rad"),
 }
-"""Scalars of a covariance by name, see `scalar`."""
+"""Label and unit of each scalar of a covariance by name, see `scalar`."""
 MIN_VARIANCE = 1e-12
-"""Far below what any lidar resolves [m^2, rad^2]."""
+"""Variance far below what any lidar resolves [m^2, rad^2]."""
 
 
 def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -75,7 +75,7 @@ def position_axes(
     major, minor : (...) arrays
         Standard deviations [m].
     direction : (...) array
-        Of the major axis, counter-clockwise from x, in (-pi/2, pi/2] [rad].
+        Direction of the major axis, counter-clockwise from x, in (-pi/2, pi/2] [rad].
     """
     matrix = np.asarray(covariance, float)
     xx, xy, yy = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
@@ -87,9 +87,9 @@ def position_axes(
 def log_euclidean_mean(
     covariances: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Weighted mean of (n, d, d) covariances in their matrix logarithm.
+    """Weighted mean of covariances (n, d, d) in the matrix logarithm.
 
-    The logarithm of its determinant, and so ln e, is the weighted mean of theirs.
+    ln det of the mean, and so its ln e, is the weighted mean of those of the covariances.
     """
     values, vectors = np.linalg.eigh(covariances)
     logs = np.log(np.maximum(values, np.finfo(float).tiny))
@@ -106,9 +106,9 @@ def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
 
 
 def mean_information(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of the mean inverse of covariances (..., n, d, d), over n: (..., d, d).
+    """Inverse of the mean of the inverses of covariances (..., n, d, d) over n, (..., d, d).
 
-    Where one has no extent along some axis, it is taken as `MIN_VARIANCE`.
+    `MIN_VARIANCE` is added to all variances, since one of zero would have no inverse.
     """
     extended = covariances + MIN_VARIANCE * np.eye(covariances.shape[-1])
     return np.linalg.inv(np.linalg.inv(extended).mean(axis=-3))

@@ -1,4 +1,4 @@
-"""What every estimator of the pose covariance is and says of itself."""
+"""The base class of the estimators of the pose covariance, and the data that it works on."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Values = dict[str, NDArray[np.float64]]
 
 
 class Layer(NamedTuple):
-    """Something that an estimator says of a place besides its covariance."""
+    """A value that an estimator gives for each place besides the covariance."""
 
     name: str
     label: str
-    """What a colour bar calls it."""
+    """Label of the layer at a colour bar."""
     unit: str
     anchors: Callable[[OffsetLattice], tuple[float, float]]
-    """Its value of a perfect match, and its value of a featureless place."""
+    """Function that gives the layer's value for a perfect match and for a featureless place."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,15 +44,15 @@ class MapPart:
     resolution: float
     """Edge of a cell [m]."""
     map_shape: tuple[int, int]
-    """Shape of the whole map, which turns about its centre."""
+    """Shape of the whole map, about whose centre it is turned."""
     corner: tuple[int, int] = (0, 0)
-    """Row and column of the whole map at which the part begins."""
+    """Row and column of the whole map where the part begins."""
     headings: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     """Headings of the robot in the grid's own axes, (k,) [rad]."""
     prepared: Any = None
-    """What `Estimator.prepare` made of these levels, or None."""
+    """Result of `Estimator.prepare` for these levels, or None."""
     shared: NDArray[np.int64] | None = None
-    """Two numbers shared with other threads: 1 to stop early, and the count of cells done."""
+    """Two numbers shared with other threads: 1 to stop early, and the number of cells done."""
 
     def __repr__(self) -> str:
         return f"MapPart({len(self.rows)} cells, {self.levels.shape} of {self.map_shape})"
@@ -65,55 +65,55 @@ class MapPart:
         cols: NDArray[np.int64],
         resolution: float,
     ) -> MapPart:
-        """Some cells of a whole map, for a robot that heads along its rows."""
+        """Part that is a whole map, with some of its cells; the robot heads along the rows."""
         return cls(cells, rows, cols, resolution, (cells.shape[0], cells.shape[1]))
 
     @cached_property
     def control(self) -> NDArray[np.int64]:
-        """`shared`, or numbers of one's own for the kernels."""
+        """`shared`, or a new array of that kind for the kernels."""
         return np.zeros(2, np.int64) if self.shared is None else self.shared
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimator(ABC):
-    """What gives the covariance of a pose match; estimators are frozen dataclasses of settings.
+    """Base class of the estimators of a pose match's covariance, frozen dataclasses of settings.
 
     A new estimator is a subclass in a module of its own and a line in `locplan.field._registry`.
     """
 
     name: ClassVar[str]
-    """What it is called on the command line and in files."""
+    """Name of the estimator on the command line and in files."""
     layers: ClassVar[tuple[Layer, ...]] = ()
-    """What it says of a place besides the covariance."""
+    """Values that the estimator gives for each place besides the covariance."""
     remedy: ClassVar[str] = ""
-    """What resolves more where its field is saturated."""
+    """Advice to the user where much of a field is saturated."""
     weight: ClassVar[float] = 4.0
-    """Metres of detour that are accepted per degenerate metre, by default."""
+    """Metres of detour accepted per degenerate metre, by default."""
     criterion: ClassVar[str] = "e"
-    """The scalar that makes u, by default."""
+    """Scalar or layer that the degeneracy u is made of, by default."""
     casts_rays: ClassVar[bool] = False
-    """Whether a lidar is simulated, which must not stand in a wall."""
+    """True if the estimator simulates a lidar, which must not stand in a wall."""
 
     window: SearchWindow = field(default_factory=SearchWindow)
-    """The pose offsets that bound the covariance."""
+    """Search window of pose offsets, which bounds the covariance."""
     noise_level: float = 1.0
     """Factor k on the covariance (Eq. 8)."""
     quantisation: bool = True
-    """Whether the variance that the window's steps cannot resolve (step^2 / 12) is added."""
+    """True to add Q, the variance that the window's steps cannot resolve (step^2 / 12)."""
 
     @property
     @abstractmethod
     def reach(self) -> float:
-        """How far it looks [m]."""
+        """Distance up to which the estimator takes the map into account [m]."""
 
     @property
     @abstractmethod
     def summary(self) -> str:
-        """Its name and the settings that decide most, for titles."""
+        """Name and most important settings of the estimator, for titles."""
 
     @property
     def headings(self) -> int:
-        """How many headings of the robot it tells apart, unless more are wanted."""
+        """Number of the robot's headings that a field has by default; 1 if they are all alike."""
         return 1
 
     @abstractmethod
@@ -125,27 +125,27 @@ class Estimator(ABC):
         dict of arrays
             "covariance", (n, d, d), or (n, k, d, d) for several headings, with d = 3 for (x, y,
             theta) [m, m, rad], or d = 2 without turns; each of `layers`, (n,) or (n, k).
-            NaN where it was stopped early.
+            NaN where the computation was stopped early.
         """
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> object:
-        """What threads may share that work on these levels of a map."""
+        """Prepare data from these levels of a map for all threads to share."""
         return None
 
     @abstractmethod
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """How far beyond a cell its covariance depends on the map [cells]."""
+        """Distance from a cell within which the map decides its covariance [cells]."""
 
     def points_apart(self, resolution: float, stride: int) -> int:
-        """Every how many lattice points, `stride` cells apart, had best share a tile."""
+        """Spacing of the lattice points, `stride` cells apart, that best share a tile."""
         return 1
 
     def identity(self) -> dict[str, object]:
-        """The settings that decide the values, fit for JSON."""
+        """Settings that decide the values of a field, fit for JSON."""
         return settings_of(self)
 
     def plus_q(self, covariance: NDArray[np.float64], window: OffsetLattice) -> NDArray[np.float64]:
-        """Covariances (..., d, d) with Q if it is wanted, without turns where there are none."""
+        """Covariances (..., d, d) in the window's dimension, with Q if `quantisation` is set."""
         covariance = covariance[..., : window.dimension, : window.dimension]
         return covariance + window.quantisation if self.quantisation else covariance
 

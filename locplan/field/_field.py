@@ -49,15 +49,15 @@ class CovarianceField(Pictured):
     Parameters
     ----------
     covariance : (h, w, d, d) or (h, w, n, d, d) array of float64
-        Of (x, y, theta) [m, m, rad] in the world frame; d = 2 (x, y) without rotation. For n
-        headings of the robot (`config.heading_angles`), where the config has several. NaN where
-        not evaluated.
+        Covariances of (x, y, theta) [m, m, rad] in the world frame, or of (x, y) without rotation
+        (d = 2); n headings of the robot (`config.heading_angles`) if the config has several. NaN
+        where not evaluated.
     grid : OccupancyGrid
         The map, (H, W) cells.
     config : FieldConfig
-        What the covariances were computed with.
+        The settings that the covariances were computed with.
     layers : dict of (h, w) or (h, w, n) arrays
-        What the estimator says of a place besides, see its `layers`.
+        The estimator's other values by name, see `Estimator.layers`.
     """
 
     _drawn_by: ClassVar[str] = "locplan.plotting:field_figure"
@@ -69,7 +69,7 @@ class CovarianceField(Pictured):
 
     @classmethod
     def of(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
-        """A field of the arrays that `locplan.field._tiles` fills."""
+        """Make a field from the arrays that `locplan.field._tiles` fills."""
         layers = {name: array for name, array in values.items() if name != "covariance"}
         return cls(values["covariance"], grid, config, layers)
 
@@ -93,12 +93,12 @@ class CovarianceField(Pictured):
 
     @cached_property
     def evaluated(self) -> NDArray[np.bool_]:
-        """Which lattice points hold a covariance, (h, w)."""
+        """Mask of the lattice points that hold a covariance, (h, w)."""
         return tiles.known_points(self.values)
 
     @property
     def window(self) -> OffsetLattice:
-        """The lattice of offsets that was compared at each cell."""
+        """Lattice of the offsets that were compared at each cell."""
         return self.config.estimator.window.on(self.grid.resolution)
 
     @cached_property
@@ -120,9 +120,10 @@ class CovarianceField(Pictured):
             "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`,
             or one of `layers`.
         headings : "mean" or "worst", optional
-            One value for all headings, (h, w): that of the mean information, or the greatest.
+            One value for all headings, (h, w): that of the mean information (of a layer, the
+            mean), or the greatest.
         with_q : bool
-            Of Sigma + Q even where the estimator has not added Q.
+            Whether Sigma + Q counts even where the estimator has not added Q.
         """
         several = self.covariance.ndim == 5
         if name in self.layers:
@@ -138,7 +139,7 @@ class CovarianceField(Pictured):
 
     @property
     def mean_covariance(self) -> NDArray[np.float64]:
-        """One covariance a lattice point, (h, w, d, d): of the mean information over headings."""
+        """Covariance of the mean information over the headings, (h, w, d, d)."""
         return self._merged(self.covariance)
 
     def _merged(self, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -150,15 +151,15 @@ class CovarianceField(Pictured):
 
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
-        """Sigma + Q whether or not the estimator has added Q, like `covariance`."""
+        """Sigma + Q, whether or not the estimator has added Q; shaped like `covariance`."""
         if self.config.estimator.quantisation:
             return self.covariance
         return self.covariance + self.window.quantisation
 
     def anchors(self, name: str = "e") -> tuple[float, float]:
-        """A scalar's value with Q of a perfect match, and its value of a featureless place.
+        """Values of a scalar of Sigma + Q for a perfect match and for a featureless place.
 
-        A layer's anchors are what the estimator says.
+        The estimator itself defines the anchors of its layers.
         """
         for layer in self.config.estimator.layers:
             if layer.name == name:
@@ -171,14 +172,14 @@ class CovarianceField(Pictured):
     def saturated_share(self) -> float:
         """Share of the evaluated points whose e (with Q) is within 5 % of its least value.
 
-        There the search window's lattice resolves no difference any more; zero for an empty field.
+        The search window's steps cannot resolve better matches there. Zero for an empty field.
         """
         e = scalar(self.quantised_covariance, "e")[self.evaluated]
         return float(np.mean(e <= SATURATION * self.anchors()[0])) if e.size else 0.0
 
     @property
     def e_unit(self) -> str:
-        """Unit of e; positions alone have no angle in it."""
+        """Unit of e, without the angle where poses have no heading."""
         return "m² rad" if self.window.dimension == 3 else "m²"
 
     def quantity(self, name: str = "e") -> Quantity:
@@ -191,17 +192,17 @@ class CovarianceField(Pictured):
     def e_map(self) -> NDArray[np.float64]:
         """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad]; NaN elsewhere.
 
-        Bilinear in ln e.
+        The interpolation is bilinear in ln e.
         """
         return self.on_map(self.e)
 
     def on_map(
         self, values: NDArray[np.float64], *, logarithmic: bool = True
     ) -> NDArray[np.float64]:
-        """Values (h, w, ...) on the lattice, read on the free cells, (H, W, ...).
+        """Interpolate values (h, w, ...) on the lattice to the free cells, (H, W, ...).
 
-        Bilinear in the logarithm of positive values, or in the values themselves. Where a corner
-        was not evaluated the others take its weight.
+        The interpolation is bilinear in the logarithm of positive values, or in the values
+        themselves. Where a corner was not evaluated, the other corners take its weight.
         """
         if values.ndim == 3:
             each = (values[:, :, k] for k in range(values.shape[2]))
@@ -222,9 +223,9 @@ class CovarianceField(Pictured):
     ) -> NDArray[np.float64]:
         """Covariance at a world position x, y, or (x, y) [m], (d, d).
 
-        Interpolated between the lattice points, and between the headings next to `heading` [rad],
-        in the matrices' logarithm, which makes it bilinear in ln e. Without a heading that of the
-        mean information over all headings. NaN in cells that are not free or lie outside the map.
+        It is interpolated between the lattice points, and between the headings next to `heading`
+        [rad], in the matrix logarithm, so that ln e is bilinear. Without a heading, it is that of
+        the mean information over all headings. NaN in cells that are not free or outside the map.
 
         Raises
         ------
@@ -248,7 +249,7 @@ class CovarianceField(Pictured):
         return log_euclidean_mean(np.array(corners), np.array(weights))
 
     def _towards(self, covariance: NDArray, heading: float | None) -> NDArray[np.float64]:
-        """Of the covariances at a lattice point, that in a heading, or of all of them."""
+        """Covariance of a lattice point for one heading [rad], or for all headings together."""
         if covariance.ndim == 2:
             return covariance
         if heading is None:
@@ -259,7 +260,7 @@ class CovarianceField(Pictured):
         return log_euclidean_mean(both, np.array([1 - share, share]))
 
     def to_xarray(self) -> Dataset:
-        """All arrays with their coordinates as an xarray.Dataset, as a saved field has them.
+        """All arrays with their coordinates as an xarray.Dataset.
 
         Raises
         ------
@@ -296,16 +297,16 @@ class CovarianceField(Pictured):
         executor: Executor | None = None,
         progress: ProgressCallback | None = None,
     ) -> CovarianceField:
-        """The field of an edited map: computed only where the change can be felt.
+        """Field of an edited map, computed anew only where the edit can change it.
 
-        Equal, bit for bit, to `covariance_field` of the new map.
+        It equals `covariance_field` of the new map bit for bit.
 
         Parameters
         ----------
         grid : OccupancyGrid
             The new map, of the same shape, resolution and origin.
         threads, executor, progress
-            As for `covariance_field`.
+            See `covariance_field`.
 
         Raises
         ------
@@ -322,12 +323,12 @@ class CovarianceField(Pictured):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
 
-        A field that is there already is replaced; anything else is not.
+        A field of that name is replaced; any other folder is refused.
 
         Raises
         ------
         LocplanError
-            If the folder cannot be written, or is something else than a field.
+            If the folder cannot be written, or exists and is not a field.
         """
         with replacing_folder(path, field_files.SUFFIX, field_files.is_field) as temporary:
             field_files.write(temporary, self.values, self.grid, self.config)

@@ -1,4 +1,4 @@
-"""The lattice of cells that a field is evaluated on, and reading between them.
+"""The lattice of cells that a field is evaluated on, and interpolation between them.
 
 Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
 """
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 
 def stride_cells(stride: float, resolution: float) -> int:
-    """A spacing in metres as whole cells, at least one."""
+    """Spacing in metres rounded to whole cells, at least one."""
     return max(1, round(stride / resolution))
 
 
 def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
-    """Lattice points to evaluate, (h, w), so that every free cell can be read from one at least."""
+    """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
     wanted = free[::stride, ::stride].copy()
     covered = interpolate(wanted.astype(float), free.shape, stride) > 0
     rows, cols = np.nonzero(free & ~covered)
@@ -33,7 +33,7 @@ def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
 def standing_cells(
     free: NDArray[np.bool_], rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Each cell, or for one that is not free the nearest free one within `reach` rows and columns.
+    """Cells to put a sensor on: each cell, or the nearest free one within `reach` rows and columns.
 
     A lattice point in a wall serves free cells beside it; a sensor inside the wall sees nothing.
     """
@@ -52,7 +52,7 @@ def standing_cells(
 def interpolate(
     values: NDArray[np.float64], shape: tuple[int, int], stride: int
 ) -> NDArray[np.float64]:
-    """Lattice values (h, w) read bilinearly at every cell (H, W); beyond the last, the last."""
+    """Interpolate lattice values (h, w) bilinearly at all cells (H, W); the last ones extend."""
     for axis, size in enumerate(shape):
         last = values.shape[axis] - 1
         position = np.minimum(np.arange(size) / stride, last)

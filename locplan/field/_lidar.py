@@ -1,4 +1,4 @@
-"""A 2D lidar: what it sees from where it is mounted, and how well it measures."""
+"""The settings of a 2D lidar: its beams, its mount on the robot, and its noise."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from locplan.errors import ConfigError
 FULL_CIRCLE = 360.0
 MAX_BEAMS = 100_000
 MIN_SIGMA = 1e-6
-"""A smaller deviation of ranges would leave nothing of a covariance but rounding [m]."""
+"""Least `range_sigma` [m]; with less, rounding errors would dominate a covariance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,17 +37,17 @@ class Lidar:
     range: float = 12.0
     """Greatest distance that is measured [m]."""
     field_of_view_deg: float = FULL_CIRCLE
-    """Angle between the first and the last beam, in the middle of which is ahead [deg]."""
+    """Angle that the beams cover, centred on `mount_yaw_deg` [deg]."""
     beams: int = 360
     """Number of beams in the field of view."""
     range_sigma: float = 0.03
     """Standard deviation of a measured distance [m]."""
     mount_x: float = 0.0
-    """Where it is on the robot: ahead of the centre [m]."""
+    """Position of the lidar on the robot, ahead of its centre [m]."""
     mount_y: float = 0.0
-    """And to the left of it [m]."""
+    """Position of the lidar on the robot, to the left of its centre [m]."""
     mount_yaw_deg: float = 0.0
-    """Where its middle beam points on the robot, counter-clockwise from ahead [deg]."""
+    """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
         for name, unit in (("range", "m"), ("range_sigma", "m"), ("field_of_view_deg", "deg")):
@@ -66,7 +66,7 @@ class Lidar:
 
     @classmethod
     def preset(cls, name: str) -> Lidar:
-        """A common lidar by its data sheet, see `LIDARS`.
+        """Common lidar with the values of its data sheet, see `LIDARS`.
 
         Raises
         ------
@@ -78,9 +78,9 @@ class Lidar:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """Of the beams from the middle one, counter-clockwise, (beams,) [rad]."""
+        """Angles of the beams from the middle one, counter-clockwise, (beams,) [rad]."""
         width = math.radians(self.field_of_view_deg)
-        if self.sees_all_round:  # the last beam would be the first once more
+        if self.sees_all_round:  # the first and the last beam must not coincide
             between = np.arange(self.beams, dtype=np.float64) + 0.5
             return between * (width / self.beams) - width / 2
         beside = np.arange(self.beams, dtype=np.float64) - (self.beams - 1) / 2
@@ -88,19 +88,19 @@ class Lidar:
 
     @property
     def mount_yaw(self) -> float:
-        """`mount_yaw_deg` [rad]."""
+        """`mount_yaw_deg` in radians."""
         return math.radians(self.mount_yaw_deg)
 
     @property
     def sees_all_round(self) -> bool:
-        """Whether it sees the whole circle."""
+        """True if the beams cover the whole circle."""
         return self.field_of_view_deg == FULL_CIRCLE
 
     @property
     def sees_alike_in_all_headings(self) -> bool:
-        """Whether what it sees at a place does not depend on where the robot heads.
+        """True if what the lidar sees at a place does not depend on the robot's heading.
 
-        But for where between its beams a feature falls.
+        Where a feature lies between two beams is neglected.
         """
         return self.sees_all_round and self.mount_x == self.mount_y == 0.0
 

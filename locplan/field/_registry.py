@@ -1,4 +1,4 @@
-"""The estimators by name. A new one is a line here and a module with its class."""
+"""The estimators by name. A new one needs a line here and a module with its class."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def estimator_class(name: str) -> type[Estimator]:
     Raises
     ------
     ConfigError
-        If there is none of this name.
+        If no estimator has this name.
     """
     one_of("estimator", name, ESTIMATORS)
     module, _, attribute = ESTIMATORS[name].partition(":")

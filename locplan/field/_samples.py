@@ -10,20 +10,20 @@ from locplan.field._field import CovarianceField
 from locplan.field._lattice import well_spaced
 
 MIN_CLEARANCE = 0.15
-"""From walls to where a robot may be [m]; closer samples would be in slits and stray cells."""
+"""Least distance of a sample from walls [m]; closer ones would lie in slits and stray cells."""
 
 
 def sampled(
     field: CovarianceField, spacing: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions at least `spacing` [m] apart, far from walls first, and the covariances there.
+    """Positions at least `spacing` [m] apart, chosen far from walls first, and their covariances.
 
     Returns
     -------
     xy : (n, 2) array
-        Of lattice points of the field [m].
+        Positions of lattice points of the field [m].
     covariance : (n, d, d) array
-        Of several headings that of the mean information.
+        Covariances there; for several headings, those of the mean information.
     """
     stride = field.stride
     clearance = field.grid.clearance[::stride, ::stride]

@@ -17,7 +17,7 @@ MAX_STEPS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class SearchWindow:
-    """The pose offsets around a place that a match is looked for at; by default the paper's.
+    """Pose offsets around a place at which a match is searched; the defaults are the paper's.
 
     Raises
     ------
@@ -58,12 +58,12 @@ class SearchWindow:
             )
 
     def on(self, resolution: float) -> OffsetLattice:
-        """The window in whole cells of `resolution` metres.
+        """Lattice of the window's offsets on a map with cells of `resolution` metres.
 
         Raises
         ------
         ConfigError
-            If cells are so large that the window has no offset but zero.
+            If the cells are so large that zero is the window's only offset.
         """
         step_cells = max(1, round(self.step / resolution))
         half_steps = round(self.half_width / (step_cells * resolution))
@@ -117,12 +117,12 @@ class OffsetLattice:
 
     @property
     def offsets(self) -> NDArray[np.float64]:
-        """The offsets along x, and along y [m]."""
+        """Offsets along x, and likewise along y [m]."""
         return np.arange(-self.half_steps, self.half_steps + 1, dtype=np.float64) * self.step
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """The turns, counter-clockwise [rad]."""
+        """Angles of the turns, counter-clockwise [rad]."""
         steps = np.arange(-self.half_rotations, self.half_rotations + 1, dtype=np.float64)
         return steps * self.rotation_step
 

@@ -1,4 +1,4 @@
-"""Settings as JSON has them: dataclasses as objects, those of several kinds with their name."""
+"""Conversion of settings between dataclasses and objects of JSON."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def settings_of(value: Any) -> Any:
-    """Settings as JSON has them; what has a class variable `name` begins with that."""
+    """Settings as values for JSON; an object begins with its class variable `name`, if any."""
     if not dataclasses.is_dataclass(value):
         return value
     fields = {each.name: settings_of(getattr(value, each.name)) for each in _fields(type(value))}
@@ -21,7 +21,7 @@ def settings_of(value: Any) -> Any:
 
 
 def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
-    """An object of a class from what `settings_of` gave; what is missing has its default.
+    """Make an object of a class from what `settings_of` returned; missing settings get defaults.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
     made = {name: _nested(name, hints[name], value) for name, value in given.items()}
     try:
         return kind(**made)
-    except TypeError as error:  # one that has no default is missing
+    except TypeError as error:  # a setting without a default is missing
         raise ConfigError(" ".join(str(error).split())) from None
 
 

@@ -1,8 +1,8 @@
-"""The field store: a field that was computed once is read, and one half done is finished.
+"""The field store: it reads fields that were computed before, and completes unfinished ones.
 
-Each field is a Zarr group (`locplan.field._zarr`) in the cache folder, its name a digest of all
-that decides its values. Chunks are written as they are finished, so that a run which was killed
-loses only those under way, and a lock lets one process at a time compute a field.
+Each field is a Zarr group (`locplan.field._zarr`) in the cache folder, named by a digest of all
+that decides its values. Chunks are written as they are finished, so that a killed run loses only
+those under way. A lock lets only one process at a time compute a field.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
@@ -38,18 +37,18 @@ from locplan.field._cache import (
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator
 from locplan.field._field import CovarianceField
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, check_grid
 
 DECISIVE = ("format", "engine", "map_digest", "identity")
-"""Attributes that make one field another."""
+"""Attributes that decide the values of a field."""
 RELATIVES = 3
-"""How many other states of a map are looked at for what can be carried over."""
+"""Greatest number of other states of a map that are searched for values to carry over."""
 _PATIENCE = 0.3
-"""How often one looks whether another process has finished [s]."""
+"""Interval of checks whether another process has finished [s]."""
 
 
 class CacheWarning(UserWarning):
-    """The cache cannot be used as it should; the result is right all the same."""
+    """Warning that the cache cannot be used as intended; the result is right all the same."""
 
 
 def load_or_compute(
@@ -61,23 +60,23 @@ def load_or_compute(
     executor: Executor | None = None,
     progress: ProgressCallback | None = None,
 ) -> CovarianceField:
-    """The field of a map from the cache, or computed and put there.
+    """Read the field of a map from the cache, or compute it and put it there.
 
-    What the cache has of it is kept: the chunks that an interrupted run has finished and, where
-    another state of the same map was cached, all that the edit cannot have changed. While another
-    process computes the same field, this one waits.
+    Values in the cache are used again: the chunks that an interrupted run has finished and, where
+    another state of the same map was cached, all values that the edit cannot have changed. While
+    another process computes the same field, this one waits.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     config : FieldConfig or Estimator, optional
-        `Sad()` by default.
+        Estimator and lattice; `Sad()` by default.
     cache_dir : path, optional
-        By default the environment variable LOCPLAN_CACHE, or else the user's cache folder. It
-        grows to LOCPLAN_CACHE_SIZE (5 GB); the fields used least recently go first.
+        Cache folder; by default LOCPLAN_CACHE of the environment, or else the user's. It may grow
+        to LOCPLAN_CACHE_SIZE (5 GB); the least recently used fields are removed first.
     threads, executor, progress
-        As for `covariance_field`.
+        See `covariance_field`.
 
     Raises
     ------
@@ -89,13 +88,13 @@ def load_or_compute(
     CacheWarning
         If the cache cannot be written, or holds damaged chunks (which are computed anew).
     """
-    instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+    check_grid(grid)
     config = config_of(config)
     limit = cache_limit()
     path = field_path(grid, config, cache_dir)
     found = _Found.at(path, grid, config)
     if lacking := int(found.lacking.sum()):
-        del found  # of a large map, it need not be there twice
+        del found  # saves memory on a large map
         with _alone(path, lacking, progress) as writable:
             found = _Found.at(path, grid, config)
             if found.complaint:
@@ -117,7 +116,7 @@ def load_or_compute(
 def field_path(
     grid: OccupancyGrid, config: FieldConfig, cache_dir: str | os.PathLike[str] | None = None
 ) -> Path:
-    """Where the cache holds this field, whether or not it is there."""
+    """Path of a field in the cache, whether or not it is there."""
     about = field_files.attributes(grid, config)
     decisive = [about[name] for name in DECISIVE]
     key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
@@ -126,16 +125,16 @@ def field_path(
 
 @dataclass(frozen=True)
 class _Found:
-    """What the cache has of a field."""
+    """The part of a field that the cache holds."""
 
     values: tiles.Values
-    """Its arrays, NaN where they are not known."""
+    """Arrays of the field, NaN where they are not known."""
     lacking: NDArray[np.bool_]
     """Lattice points that are still to be computed, (h, w)."""
     sound: bool
-    """Whether there is a group that chunks can be written to."""
+    """True if there is a group that chunks can be written to."""
     complaint: str
-    """What is wrong with it, if anything."""
+    """Damage that was found, or an empty text."""
 
     @classmethod
     def at(cls, path: Path, grid: OccupancyGrid, config: FieldConfig) -> _Found:
@@ -160,7 +159,7 @@ class _Found:
 
 @contextmanager
 def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Iterator[bool]:
-    """While no other process computes this field; whether it can be written at all."""
+    """Keep other processes from computing this field; yield whether it can be cached at all."""
     from filelock import Timeout
 
     lock = None
@@ -183,7 +182,7 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
 
 
 def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
-    """Fill in what the fields of other states of this map have in common with it."""
+    """Fill in the values that cached fields of other states of this map have in common with it."""
     expected = field_files.attributes(grid, config)
     same = [
         name for name in expected if name not in ("locplan", "map_digest", "map_name", "config")
@@ -193,7 +192,7 @@ def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldCon
         lacking = tiles.missing_points(found.values, grid, config)
         if looked_at == RELATIVES or not lacking.any():
             break
-        with suppress(FieldError):  # damaged: it is only a shortcut
+        with suppress(FieldError):  # damaged ones are skipped: this is only a shortcut
             about = field_files.read_attributes(folder)
             if folder == path or any(about.get(name) != expected[name] for name in same):
                 continue
@@ -211,7 +210,7 @@ def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -
     if not found.sound:
         with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
             field_files.create(temporary, grid, config)
-    for partial in path.rglob("*.partial"):  # of a process that was killed while it wrote
+    for partial in path.rglob("*.partial"):  # left by a process that was killed while it wrote
         partial.unlink()
     lacking = tiles.missing_points(found.values, grid, config)
     edge = tiles.chunk_edge(config, grid.resolution)
@@ -221,7 +220,7 @@ def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -
 
 
 def _attempt(action: Callable[..., None], path: Path, *arguments: Any) -> bool:
-    """Whether something about the cache worked; if not, the user is told why."""
+    """Run an action on the cache; return whether it worked, and warn the user if not."""
     try:
         action(path, *arguments)
     except Exception as error:  # a description damaged meanwhile fails in many ways, too

@@ -1,4 +1,4 @@
-"""Which way the walls of an occupancy grid face, and which of their cells a beam can end at."""
+"""The normals of an occupancy grid's walls, and the wall cells that a beam can end at."""
 
 from __future__ import annotations
 
@@ -9,41 +9,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 BLUR = 1.0
-"""Standard deviation of the Gaussian that softens the cells' stairs [cells]."""
+"""Standard deviation of the Gaussian that smooths the steps of slanting walls [cells]."""
 LEVELS = 100
-"""Of the softened map: so many that all sums over windows are exact, whatever part is summed."""
+"""Number of levels of the smoothed map, so few that all sums over windows are exact."""
 WIDTHS = 3, 9, 27, 81
-"""Edges of the windows that a normal is averaged over, one after the other [cells]."""
+"""Edge lengths of the windows that a normal is averaged over, one after the other [cells]."""
 REACH = 3 + 1 + sum(width // 2 for width in WIDTHS)
-"""How far from a cell the map counts for its normal [cells]."""
+"""Distance from a cell within which the map decides its normal [cells]."""
 BAND = 1024
-"""Rows that are worked on at once, which bounds the memory."""
+"""Number of rows that are processed at once, which bounds the memory."""
 STRAIGHT = 0.8
-"""Least share of a window's slopes that agrees on one axis: (l1 - l2) / (l1 + l2)."""
+"""Least agreement of a straight surface's slopes on one axis: (l1 - l2) / (l1 + l2)."""
 TURN = math.radians(18)
-"""What a wider window may turn the axis by."""
+"""Greatest angle by which a wider window may turn the axis [rad]."""
 POST = 1e-3
-"""A cell about which the narrowest window agrees on no axis at all: a lone post."""
+"""Agreement in the narrowest window up to which a cell has no normal, such as a lone post."""
 
 
 def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Unit normal of the surface at each occupied cell, without a sign.
 
-    The main axis of the structure tensor (Bigün and Granlund, 1987), over the widest window in
-    which the surface is straight and still faces as it does in the narrower ones. A cell's stairs
-    turn a narrow window's axis by degrees, from which a bare slanting corridor would seem to
-    fix the position along it; a wide window alone would smooth away a door frame that does.
+    It is the main axis of the structure tensor (Bigün and Granlund, 1987) over the widest window
+    in which the surface is straight and faces the same way as in the narrower ones. The steps of
+    slanting walls turn a narrow window's axis by degrees, so that a bare slanting corridor would
+    seem to fix the position along it. A wide window alone would smooth away real door frames.
 
     Parameters
     ----------
     occupied : (H, W) array of bool
-        The cells that have a surface. The map's edge is taken to go on outside. A part of a map
-        gives the same normals `REACH` cells from its edges.
+        Mask of the cells that have a surface. Cells at the map's edge are repeated outside. A part
+        of a map gives the same normals at `REACH` or more cells from its edges.
 
     Returns
     -------
     (H, W, 2) array of float32
-        (row, col) components; zero where a cell is not occupied or faces no way.
+        Components (row, col); zero where a cell is not occupied or has no direction.
     """
     rows = len(occupied)
     normals = np.zeros((*occupied.shape, 2), np.float32)
@@ -55,7 +55,7 @@ def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 
 def walls(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """1 in occupied cells with a neighbour, of 8, that is not occupied, else 0; (H, W)."""
+    """Mark the occupied cells that have one of their 8 neighbours not occupied, 1 or 0, (H, W)."""
     import cv2
 
     solid = occupied.astype(np.uint8)
@@ -71,7 +71,7 @@ def _normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     soft = cv2.GaussianBlur(occupied.astype(np.uint8) * LEVELS, (0, 0), BLUR, **edge)
     slope_row = cv2.Scharr(soft, cv2.CV_64F, 0, 1, **edge)
     slope_col = cv2.Scharr(soft, cv2.CV_64F, 1, 0, **edge)
-    # The tensor as the doubled angle of its main axis, (cos, sin), and its trace: whole numbers.
+    # The tensor in whole numbers: its main axis as (cos, sin) of the doubled angle, and its trace.
     tensor = np.stack(
         [
             (slope_col - slope_row) * (slope_col + slope_row),
@@ -110,7 +110,7 @@ def _summed(tensor: NDArray[np.float64], width: int) -> NDArray[np.float64]:
 def _main_axes(
     tensors: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unit vectors of the doubled angle, (n, 2), and how far all slopes agree on it, 0..1."""
+    """Unit vectors of the axes' doubled angles, (n, 2), and agreement of the slopes, 0..1."""
     length = np.hypot(tensors[:, 0], tensors[:, 1])
     axes = tensors[:, :2] / np.maximum(length, 1.0)[:, None]
     return axes, length / np.maximum(tensors[:, 2], 1.0)

@@ -1,4 +1,4 @@
-"""The template around a cell: the disc of map, turned, or what of it is seen.
+"""The template around a cell: a disc of the turned map, or the visible part of it.
 
 Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
 (2023), doi 10.1186/s40648-023-00256-w.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from locplan.maps import FREE, UNKNOWN
 
 BEHIND = 2
-"""Cells behind the one that a ray hits which still belong to a visible template."""
+"""Number of cells behind the one that a ray hits that still belong to a visible template."""
 
 
 def disc(radius: int) -> NDArray[np.bool_]:
@@ -45,8 +45,8 @@ def rotated_template(
 ) -> NDArray[np.uint8]:
     """The square around a cell on the map turned counter-clockwise by `theta` [rad].
 
-    The whole map turns about its centre, sampled at the nearest cell, and is cropped around the
-    cell's turned and rounded position, (2r + 1, 2r + 1). Turned maps share the map's lattice.
+    The whole map is turned about its centre with nearest-neighbour sampling, and cropped around
+    the cell's turned and rounded position, (2r + 1, 2r + 1). Turned maps share the map's lattice.
     """
     centre_row, centre_col = map_centre(cells.shape)
     cos, sin = math.cos(theta), math.sin(theta)
@@ -63,9 +63,9 @@ def rotated_template(
 def visible_part(
     cells: NDArray[np.uint8], row: int, col: int, radius: int, theta: float
 ) -> NDArray[np.bool_]:
-    """What of the disc around a cell is seen from it, turned by `theta` [rad], (2r + 1, 2r + 1).
+    """Mask of the visible part of a cell's disc, turned by `theta` [rad], (2r + 1, 2r + 1).
 
-    A ray sees what it passes over up to the first cell that is not free and `BEHIND` cells more,
+    A ray sees the cells on its way up to the first one that is not free, and `BEHIND` cells more,
     so that the wall that it hits is part of the template.
     """
     beams = beam_count(radius)
@@ -81,12 +81,12 @@ def visible_part(
 
 
 def beam_count(radius: int) -> int:
-    """Rays cast so that one passes every cell of the disc's edge."""
+    """Number of rays, so many that one passes every cell at the disc's edge."""
     return max(360, math.ceil(2 * math.pi * radius))
 
 
 def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
-    """The number of the ray towards each cell of the square, turned by `theta` [rad]."""
+    """Index of the ray towards each cell of the square, turned by `theta` [rad]."""
     beams = beam_count(radius)
     offset = np.arange(-radius, radius + 1)
     direction = np.arctan2(offset[:, None], offset[None, :]) - theta
@@ -94,7 +94,7 @@ def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
 
 
 def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
-    """(row, col) about which a map of this shape is turned."""
+    """Centre (row, col) about which a map of this shape is turned."""
     return (shape[0] - 1) / 2, (shape[1] - 1) / 2
 
 

@@ -23,13 +23,13 @@ from locplan.field._lattice import evaluated_points, standing_cells, stride_cell
 from locplan.maps import OccupancyGrid
 
 ENGINE = 2
-"""Raised whenever the same map and config would give other values than before."""
+"""Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
-"""Edge of a tile, whose covariances share one layout of the map [lattice points]."""
+"""Edge length of a tile, whose covariances share one layout of the map [lattice points]."""
 TILE_CELLS = 512
-"""And at most so many cells, which bounds the layout's memory."""
+"""Greatest edge length of a tile on the map, which bounds the layout's memory [cells]."""
 IN_FLIGHT = 256
-"""Tiles that are given to an executor at once at most, which bounds the memory of their maps."""
+"""Greatest number of tiles at an executor at once, which bounds the memory of their maps."""
 
 
 class Chunk(NamedTuple):
@@ -42,7 +42,7 @@ class Chunk(NamedTuple):
 
     @property
     def at(self) -> tuple[slice, slice]:
-        """Its place in an array over the lattice."""
+        """Slices of the chunk in an array over the lattice."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
@@ -51,9 +51,9 @@ _Tile = Future[Values]
 
 
 def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
-    """Of a field's arrays: lattice rows and columns, then the headings if there are several.
+    """Shapes of a field's arrays: lattice rows and columns, then the headings if several.
 
-    Covariances have the poses' dimension twice at the end.
+    The shape of the covariances ends with the poses' dimension twice.
     """
     stride = stride_cells(config.stride, grid.resolution)
     points = tuple(-(-size // stride) for size in grid.shape)
@@ -64,18 +64,18 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
 
 
 def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
-    """A field's arrays without any values."""
+    """Arrays of a field, filled with NaN."""
     return {name: np.full(shape, np.nan) for name, shape in field_shapes(grid, config).items()}
 
 
 def known_points(values: Values) -> NDArray[np.bool_]:
-    """Lattice points that hold values, (h, w)."""
+    """Mask of the lattice points that hold values, (h, w)."""
     covariance = values["covariance"]
     return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
 
 
 def missing_points(values: Values, grid: OccupancyGrid, config: FieldConfig) -> NDArray[np.bool_]:
-    """Lattice points that a field needs and its arrays do not hold, (h, w)."""
+    """Mask of the lattice points that a field needs and its arrays do not hold, (h, w)."""
     wanted = evaluated_points(grid.free, stride_cells(config.stride, grid.resolution))
     return wanted & ~known_points(values)
 
@@ -89,7 +89,7 @@ def complete(
     progress: ProgressCallback | None,
     wanted: NDArray[np.bool_] | None = None,
 ) -> None:
-    """`finished_chunks` to the end, for whoever does not mind the chunks."""
+    """Run `finished_chunks` to the end, for callers that do not need the chunks."""
     for _ in finished_chunks(values, grid, config, threads, executor, progress, wanted):
         pass
 
@@ -103,25 +103,26 @@ def finished_chunks(
     progress: ProgressCallback | None,
     wanted: NDArray[np.bool_] | None = None,
 ) -> Generator[Chunk]:
-    """Compute the values that are missing, and name each chunk as it is finished.
+    """Compute the missing values, and yield each chunk when it is finished.
 
-    The values depend neither on the tiles nor on where they are computed. Own threads count their
-    cells as they go and stop at once when the caller does; an executor finishes the tiles that it
-    has begun.
+    The values depend neither on the tiles nor on where they are computed. Threads of this process
+    count their cells as they go and stop at once when the caller does; an executor finishes the
+    tiles that it has begun.
 
     Parameters
     ----------
     values : dict of arrays
-        Of `field_shapes`, covariances in the world frame, NaN where unknown; filled in place.
+        Arrays of the shapes `field_shapes`, covariances in the world frame, NaN where unknown;
+        filled in place.
     grid, config, threads, executor, progress
-        As for `locplan.covariance_field`.
+        See `locplan.covariance_field`.
     wanted : (h, w) array of bool, optional
         The lattice points to compute; all that a field needs by default.
 
     Yields
     ------
     Chunk
-        `chunk_edge` lattice points along each axis, less at the edges.
+        A chunk of `chunk_edge` lattice points along each axis, or fewer at the edges.
 
     Raises
     ------
@@ -143,7 +144,7 @@ def finished_chunks(
     pending: dict[Chunk, int] = {}
     waiting = _tiles(missing, pending, config, grid.resolution)
     pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
-    # Own threads share what the estimator makes of the whole map.
+    # Threads of this process share what the estimator prepares from the whole map.
     prepared = None
     if executor is None:
         prepared = estimator.prepare(grid.cells, grid.resolution)
@@ -184,12 +185,12 @@ def finished_chunks(
 
 
 def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
-    """Values of a tile, wherever that is run, if it is the same engine there.
+    """Compute the values of a tile, on a worker that must have the same engine.
 
     Raises
     ------
     FieldError
-        If it is another one.
+        If the worker has another engine.
     """
     if engine != ENGINE:
         raise FieldError(
@@ -199,13 +200,13 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
-    """Edge of the square chunks that are finished as a whole [lattice points]."""
+    """Edge length of the square chunks that are finished as a whole [lattice points]."""
     edge, apart = _tile_edge(config, resolution)
     return edge * apart
 
 
 def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
-    """Chunks with any of the points, row by row."""
+    """Chunks that hold at least one of the points, row by row."""
     height, width = points.shape
     for top in range(0, height, edge):
         for left in range(0, width, edge):
@@ -217,7 +218,7 @@ def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
 def untouched_points(
     before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
 ) -> NDArray[np.bool_]:
-    """Lattice points that two maps have in common, and whose covariances are the same, (h, w).
+    """Mask of the second map's lattice points whose covariances are those of the first, (h, w).
 
     Raises
     ------
@@ -234,7 +235,7 @@ def untouched_points(
             )
     stride = stride_cells(config.stride, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
-    # A sensor that would be in a wall stands up to a stride aside.
+    # A sensor that would stand in a wall is moved by up to one stride.
     reach = stride + config.estimator.halo(after.resolution, after.shape)
     box = [2 * reach + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
@@ -242,7 +243,7 @@ def untouched_points(
 
 
 def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
-    """Edge of a tile [lattice points], and how many lattice points apart its own are."""
+    """Number of a tile's points along its edge, and their spacing [lattice points]."""
     stride = stride_cells(config.stride, resolution)
     apart = config.estimator.points_apart(resolution, stride)
     return min(TILE, max(1, TILE_CELLS // (stride * apart))), apart
@@ -251,7 +252,7 @@ def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
 def _tiles(
     points: NDArray[np.bool_], pending: dict[Chunk, int], config: FieldConfig, resolution: float
 ) -> Iterator[tuple[Chunk, _Points]]:
-    """Each tile's chunk and its lattice points; counts every chunk's tiles in `pending`."""
+    """Yield each tile's chunk and lattice points; count each chunk's tiles in `pending`."""
     edge, apart = _tile_edge(config, resolution)
     for chunk in chunks_of(points, edge * apart):
         tiles = []
@@ -266,7 +267,7 @@ def _tiles(
 
 
 def _whole_map(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> MapPart:
-    """The cells of some lattice points, with all of the map."""
+    """Cells of some lattice points, with the whole map."""
     stride = stride_cells(config.stride, grid.resolution)
     rows, cols = (index * stride for index in points)
     if config.estimator.casts_rays:
@@ -276,7 +277,7 @@ def _whole_map(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> Map
 
 
 def _cut_out(part: MapPart, estimator: Estimator) -> MapPart:
-    """The same cells with no more of the map than they depend on."""
+    """Cells of a part, with only the piece of the map that they depend on."""
     reach = estimator.halo(part.resolution, part.map_shape)
     top, left = max(0, int(part.rows.min()) - reach), max(0, int(part.cols.min()) - reach)
     bottom, right = int(part.rows.max()) + reach + 1, int(part.cols.max()) + reach + 1
@@ -284,7 +285,7 @@ def _cut_out(part: MapPart, estimator: Estimator) -> MapPart:
 
 
 def _next(done: SimpleQueue[_Tile]) -> _Tile | None:
-    """A finished tile, or None if there is none for a while."""
+    """A finished tile, or None if none is finished within 0.2 s."""
     try:
         return done.get(timeout=0.2)
     except Empty:
@@ -293,12 +294,12 @@ def _next(done: SimpleQueue[_Tile]) -> _Tile | None:
 
 @contextmanager
 def _one_line_errors(executor: Executor | None) -> Iterator[None]:
-    """What befalls a foreign executor is an error of one line."""
+    """Turn any failure of a foreign executor into an error of one line."""
     try:
         yield
     except LocplanError:
         raise
-    except Exception as error:  # each executor has its own for workers that died
+    except Exception as error:  # each executor has its own error for dead workers
         if executor is None:
             raise
         what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]

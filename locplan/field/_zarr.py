@@ -1,9 +1,9 @@
 """Covariance fields as Zarr v3 groups, which xarray and every other Zarr reader open.
 
 A group holds `covariance` (y, x, pose_row, pose_col), its coordinates `y` and `x`, and the map as
-`cells` (row, col); its attributes say what they are. Where there are several headings, `heading`
-comes after x; some estimators tell more of a place, (y, x) or (y, x, heading). A chunk that was not
-computed is absent, and reads as NaN; a chunk that was carries a checksum.
+`cells` (row, col); its attributes describe them. Where there are several headings, `heading` comes
+after x. Some estimators add layers, (y, x) or (y, x, heading). A chunk that was not computed is
+absent, and reads as NaN; each chunk that was computed carries a checksum.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ COVARIANCE: dict[str, Any] = {
     "long_name": "covariance of a pose match (x, y, theta), world frame",
     "units": "m2, m rad, rad2",
 }
-"""Attributes of the covariances."""
+"""Attributes of the array of covariances."""
 
 
 def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
-    """What a field's group says about it."""
+    """Attributes of a field's group, which describe the field."""
     return {
         "format": FORMAT,
         "engine": ENGINE,
@@ -64,7 +64,7 @@ def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:
-    """The attributes of a field's group.
+    """Read the attributes of a field's group.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 
 def is_field(folder: Path) -> bool:
-    """Whether the folder holds a covariance field, to judge by its attributes."""
+    """Return whether the folder holds a covariance field, judged by its attributes."""
     try:
         read_attributes(folder)
     except FieldError:
@@ -95,7 +95,7 @@ def is_field(folder: Path) -> bool:
 
 
 def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
-    """Write a field's group with the map and all that is known before any covariance."""
+    """Create a field's group with the map, the coordinates and arrays without values."""
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
@@ -156,10 +156,10 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
 
 
 def write_chunks(folder: Path, values: Values, chunks: Iterable[Chunk]) -> None:
-    """Write finished chunks, each whole or not at all: its covariances last."""
+    """Write finished chunks, each whole or not at all, with its covariances last."""
     import zarr
 
-    # What is read counts only where there are covariances.
+    # A reader takes values as known only where there are covariances.
     names = sorted(values, key="covariance".__eq__)
     arrays: Any = [(name, zarr.open_array(folder / name, mode="r+")) for name in names]
     for chunk in chunks:
@@ -174,16 +174,16 @@ def write(folder: Path, values: Values, grid: OccupancyGrid, config: FieldConfig
 
 
 def count_chunks(folder: Path) -> int:
-    """How many chunks of covariances are there; a group's attribute "chunks" says of how many."""
+    """Number of finished chunks of covariances; the attribute "chunks" says of how many."""
     try:
         names = os.listdir(folder / "covariance")
     except OSError:
-        return 0  # there is none, or it has just been removed
+        return 0  # the folder is not there, or has just been removed
     return sum(name.startswith("c.") and not name.endswith(".partial") for name in names)
 
 
 def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple[Values, int]:
-    """The field's arrays, NaN where a chunk is absent or damaged, and how many are damaged.
+    """Read a field's arrays, NaN where a chunk is absent or damaged, and count damaged chunks.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple
     for name, shape in shapes.items():
         values[name], lost = _read_array(folder, name, shape, edge)
         damaged += lost
-    for name in shapes:  # a place is known if all of it is
+    for name in shapes:  # a place is known if all its values are
         lost_here = np.isnan(values[name]).reshape(*shapes[name][:2], -1)[:, :, 0]
         values["covariance"][lost_here] = np.nan
     return values, damaged
@@ -215,7 +215,7 @@ def _read_array(
         raise FieldError(f"{folder}: does not fit its own map and config")
     try:
         return np.asarray(array[:]), 0
-    except Exception:  # a damaged chunk: which one?
+    except Exception:  # find out which chunks are damaged
         values, damaged = np.full(shape, np.nan), 0
         for chunk in chunks_of(np.ones(shape[:2], bool), edge):
             try:
@@ -226,7 +226,7 @@ def _read_array(
 
 
 def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
-    """The map that a field belongs to; `about` is what `read_attributes` gave.
+    """Read the map that a field belongs to; `about` is what `read_attributes` returned.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
     try:
         cells: Any = zarr.open_array(folder / "cells", mode="r")[:]
         grid = OccupancyGrid(cells, about["resolution"], tuple(about["origin"]), about["map_name"])
-    except Exception as error:  # as for the covariances
+    except Exception as error:  # a damaged description fails in many ways
         raise FieldError(f"{folder}: its map is damaged ({_in_short(error)})") from None
     if grid.digest != about["map_digest"]:
         raise FieldError(f"{folder}: the map inside does not match its digest")
@@ -246,7 +246,7 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
 
 
 def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
-    """A whole field: its arrays, map and config.
+    """Read a whole field: its arrays, map and config.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def _edge(grid: OccupancyGrid, config: FieldConfig) -> int:
 
 
 def _checksum(about: dict[str, Any]) -> str:
-    """SHA-256 of the attributes; chunks have their own, and the map its digest."""
+    """SHA-256 of the attributes; chunks have checksums of their own, and the map has a digest."""
     described = {name: value for name, value in about.items() if name != "checksum"}
     return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 

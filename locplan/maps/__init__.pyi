@@ -10,5 +10,6 @@ from ._grid import (
     OCCUPIED as OCCUPIED,
     UNKNOWN as UNKNOWN,
     OccupancyGrid as OccupancyGrid,
+    check_grid as check_grid,
 )
 from ._ros_parameters import read_parameters as read_parameters

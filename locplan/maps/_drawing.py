@@ -11,23 +11,23 @@ import numpy as np
 from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 Box = tuple[float, float, float, float]
-"""x0, y0, x1, y1 [m]"""
+"""Limits x0, y0, x1, y1 [m]."""
 
-_WALL = 0.1  # depth to which a wall is seen [m]
-_MARGIN = 0.6  # from the drawing to the edge of the grid [m]: the wall, and 0.5 m of unknown
-_GAP = 0.6  # between pieces of furniture, so that a robot gets everywhere [m]
+_WALL = 0.1  # thickness of the walls [m]
+_MARGIN = 0.6  # from the drawing to the grid's edge [m]: the wall, and 0.5 m of unknown
+_GAP = 0.6  # least gap between pieces of furniture, so that a robot can pass [m]
 
 
 class Canvas:
     """Free space carved out of the unknown, in world metres; its walls appear at the end.
 
-    Edges belong on multiples of 0.1 m, where all the usual resolutions have them exactly.
+    Edges belong on multiples of 0.1 m, which all the usual resolutions represent exactly.
     """
 
     def __init__(self, size: tuple[float, float], resolution: float) -> None:
         self.resolution = resolution
         width, height = (math.ceil((v + 2 * _MARGIN) / resolution - 1e-6) for v in size)
-        # A hair off the cells' centres, lest an edge falls on one and rounding decides.
+        # Slightly off the cells' centres, so that rounding never decides where an edge falls.
         self._x = (np.arange(width) + 0.5) * resolution - _MARGIN + 1e-7
         self._y = (np.arange(height) + 0.5) * resolution - _MARGIN + 1e-7
         self._free = np.zeros((height, width), bool)
@@ -45,7 +45,7 @@ class Canvas:
             self._free[self._window(*box)] = True
 
     def door(self, *boxes: Box) -> None:
-        """Make boxes free, and let no furniture stand before them."""
+        """Make boxes free, and keep furniture away from them."""
         self.carve(*boxes)
         self._keep_out += boxes
 
@@ -56,7 +56,7 @@ class Canvas:
         self._keep_out += boxes
 
     def disc(self, x: float, y: float, radius: float, *, free: bool) -> None:
-        """Carve a round room, or put up a round pillar."""
+        """Carve a round room, or add a round pillar."""
         box = (x - radius, y - radius, x + radius, y + radius)
         window = self._window(*box)
         dx, dy = self._x[window[1]] - x, self._y[window[0], None] - y
@@ -65,7 +65,7 @@ class Canvas:
             self._keep_out.append(box)
 
     def pillars(self, centres: Iterable[tuple[float, float]], radius: float) -> None:
-        """Put up round pillars."""
+        """Add round pillars."""
         for x, y in centres:
             self.disc(x, y, radius, free=False)
 
@@ -83,7 +83,7 @@ class Canvas:
         self._keep_out.append(box)
 
     def furnish(self, rng: np.random.Generator, room: Box, count: int, largest: float) -> None:
-        """Put up to `count` pieces of 0.3 m to `largest` metres along the walls or into a room.
+        """Put up to `count` pieces of furniture, 0.3 m to `largest` metres, into a room.
 
         Positions depend on the generator alone, not on the resolution.
         """
@@ -93,7 +93,7 @@ class Canvas:
             w, h = (int(v) / 10 for v in rng.integers(3, round(10 * largest) + 1, 2))
             x, y = _place(rng, x0, x1 - w), _place(rng, y0, y1 - h)
             wide = (x - _GAP, y - _GAP, x + w + _GAP, y + h + _GAP)
-            # Either against a wall or clear of it, and clear of all else: nothing is sealed off.
+            # A piece stands at a wall or clear of it, and clear of all else: nothing is closed off.
             gaps = (x - x0, y - y0, x1 - x - w, y1 - y - h)
             blocked = any(1e-6 < gap < _GAP - 1e-6 for gap in gaps) or min(gaps) < -1e-6
             if not blocked and not any(_overlap(wide, other) for other in self._keep_out):
@@ -103,19 +103,19 @@ class Canvas:
                     return
 
     def grid(self, name: str) -> OccupancyGrid:
-        """Put walls around the free space and leave the rest unknown, as a SLAM map looks."""
+        """Put walls around the free space and leave the rest unknown, as in a SLAM map."""
         import cv2
 
         solid = (~self._free).astype(np.uint8)
         depth = np.asarray(cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
-        # At least the eight neighbours, or walls would leak at their corners.
+        # Walls hold at least the eight neighbours, or else they would leak at their corners.
         wall = depth <= max(_WALL / self.resolution, 1.5) + 0.01
         cells = np.where(self._free, FREE, np.where(wall, OCCUPIED, UNKNOWN)).astype(np.uint8)
         return OccupancyGrid(cells, self.resolution, (-_MARGIN, -_MARGIN, 0.0), name)
 
 
 def _place(rng: np.random.Generator, low: float, high: float) -> float:
-    """Either end, or a position between them, on a lattice of 0.1 m."""
+    """Random position: either end, or one between them on a lattice of 0.1 m."""
     end, step = int(rng.integers(4)), int(rng.integers(max(round(10 * (high - low)), 0) + 1))
     return (low, high, low + step / 10, low + step / 10)[end]
 

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import file_path, instance
+from locplan._util.checks import file_path
 from locplan.errors import MapError
-from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, check_grid
 
 if TYPE_CHECKING:
     import yaml
@@ -30,22 +30,22 @@ LEVELS = [FREE, UNKNOWN, OCCUPIED]  # in the order of PIXELS
 NEGATE = {"0": False, "1": True, "false": False, "true": True}
 SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool", "null")}
 OTHER_RANGE = re.compile(rb"P[25](\s+|#.*\n)+\d+(\s+|#.*\n)+\d+(\s+|#.*\n)+(?!255\s)\d")
-IMAGE_FORMATS = ("PPM", "PNG", "BMP")  # PPM is PBM and PGM, too
+IMAGE_FORMATS = ("PPM", "PNG", "BMP")  # Pillow's PPM also reads PBM and PGM
 MAX_YAML_BYTES, MAX_IMAGE_BYTES, MAX_PIXELS = 2**16, 2**30, 2**28
 PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
 
 
 class MapWarning(UserWarning):
-    """A map file was read as it says, but hardly as it was meant."""
+    """Warning that a map file was read as written, but probably not as intended."""
 
 
 def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     """Read a map_server YAML and its image (PGM, PBM, PNG or BMP).
 
-    Thresholds are compared as in Nav2, ends included. What lies between them is unknown, in
-    mode ``scale`` too; in mode ``raw`` they apply to the pixel's per cent. The image's bottom
-    row becomes row 0, the YAML's stem (of a map.yaml its folder) the name; the origin
-    [m, m, rad] keeps its yaw.
+    Thresholds are compared as in Nav2, ends included. Values between them are unknown, also in
+    mode ``scale``; in mode ``raw`` they apply to the pixel's per cent. The image's bottom row
+    becomes row 0. The YAML's stem becomes the name, or for a map.yaml its folder's name. The
+    origin [m, m, rad] keeps its yaw.
 
     Raises
     ------
@@ -85,14 +85,14 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
 
 
 def name_of(map_file: Path) -> str:
-    """What the map in a file is called: by its stem, a map.yaml by its folder."""
+    """Name of the map in a file: the file's stem, or for a map.yaml its folder's name."""
     return map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem
 
 
 def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
-    """Map files: those named, and in the folders named, and below, each YAML that names an image.
+    """List map files: the given files, and in given folders each YAML that names an image.
 
-    A folder without any stands for itself, for `load_map` to complain of.
+    Subfolders count, too. A folder without any is listed itself, so that `load_map` reports it.
     """
     found: list[Path] = []
     for path in map(Path, paths):
@@ -113,9 +113,9 @@ def save_map(
 ) -> None:
     """Write a map_server YAML (.yaml), with its image beside it under the same stem.
 
-    `load_map` gets the same grid back. Either both files are replaced or neither. In mode
-    ``scale`` unknown cells are transparent, so it needs png. With ``negate`` white is occupied;
-    it is without effect in mode ``raw``.
+    `load_map` reads the same grid again. Either both files are replaced or neither. In mode
+    ``scale`` unknown cells are transparent, so it needs png. With ``negate`` white is occupied,
+    but in mode ``raw`` it has no effect.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def save_map(
     """
     import yaml
 
-    instance("grid", grid, OccupancyGrid)
+    check_grid(grid)
     file = file_path("a map file", path)
     if file.suffix not in (".yaml", ".yml"):
         raise _fault(file, "is no name for a map", "end it in .yaml")
@@ -183,7 +183,7 @@ def _read_header(file: Path) -> _Header:
 
 
 def _read_entries(file: Path) -> dict[str, Any]:
-    """Top level of a map YAML. Parsed into nodes only: no tag is obeyed, no alias expanded."""
+    """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
     import yaml
 
     content = _read(file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image")
@@ -205,7 +205,7 @@ def _read_entries(file: Path) -> dict[str, Any]:
 
 
 def _plain(node: yaml.Node) -> str | list[str]:
-    """A scalar as text, a sequence as texts; ... stands for anything else."""
+    """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
     import yaml
 
     if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
@@ -215,7 +215,7 @@ def _plain(node: yaml.Node) -> str | list[str]:
 
 
 def _number(entry: str | list[str] | None) -> float:
-    """The number that a text spells (5e-2 too, which PyYAML calls a string), or else NaN."""
+    """Number in a text (also 5e-2, which PyYAML takes for a string), or else NaN."""
     try:
         return float(entry) if isinstance(entry, str) else math.nan
     except ValueError:
@@ -223,17 +223,17 @@ def _number(entry: str | list[str] | None) -> float:
 
 
 def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
-    """Grey values over all of uint8 or uint16, top row first, where they are transparent, and
-    whether they had another range in the file."""
+    """Read the grey values, the mask of transparent ones, and whether they were rescaled to span
+    all of uint8 or uint16; the top row comes first."""
     from PIL import Image
 
     content = _read(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
     try:
-        with warnings.catch_warnings(action="ignore"):  # Pillow's: of size, animation, palette
+        with warnings.catch_warnings(action="ignore"):  # Pillow's, about size, animation, palette
             with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
                 if image.width * image.height > min(MAX_PIXELS, PIXELS_PER_BYTE * len(content)):
                     raise ValueError("more pixels than its bytes can hold, or than 2**28")
-                image.verify()  # PNG checksums, which decoding skips; it spends the image
+                image.verify()  # checks PNG checksums, as decoding does not; uses up the image
             with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
                 return *_decode(image), OTHER_RANGE.match(content) is not None
     except Exception as error:  # decoders raise almost anything on damaged files
@@ -254,7 +254,7 @@ def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]
 
 
 def _level_of_value(header: _Header, top: int) -> NDArray[np.uint8]:
-    """The level that each pixel value 0..top stands for."""
+    """Level that each pixel value 0..top stands for."""
     raw = header.mode == "raw"
     occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)
     occupancy = occupancy if raw or header.negate else 1 - occupancy
@@ -278,7 +278,7 @@ def _draw(grid: OccupancyGrid, header: _Header) -> Image.Image:
 
 
 def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
-    """Replace both files, or neither; either way nothing else stays behind."""
+    """Replace both files or neither, and leave no other file behind."""
     with tempfile.TemporaryDirectory(prefix=".", dir=file.parent) as folder:
         new_image, new_file, backup = (Path(folder, part) for part in ("image", "yaml", "old"))
         picture.save(new_image, "PNG" if image.suffix == ".png" else "PPM")
@@ -323,7 +323,7 @@ def _shown(entry: str | list[str] | None) -> str:
 
 def _reason(error: Exception) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr, or alarm
+    return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr or Pillow's alarm
 
 
 def _names_an_image(file: Path) -> bool:

@@ -1,4 +1,4 @@
-"""The occupancy grid: its cells, where they lie in the world, and what stands around them."""
+"""The occupancy grid: its cells, their place in the world, and their clearance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import position
+from locplan._util.checks import instance, position
 from locplan._util.notebook import Pictured
 from locplan.errors import MapError
 
@@ -37,7 +37,7 @@ class OccupancyGrid(Pictured):
     origin : (x, y, yaw)
         World pose of the outer corner of cell (0, 0) [m, m, rad].
     name : str
-        What to call the map in tables and titles.
+        Name of the map in tables and titles.
 
     Raises
     ------
@@ -87,10 +87,10 @@ class OccupancyGrid(Pictured):
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
         name: str = "",
     ) -> OccupancyGrid:
-        """A grid from the values of a nav_msgs/OccupancyGrid, (H, W).
+        """Make a grid from the values of a nav_msgs/OccupancyGrid, (H, W).
 
-        0 is free, 100 occupied, -1 unknown; between them, 65 and more is occupied, 19 and less
-        free, and the rest unknown, by map_server's default thresholds.
+        Values 0 to 19 are free, 65 to 100 are occupied, and all others are unknown, by
+        map_server's default thresholds.
         """
         values = np.asarray(occupancy)
         cells = np.full(values.shape, UNKNOWN, np.uint8)
@@ -109,7 +109,7 @@ class OccupancyGrid(Pictured):
         )
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other is the same map, whatever its name."""
+        """Return whether the other grid is the same map; its name does not count."""
         return isinstance(other, OccupancyGrid) and self.digest == other.digest
 
     def __hash__(self) -> int:
@@ -123,7 +123,7 @@ class OccupancyGrid(Pictured):
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which cells are free, (H, W)."""
+        """Mask of the free cells, (H, W)."""
         return self.cells == FREE
 
     @cached_property
@@ -149,7 +149,7 @@ class OccupancyGrid(Pictured):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 over cells, resolution and origin: equal for equal maps, whatever the name."""
+        """SHA-256 of cells, resolution and origin: equal for equal maps, whatever their names."""
         content = hashlib.sha256()
         content.update(repr((self.shape, self.resolution, self.origin)).encode())
         content.update(self.cells.tobytes())
@@ -158,7 +158,7 @@ class OccupancyGrid(Pictured):
     def world_to_grid(
         self, x: ArrayLike, y: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """World coordinates [m] as continuous (row, col) in cells; a cell's centre ends in .5."""
+        """Convert world coordinates [m] to continuous (row, col); a cell's centre ends in .5."""
         x0, y0, yaw = self.origin
         dx, dy = np.asarray(x, float) - x0, np.asarray(y, float) - y0
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -167,21 +167,21 @@ class OccupancyGrid(Pictured):
     def grid_to_world(
         self, row: ArrayLike, col: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Continuous (row, col) in cells as world coordinates [m]."""
+        """Convert continuous (row, col) in cells to world coordinates [m]."""
         x0, y0, yaw = self.origin
         u, v = np.asarray(col, float) * self.resolution, np.asarray(row, float) * self.resolution
         cos, sin = math.cos(yaw), math.sin(yaw)
         return x0 + cos * u - sin * v, y0 + sin * u + cos * v
 
     def world_to_cell(self, x: float | Sequence[float], y: float | None = None) -> tuple[int, int]:
-        """(row, col) of the cell at x, y, or at (x, y) [m].
+        """Row and column of the cell at x, y, or at (x, y) [m].
 
         The cell may lie outside the grid, see `contains`.
 
         Raises
         ------
         PoseError
-            If x and y are no finite numbers.
+            If x and y are not finite numbers.
         """
         row, col = self.world_to_grid(*position(x, y))
         return math.floor(row), math.floor(col)
@@ -192,12 +192,17 @@ class OccupancyGrid(Pictured):
         return float(x), float(y)
 
     def contains(self, row: int, col: int) -> bool:
-        """Whether (row, col) is a cell of the grid."""
+        """Return whether (row, col) is a cell of the grid."""
         return 0 <= row < self.shape[0] and 0 <= col < self.shape[1]
 
 
+def check_grid(grid: object) -> None:
+    """Raise a ConfigError unless this is an occupancy grid."""
+    instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+
+
 def _numbers(values: Any) -> tuple[float, ...]:
-    """Finite numbers as floats; an empty tuple if any is something else."""
+    """Finite numbers as floats, or an empty tuple if any value is something else."""
     try:
         numbers = tuple(float(v) for v in np.atleast_1d(np.asarray(values, dtype=np.float64)))
     except (TypeError, ValueError):

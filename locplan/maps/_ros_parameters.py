@@ -9,12 +9,12 @@ from typing import Any
 from locplan.errors import LocplanError
 
 NODES = ("global_costmap", "local_costmap", "planner_server", "controller_server", "amcl")
-"""Of which a parameter file of Nav2 has at least one at its top."""
+"""Nodes of Nav2; a parameter file has at least one of them at its top level."""
 Parameters = dict[str, Any]
 
 
 def read_parameters(path: str | Path | None) -> Parameters:
-    """The parameters in a file of Nav2's; none without a file.
+    """Read the parameters in a file of Nav2; without a file there are none.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def read_parameters(path: str | Path | None) -> Parameters:
 def node_parameters(
     content: Mapping[str, Any], node: str, path: str | Path | None = None
 ) -> Parameters:
-    """A node's parameters; a costmap is a node within its own namespace."""
+    """Parameters of a node; a costmap is a node within its own namespace."""
     inner = content.get(node, {})
     if node == "global_costmap" and isinstance(inner, dict):
         inner = inner.get(node, {})

@@ -18,7 +18,7 @@ from locplan.errors import ConfigError
 from locplan.maps._drawing import Box, Canvas
 from locplan.maps._grid import FREE, OCCUPIED, OccupancyGrid
 
-_FINEST, _COARSEST = 0.01, 0.1  # resolutions at which the plans keep their walls [m]
+_FINEST, _COARSEST = 0.01, 0.1  # limits of the resolution at which plans keep their walls [m]
 
 
 def _between(edges: Sequence[float]) -> list[tuple[float, float]]:
@@ -39,7 +39,7 @@ def _draw_places(c: Canvas) -> None:
     # B, the straight corridor, and the ways from A and B to the rest.
     c.carve((12, 4.8, 12.2, 6.2), (12.2, 4.5, 38, 6.5), (38, 4.5, 40, 19))
     c.carve((3.2, 11, 4.6, 11.2), (3, 11.2, 4.8, 17), (3, 17, 38, 19))
-    # C, the round room: its door is as narrow, and what it opens to as far, as may be.
+    # C, the round room: its door is as narrow as possible, and opens to a distant wall.
     c.disc(46.5, 12, 4.5, free=True)
     c.carve((40, 11.6, 42.2, 12.4))
     # D, the repeating corridor.
@@ -144,7 +144,7 @@ def _draw_office(c: Canvas) -> None:
 def _draw_warehouse(c: Canvas) -> None:
     rng = np.random.default_rng(5)
     c.carve((0, 0, 50, 30))
-    # Two blocks of racks with identical aisles: full ones, and ones of which only feet are seen.
+    # Two blocks with identical aisles: full racks, and racks of which a lidar sees only the feet.
     for k in range(7):
         y = 3 + 3.6 * k
         c.block((2.4, y, 14.4, y + 1.2))
@@ -256,7 +256,7 @@ def make(
     Returns
     -------
     OccupancyGrid
-        With walls 0.1 m thick and everything behind them unknown.
+        A map with walls 0.1 m thick, and everything behind them unknown.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The paper's experiments on our maps: seven models in one dimension, and its claims of places.
+"""The paper's experiments on our maps: seven models in one dimension, and claims about places.
 
 Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
 (2023), doi 10.1186/s40648-023-00256-w.
@@ -20,11 +20,11 @@ from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
 PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall"}
 """The environment in which each of the paper's places lies, see `environments.landmarks`."""
 MARGIN = 1.01
-"""By what factor values must differ to count as different."""
+"""Factor by which values must differ to count as different."""
 SPREAD = 0.4
-"""How far from each place the poses lie at which the claims are tested [m]."""
+"""Distance from each place, along x and y, of the poses that test the claims [m]."""
 CORRIDOR_ANGLE = np.radians(5)
-"""How far the ellipse's major axis may turn from the corridor's, which runs along x."""
+"""Greatest angle between the ellipse's major axis and the corridor, which runs along x [rad]."""
 
 _FREE_ROOM = ((FREE, 6.0),)
 _HALF_ROOM = ((FREE, 3.0), (OCCUPIED, 3.0))
@@ -37,7 +37,7 @@ _STRIPS = (
         ((FREE, 5.0), (OCCUPIED, 5.0), (UNKNOWN, 5.0)),
     ),
 )
-_HEIGHT = 6.0  # of templates and strips [m]
+_HEIGHT = 6.0  # height of templates and strips [m]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,24 +46,24 @@ class Slide:
 
     title: str
     template: NDArray[np.uint8]
-    """Levels, 6 m x 6 m."""
+    """Levels of the template, 6 m x 6 m."""
     strip: NDArray[np.uint8]
-    """Levels, 15 m x 6 m."""
+    """Levels of the strip, 15 m x 6 m."""
     shift: NDArray[np.float64]
-    """Of the template's left edge from the strip's, (n,) [m]."""
+    """Distance of the template's left edge from the strip's, (n,) [m]."""
     curves: Mapping[str, NDArray[np.float64]]
-    """Of each of the seven models, (n,); NaN where it is undefined."""
+    """Values of each of the seven models, (n,); NaN where a model is undefined."""
 
     def __repr__(self) -> str:
         return f"Slide({self.title}, {len(self.shift)} shifts)"
 
     def constant_until(self, model: str, shift: float) -> bool:
-        """Whether a model is defined, and the same, from no shift up to this one [m]."""
+        """Return whether a model is defined, and constant, from no shift up to this one [m]."""
         values = self.curves[model][self.shift <= shift + 1e-9]
         return bool((values == values[0]).all())
 
     def peaks(self, model: str) -> NDArray[np.float64]:
-        """The shifts at which a model has its best value [m]; none where it tells nothing apart."""
+        """Shifts at which a model has its best value [m]; none if all its values are alike."""
         values = self.curves[model] * (-1 if model in DIFFERENCES else 1)
         if np.isnan(values).all() or np.nanmax(values) == np.nanmin(values):
             return np.empty(0)
@@ -71,7 +71,7 @@ class Slide:
 
 
 def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
-    """The one-dimensional comparison of the seven models (Figs. 4-11).
+    """Compare the seven models in one dimension (Figs. 4-11).
 
     Templates of 6 m x 6 m, free or half free and half occupied, are slid by 9 m along strips of
     15 m x 6 m whose levels change at halves or thirds.
@@ -96,14 +96,14 @@ def _side_by_side(parts: tuple[tuple[int, float], ...], resolution: float) -> ND
 
 
 Covariances = Mapping[str, NDArray[np.float64]]
-"""Of each place, at the same offsets from it, (n, 3, 3)."""
+"""Covariances by place, at the same offsets from each, (n, 3, 3)."""
 
 
 Test = Callable[[Covariances], NDArray[np.bool_]]
 
 
 def _above(lower: str, upper: str, name: str = "e") -> Test:
-    """That a scalar at each of some places is below that at each of others."""
+    """Test that a scalar is lower at each of the places `lower` than at any of `upper`."""
 
     def holds(found: Covariances) -> NDArray[np.bool_]:
         low, high = (np.array([scalar(found[k], name) for k in ks]) for ks in (lower, upper))
@@ -127,13 +127,13 @@ CLAIMS: dict[str, Test] = {
     "D, the repeating corridor, is above A": _above("A", "D"),
     "E, open beyond the range, has the largest e": _above("ABCD", "E"),
 }
-"""What the paper says of its places (Figs. 29-32), as tests on the covariances there."""
+"""The paper's claims about its places (Figs. 29-32), as tests on the covariances there."""
 
 
 def maps_of_places(
     *, resolution: float = 0.05, boundary_noise: float = 0.0, seed: int = 0
 ) -> dict[str, OccupancyGrid]:
-    """The maps that the places lie in, by name; see `environments.make`."""
+    """Draw the maps that the places lie in, by name; see `environments.make`."""
     return {
         name: environments.make(
             name, resolution=resolution, boundary_noise=boundary_noise, seed=seed
@@ -153,21 +153,21 @@ def mismatch_at(
 def at_places(
     maps: Mapping[str, OccupancyGrid], estimator: Sad, *, spread: float = SPREAD
 ) -> Covariances:
-    """The covariances at the places A-E.
+    """Compute the covariances at the places A-E.
 
     Parameters
     ----------
     maps : mapping of str to OccupancyGrid
-        As `maps_of_places` makes them.
+        The maps, from `maps_of_places`.
     estimator : Sad
-        The settings.
+        The estimator of the covariances.
     spread : float
-        Besides, at the corners and edges of a square around each place, so far from it [m].
+        Distance along x and y of eight more poses on a square around each place [m]; 0 adds none.
 
     Returns
     -------
     mapping of str to (n, 3, 3) array
-        n is 1, or 9 with a spread.
+        Covariances by place; n is 1, or 9 with a spread.
     """
     shifts = np.unique([-spread, 0.0, spread])
     dx, dy = (axis.ravel() for axis in np.meshgrid(shifts, shifts))
@@ -182,7 +182,7 @@ def at_places(
 def shares_of_claims(
     maps: Mapping[str, OccupancyGrid], estimator: Sad, *, spread: float = SPREAD
 ) -> dict[str, float]:
-    """For each claim the share of poses at which it holds; arguments as for `at_places`."""
+    """Share of the poses at which each claim holds; for the arguments see `at_places`."""
     found = at_places(maps, estimator, spread=spread)
     return {claim: float(holds(found).mean()) for claim, holds in CLAIMS.items()}
 
@@ -190,7 +190,7 @@ def shares_of_claims(
 def share_smaller_with_range(
     grid: OccupancyGrid, estimator: Sad, longer: float = 8.0, *, spacing: float = 1.0
 ) -> float:
-    """Share of the poses, `spacing` [m] apart, where e is no greater with a longer range [m]."""
+    """Share of poses, `spacing` [m] apart, where e is not greater with a longer range [m]."""
     step = round(spacing / grid.resolution)
     chosen = np.zeros(grid.shape, bool)
     chosen[step // 2 :: step, step // 2 :: step] = True

@@ -29,20 +29,20 @@ MODEL_STYLES: dict[str, dict[str, Any]] = {
     "ZCC": {"color": "black", "linestyle": (0, (1, 1))},
     "CC": {"color": "#56b4e9", "linestyle": (0, (6, 1, 1, 1))},
 }
-"""Told apart by dash as well as by colour; SAD, the paper's choice, is broad."""
+"""Line styles of the models, which differ in dashes and colour; SAD, the paper's, is broad."""
 PLANES = (("x", "y"), ("x", "θ"), ("y", "θ"))
 MISMATCH_COLOURS = "cividis"
 MIN_SCALE = 1.0
-"""Where the scale of mismatch ends at least [m^2], so that a featureless place looks like one."""
+"""Least end of the mismatch's scale [m^2], so that a featureless place looks like one."""
 
 
 def slides_figure(slides: Sequence[Slide]) -> Figure:
-    """The one-dimensional comparison (Figs. 4-11): template and map above, seven curves below.
+    """Draw the one-dimensional comparison (Figs. 4-11): template and map above seven curves.
 
     Parameters
     ----------
     slides : sequence of Slide
-        Side by side, see `locplan.paper.one_dimensional`.
+        The slides, drawn side by side; see `locplan.paper.one_dimensional`.
     """
     figure = Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
     rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
@@ -60,14 +60,14 @@ def slides_figure(slides: Sequence[Slide]) -> Figure:
 def models_figure(
     offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], axis: str, title: str
 ) -> Figure:
-    """The seven models along one axis of the search window at a place.
+    """Draw the seven models along one axis of the search window at a place.
 
     Parameters
     ----------
     offsets : (n,) array
-        [m], or [rad] of axis "theta".
+        Offsets along the axis [m], or [rad] for axis "theta".
     curves : mapping of str to (n,) array
-        See `locplan.paper.template_matching.along_axis`.
+        Values of the models, see `locplan.paper.template_matching.along_axis`.
     axis : str
         "x", "y" or "theta".
     title : str
@@ -86,7 +86,7 @@ def models_figure(
 def draw_models(
     axes: Axes, offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]]
 ) -> None:
-    """The seven models over offsets, each divided by its own greatest magnitude."""
+    """Draw the seven models over offsets, each divided by its own greatest magnitude."""
     undefined = []
     for name, values in curves.items():
         known = values[np.isfinite(values)]
@@ -105,12 +105,12 @@ def draw_models(
 def distribution_figure(
     distributions: Mapping[str, NDArray[np.float64]], window: OffsetLattice
 ) -> Figure:
-    """Mismatch over the planes of the search window, as surfaces and as heat maps (Figs. 18-28).
+    """Draw mismatch over the window's planes, as surfaces and as heat maps (Figs. 18-28).
 
     Parameters
     ----------
     distributions : mapping of str to (nx, ny, ntheta) array
-        Of each place, by the name to show: mismatch at every offset [m^2]; 0 at no offset.
+        Mismatch at every offset [m^2] for each place, by the name to show; 0 at zero offset.
     window : OffsetLattice
         The offsets.
     """
@@ -136,7 +136,7 @@ def distribution_figure(
 def _plane(
     mismatch: NDArray[np.float64], window: OffsetLattice, plane: tuple[str, str]
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
-    """The offsets along both axes of a plane [m, or deg], and the mismatch in it, (n, m)."""
+    """Offsets along both axes of a plane [m, or deg], and the mismatch in the plane, (n, m)."""
     axes = {"x": window.offsets, "y": window.offsets, "θ": np.degrees(window.angles)}
     middle = window.half_steps, window.half_steps, window.half_rotations
     cut = tuple(slice(None) if name in plane else middle[k] for k, name in enumerate(axes))
@@ -169,7 +169,7 @@ def _label(axis: str) -> str:
 
 
 def _draw_strip(axes: Axes, slide: Slide) -> None:
-    """The strip of map, and the template above it where its slide begins."""
+    """Draw the strip of map, and the template above it where its slide begins."""
     length = slide.shift[-1] / (len(slide.shift) - 1) if len(slide.shift) > 1 else 1.0
     for levels, bottom in ((slide.strip, 0.0), (slide.template, 7.0)):
         height, width = (size * length for size in levels.shape)

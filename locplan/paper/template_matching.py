@@ -1,8 +1,8 @@
 """Template matching at one pose, by the formulas: readable, slow, the reference for the kernels.
 
 The seven models that the paper compares take the levels of a template T and of the part M of the
-map that it lies on, arrays of any one shape. Of SSD, SAD and NSSD the least value is the best
-match, of the others the greatest. Where a model divides by zero it is undefined: NaN.
+map that it lies on, arrays of the same shape. The best match has the least value of SSD, SAD and
+NSSD, and the greatest of the others. Where a model divides by zero it is undefined: NaN.
 
 Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
 (2023), doi 10.1186/s40648-023-00256-w.
@@ -66,18 +66,18 @@ MODELS: dict[str, Callable[[NDArray, NDArray], float]] = {
     "ZCC": zcc,
     "CC": cc,
 }
-"""In the order of Eq. 1-7."""
+"""Functions of the models by name, in the order of Eq. 1-7."""
 DIFFERENCES = ("SSD", "SAD", "NSSD")
 """The models whose least value is the best match."""
 
 
 def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
-    """All seven models at one pose.
+    """Compute all seven models at one pose.
 
     Parameters
     ----------
     template, levels : array
-        Levels of the template and of the map under it, of one shape.
+        Levels of the template and of the map under it, of the same shape.
 
     Raises
     ------
@@ -99,18 +99,19 @@ def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
 def slid_along_x(
     template: NDArray[np.uint8], cells: NDArray[np.uint8]
 ) -> dict[str, NDArray[np.float64]]:
-    """The seven models for a template slid along a strip of map of its height.
+    """Compute the seven models for a template slid along a strip of map of its height.
 
     Parameters
     ----------
     template : (h, w) array
+        Levels of the template.
     cells : (h, W) array
-        Levels, W >= w.
+        Levels of the strip, W >= w.
 
     Returns
     -------
     dict of str to (W - w + 1,) array of float64
-        Of the template's left edge at each column.
+        Values of each model with the template's left edge at each column.
 
     Raises
     ------
@@ -126,7 +127,7 @@ def slid_along_x(
 def along_axis(
     grid: OccupancyGrid, x: float, y: float, axis: str, estimator: Sad
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """The seven models for the disc around a position, moved along one axis of the map.
+    """Compute the seven models for the disc around a position, moved along one axis of the map.
 
     Parameters
     ----------
@@ -136,18 +137,18 @@ def along_axis(
     axis : str
         "x", "y" or "theta".
     estimator : Sad
-        How far: to the ends of its search window, cell by cell, or degree by degree.
+        Its search window bounds the offsets, which go cell by cell, or degree by degree.
 
     Returns
     -------
     offsets : (n,) array
-        [m], or counter-clockwise [rad].
+        Offsets along the axis [m], or counter-clockwise turns [rad].
     curves : dict of str to (n,) array
 
     Raises
     ------
     LocplanError
-        If the position is not in free space, or the axis is none of the window's.
+        If the position is not in free space, or the window has no such axis.
     """
     row, col, radius = _disc_at(grid, x, y, estimator)
     window = estimator.window.on(grid.resolution)
@@ -193,7 +194,7 @@ def sad_distribution(
     *,
     visible: bool = False,
 ) -> NDArray[np.int64]:
-    """Sums of absolute differences over the search window at one cell (Eq. 2).
+    """Compute the sums of absolute differences over the search window at one cell (Eq. 2).
 
     S(c; dx, dy, theta) = sum over the disc of ``|T_theta(u) - M(c + d + u)|``, where T_theta is
     the template around c on the map turned by theta.
@@ -209,12 +210,12 @@ def sad_distribution(
     window : OffsetLattice
         The offsets d and the headings theta.
     visible : bool
-        Whether only the cells of the disc count that are seen from c, see `visible_part`.
+        Whether only those cells of the disc count that are visible from c, see `visible_part`.
 
     Returns
     -------
     (dx, dy, theta) array of int64
-        In units of the levels: 254 for a free cell on an occupied one. Zero at zero lag.
+        Sums in units of the levels: 254 for a free cell on an occupied one; 0 at zero offset.
 
     Examples
     --------
@@ -247,7 +248,7 @@ def sad_distribution(
 
 
 def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray[np.float64]:
-    """Mismatch area of a position at every offset of the search window.
+    """Compute the mismatch area of a position at every offset of the search window.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray
     x, y : float
         The position [m].
     estimator : Sad
-        Template and search window.
+        Estimator that gives the template and the search window.
 
     Returns
     -------
@@ -276,7 +277,7 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray
 
 
 def _disc_at(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> tuple[int, int, int]:
-    """The cell at a position, and the template's radius there [cells]."""
+    """Row and column of the cell at a position, and the template's radius [cells]."""
     row, col = grid.world_to_cell(x, y)
     if not (grid.contains(row, col) and grid.free[row, col]):
         raise PoseError(f"{x:g},{y:g} is not in the map's free space; name a place that is")

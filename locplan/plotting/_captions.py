@@ -1,4 +1,4 @@
-"""What pictures say in words: what is drawn, in which unit, and what was asked."""
+"""Captions of pictures: the settings of a field, and the request behind plans."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from locplan.planners import Plan
 
 
 def how(config: FieldConfig) -> str:
-    """The estimator and what decides its values most."""
+    """Estimator of a field with its most important settings."""
     several = f", mean of {config.headings} headings" if config.headings != 1 else ""
     return f"{config.estimator.summary}{several}"
 
 
 def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
-    """What was asked of the plans."""
+    """Weight, limits, footprint and robot radius that the plans were made with."""
     asked = [f"weight {costs.weight:g}"]
     for plan in plans.values():
         if plan.budget is not None:

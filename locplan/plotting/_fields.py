@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
 E_COLOURS = "viridis"
 WALL_SHADE = 150
-"""How opaque the white is that shows walls over e = 0, of 255."""
+"""Opacity of the white that shows walls over e = 0, 0..255."""
 E_QUANTILE = 0.98
-"""Of the free cells' e, where the linear colour scale of `e_figure` ends by default."""
+"""Quantile of the free cells' e at which the colour scale of `e_figure` ends by default."""
 ELLIPSE, AXIS, TURN = "#0072b2", "black", "#d62728"
 WEDGE = 0.4
 """Radius of the wedges that show the heading's deviation, as a share of the spacing."""
 
 
 def map_figure(grid: OccupancyGrid) -> Figure:
-    """The map alone: walls black, unknown space grey, free space white.
+    """Draw the map alone: walls black, unknown space grey, free space white.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def map_figure(grid: OccupancyGrid) -> Figure:
 
 
 def field_figure(field: CovarianceField, name: str = "e") -> Figure:
-    """The map with one scalar of its field as a heat map.
+    """Draw the map with one scalar of its field as a heat map.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
         The field.
     name : str
         "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
-        one of the field's layers. Of several headings that of the mean information is drawn.
+        one of the field's layers. For several headings, that of the mean information is drawn.
     """
     figure = Picture(figsize=map_size(field.grid), layout="constrained")
     axes = figure.add_subplot()
@@ -72,14 +72,14 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
 
 
 def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e") -> Figure:
-    """A scalar of several fields side by side on one scale, a row for each map.
+    """Draw a scalar of several fields side by side on one scale, a row for each map.
 
     Parameters
     ----------
     rows : sequence of mappings of str to CovarianceField
-        Of each map its fields, by the name to show; all rows alike, e in one unit.
-    name : str
-        As for `field_figure`.
+        Fields of each map, by the name to show; all rows alike, e in one unit.
+        name : str
+            Scalar or layer, see `field_figure`.
     """
     columns = max(map(len, rows))
     sizes = [map_size(next(iter(fields.values())).grid) for fields in rows]
@@ -103,12 +103,12 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
 def ellipses_figure(
     fields: Mapping[str, CovarianceField], *, spacing: float = 2.0, magnify: float = 1.0
 ) -> Figure:
-    """Error ellipses at sampled poses, of several fields side by side (Figs. 29 and 31).
+    """Draw error ellipses at sampled poses, of several fields side by side (Figs. 29 and 31).
 
     Parameters
     ----------
     fields : mapping of str to CovarianceField
-        Of one map, by the title to show.
+        Fields of one map, by the title to show.
     spacing : float
         Least distance of the poses from one another [m].
     magnify : float
@@ -131,7 +131,7 @@ def ellipses_figure(
 def draw_ellipses(
     axes: Axes, field: CovarianceField, *, spacing: float = 2.0, magnify: float = 1.0
 ) -> None:
-    """The map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
+    """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
     draw_map(axes, field.grid)
     xy, covariance = sampled(field, spacing)
     if not len(xy):
@@ -165,14 +165,14 @@ def draw_ellipses(
 def e_figure(
     fields: Mapping[str, CovarianceField], limits: tuple[float, float] | None = None
 ) -> Figure:
-    """Maps of e on one linear scale, 0 in unknown and occupied cells (Figs. 30 and 32).
+    """Draw maps of e on one linear scale, 0 in unknown and occupied cells (Figs. 30 and 32).
 
     Parameters
     ----------
     fields : mapping of str to CovarianceField
-        Of one map, by the title to show.
+        Fields of one map, by the title to show.
     limits : (float, float), optional
-        Of the colours; by default from 0 to what 98 % of the free cells do not exceed.
+        Ends of the colour scale; by default 0 and the 98 % quantile of the free cells' e.
     """
     maps = {
         title: field.on_map(field.scalar("e", headings="mean")) for title, field in fields.items()
@@ -183,7 +183,7 @@ def e_figure(
     figure, grid_of_axes = _side_by_side(fields)
     image = None
     for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
-        draw_map(axes, field.grid)  # for its axes: the values cover all of it
+        draw_map(axes, field.grid)  # sets the axes; the values cover the map
         values = np.nan_to_num(maps[title], nan=0.0)
         image = draw_cells(axes, field.grid, values, cmap=E_COLOURS, norm=Normalize(*limits))
         walls = np.where(field.grid.cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
@@ -197,7 +197,7 @@ def e_figure(
 
 
 def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
-    """Axes for maps of one size, above one another where that shows them larger."""
+    """Figure and Axes for maps of one size, one above the other where that shows them larger."""
     width, height = map_size(next(iter(fields.values())).grid)
     count = len(fields)
     shape = (count, 1) if width > 1.4 * height else (1, count)

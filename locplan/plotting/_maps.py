@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from locplan.costs import Path
 
 FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
-"""Never as dark as a wall."""
+"""Colours of fields, never as dark as a wall."""
 MAP_COLOURS = ListedColormap(["black", "0.82", "white"])
-"""Of occupied, unknown and free cells."""
+"""Colours of occupied, unknown and free cells."""
 END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 
 
 def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
-    """The occupancy grid in world coordinates: walls black, unknown space grey, free white."""
+    """Draw the map in world coordinates: walls black, unknown space grey, free space white."""
     shades = np.zeros(grid.shape, np.uint8)
     shades[grid.cells == UNKNOWN] = 1
     shades[grid.cells == FREE] = 2
@@ -43,7 +43,10 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
 
 
 def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage:
-    """A scalar of the field over its map, on a logarithmic scale between its anchors."""
+    """Draw a scalar of the field over its map, on a logarithmic scale, or a layer on a linear one.
+
+    The scale ends at the anchors, but for scalars without Q at the least and greatest values.
+    """
     draw_map(axes, field.grid)
     layer = name in field.layers
     values = field.on_map(field.scalar(name, headings="mean"), logarithmic=not layer)
@@ -58,12 +61,12 @@ def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage
 
 
 def draw_path(axes: Axes, path: Path, **style: Any) -> None:
-    """A path as a line; the style is matplotlib's."""
+    """Draw a path as a line, in a style of matplotlib."""
     axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": outline(), **style})
 
 
 def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
-    """Start (circle) and goal (star), each with an arrow if it has a heading."""
+    """Draw start (circle) and goal (star), each with an arrow if it has a heading."""
     axes.plot(*start[:2], "o", markersize=7, zorder=4, **END_STYLE)
     axes.plot(*goal[:2], "*", markersize=13, zorder=4, **END_STYLE)
     for x, y, *heading in (start, goal):
@@ -96,7 +99,7 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray, **options: Any)
 
 
 def _limit_to(axes: Axes, grid: OccupancyGrid) -> None:
-    """Show the cells that are known, with a margin."""
+    """Limit the Axes to the known cells, with a margin."""
     rows, cols = np.nonzero(grid.cells != UNKNOWN)
     if rows.size == 0:
         rows, cols = np.array([0, grid.shape[0] - 1]), np.array([0, grid.shape[1] - 1])

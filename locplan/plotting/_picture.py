@@ -1,4 +1,4 @@
-"""Figures that a notebook shows without any magic line before."""
+"""Figures that a notebook shows without a magic command."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from locplan._util.notebook import png_of
 
 
 class Picture(Figure):
-    """A figure of matplotlib that is shown when a notebook's cell returns it."""
+    """A figure of matplotlib that a notebook shows when a cell returns it."""
 
     def _repr_png_(self) -> bytes:
         return png_of(self)

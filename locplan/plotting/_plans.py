@@ -1,4 +1,4 @@
-"""Figures of paths, of fronts, and of how searches went."""
+"""Figures of paths, of Pareto fronts, and of the progress of searches."""
 
 from __future__ import annotations
 
@@ -36,27 +36,27 @@ if TYPE_CHECKING:
 
 FRONT_COLOURS = "viridis"
 FRONT_PATHS = 12
-"""How many paths of a front are drawn at most."""
+"""Greatest number of a front's paths that are drawn."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},
     {"color": "#0072b2", "linestyle": "-"},
     {"color": "#009e73", "linestyle": (0, (1, 1))},
     {"color": "#cc79a7", "linestyle": (0, (6, 1, 1, 1))},
 )
-"""In the order of the plans; told apart by dash as well as by colour."""
+"""Line styles in the order of the plans; they differ in dashes and colour."""
 
 
 def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
-    """Paths over the e field of the map and, below, u along each of them.
+    """Draw paths over the e field of the map and, below, u along each path.
 
     Parameters
     ----------
     costs : Costmap
-        What the paths were planned on.
+        The costmap that the paths were planned on.
     field : CovarianceField
-        The field behind it.
+        The field to draw below the paths.
     plans : mapping of str to Plan
-        At most four, by the name to show; unreachable ones are only named.
+        At most four plans, by the name to show; plans without a path are only named.
     """
     width, height = map_size(costs.grid)
     figure = Picture(figsize=(width, height + 2.4), layout="constrained")
@@ -159,14 +159,14 @@ def _draw_u(figure: Figure, axes: Axes, costs: Costmap) -> None:
 
 
 def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
-    """A Pareto front and, over the map, paths along it in the same colours, the knee's bold.
+    """Draw a Pareto front and, over the map, its paths in the same colours, the knee's bold.
 
     Parameters
     ----------
     front : ParetoFront
-        With at least one path.
+        The front, with at least one path.
     e_unit : str
-        `CovarianceField.e_unit`.
+        Unit of e, see `CovarianceField.e_unit`.
     """
     grid = front.costs.grid
     width, height = map_size(grid)
@@ -206,12 +206,12 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
 
 
 def history_figure(plans: Mapping[str, Plan]) -> Figure:
-    """The best J of sampling planners over the time since they began.
+    """Draw the best J of sampling planners over the time since they began.
 
     Parameters
     ----------
     plans : mapping of str to Plan
-        At most four that have a history, by the name to show.
+        At most four plans with a history, by the name to show.
     """
     figure = Picture(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()

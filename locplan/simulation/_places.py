@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, whole
+from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Lidar
 from locplan.field._lattice import stride_cells, well_spaced
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, check_grid
 from locplan.simulation._motion import approaches
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
@@ -104,7 +104,7 @@ def choose_points(
     """
     import cv2
 
-    instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+    check_grid(grid)
     whole("places", count, 2)
     wide = grid.free & (grid.clearance >= robot_radius)
     _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)

@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, whole
+from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback
 from locplan.field import Lidar
-from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.maps.environments import with_boundary_noise
 from locplan.simulation._arguments import Arguments, arguments_of
 from locplan.simulation._drives import Drives
@@ -69,7 +69,7 @@ class Simulator:
         seed: int = 1,
         threads: int | None = None,
     ) -> None:
-        instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+        check_grid(grid)
         whole("seed", seed, 0)
         if threads is not None:
             whole("threads", threads, 1)

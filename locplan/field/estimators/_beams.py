@@ -1,4 +1,4 @@
-"""What the estimators that know the lidar have in common."""
+"""The common base of the estimators that simulate a lidar."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from locplan.field._lidar import Lidar
 from locplan.field._search_window import OffsetLattice
 
 HEADINGS = 8
-"""Number of headings of a field, where the lidar sees something else in each."""
+"""Default number of headings where what the lidar sees depends on the heading."""
 
 
 @dataclass(frozen=True)
@@ -38,24 +38,24 @@ class LidarEstimator(Estimator):
 
     @property
     def summary(self) -> str:
-        """The name and the field of view."""
+        """Name and field of view of the estimator, for titles."""
         return f"{self.name}, {self.lidar.field_of_view_deg:g}°"
 
     @property
     def headings(self) -> int:
-        """1 where the lidar sees the same in all headings, else 8."""
+        """Default number of headings: 1 where the lidar sees the same in all, otherwise 8."""
         return 1 if self.lidar.sees_alike_in_all_headings else HEADINGS
 
     def on_grid(
         self, covariance: NDArray[np.float64], window: OffsetLattice
     ) -> NDArray[np.float64]:
-        """As a field holds them: with Q if it is wanted, and no axis for a single heading."""
+        """Covariances as a field holds them: with Q if set, and no axis for a single heading."""
         covariance = self.plus_q(covariance, window)
         return covariance[:, 0] if covariance.shape[1] == 1 else covariance
 
 
 def beams_of(lidar: Lidar, most: int | None = None) -> Any:
-    """The lidar as the kernels take it, with at most so many beams, evenly spaced."""
+    """Lidar in the form that the kernels take, with at most `most` beams, evenly spaced."""
     from locplan._kernels.lidar import Lidar as Beams
 
     angles = lidar.angles
@@ -72,6 +72,6 @@ def beams_of(lidar: Lidar, most: int | None = None) -> Any:
 
 
 def reach_of_beams(lidar: Lidar, resolution: float) -> int:
-    """How far from the robot's cell a beam may end [cells]."""
+    """Greatest distance from the robot's cell to the end of a beam [cells]."""
     lever = math.hypot(lidar.mount_x, lidar.mount_y)
     return math.ceil((lidar.range + lever) / resolution) + 2

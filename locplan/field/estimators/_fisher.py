@@ -21,7 +21,7 @@ from locplan.maps import OCCUPIED
 
 
 class Scene(NamedTuple):
-    """What the beams need of a map."""
+    """Data of a map that simulated beams need."""
 
     squares: NDArray[np.uint8]
     normals: NDArray[np.float32]
@@ -43,7 +43,7 @@ class Fisher(LidarEstimator):
     remedy: ClassVar[str] = "--estimator scan tells more apart: it also sees repetition"
 
     def covariances(self, part: MapPart) -> Values:
-        """The inverse of the beams' information and the window's prior, times k."""
+        """Inverse of the sum of the beams' information and the window's prior, times k."""
         from locplan._kernels.information import information
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
@@ -70,13 +70,13 @@ class Fisher(LidarEstimator):
         return Scene(empty_squares(occupied), surface_normals(occupied))
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """How far beyond a cell its covariance depends on the map [cells]."""
+        """Distance from a cell within which the map decides its covariance [cells]."""
         reach = reach_of_beams(self.lidar, resolution) + REACH
         return min(reach, math.ceil(math.hypot(*map_shape)))
 
 
 def _inverse(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverses of (..., d, d); NaN where these are."""
+    """Inverses of matrices (..., d, d); NaN where a matrix holds NaN."""
     unknown = np.isnan(information[..., 0, 0])
     matrices = np.where(unknown[..., None, None], np.eye(information.shape[-1]), information)
     return np.where(unknown[..., None, None], np.nan, np.linalg.inv(matrices))

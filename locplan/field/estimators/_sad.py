@@ -23,7 +23,7 @@ from locplan.maps import FREE, OCCUPIED
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""
 TAU = {"disc": 0.57, "visible": 0.23}
-"""Scale of the exponential weights that ranks places best, by the template [m^2]."""
+"""Scale of the exponential weights that ranks places best, for each template [m^2]."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Exponential:
 
     name: ClassVar[str] = "exponential"
     tau: float | None = None
-    """Mismatch area at which the weight falls to 1/e [m^2]; None is the template's own."""
+    """Mismatch area at which the weight falls to 1/e [m^2]; None takes the template's `TAU`."""
 
     def __post_init__(self) -> None:
         if self.tau is not None:
@@ -45,7 +45,7 @@ class InverseSquare:
 
     name: ClassVar[str] = "inverse-square"
     floor: float | None = None
-    """Least mismatch area that counts [m^2]; None is half a cell's area."""
+    """Lower limit of the mismatch area [m^2]; None takes half a cell's area."""
 
     def __post_init__(self) -> None:
         if self.floor is not None:
@@ -54,10 +54,10 @@ class InverseSquare:
 
 @dataclass(frozen=True, kw_only=True)
 class Sad(Estimator):
-    """The paper's estimator: the map around a place correlated with the map itself.
+    """The paper's estimator, which correlates the map around a place with the map itself.
 
     The sums of absolute differences between a template and the map at every offset of the window
-    give weights, and these the covariance. The defaults predict the errors of scan matching best;
+    give weights, and they the covariance. The defaults predict errors of scan matching best;
     `Sad.paper` follows Eq. 8-10 as printed (doi 10.1186/s40648-023-00256-w).
 
     Raises
@@ -82,9 +82,9 @@ class Sad(Estimator):
     range: float = 6.0
     """Radius of the template disc [m]."""
     template: Literal["disc", "visible"] = "disc"
-    """What of the disc is compared: all of it as in the paper, or what a ray from the cell sees."""
+    """Compared part of the disc: all of it, as in the paper, or what a ray from the cell sees."""
     weights: Exponential | InverseSquare = Exponential()
-    """How the mismatch of an offset becomes its weight."""
+    """Law that gives the weight of an offset from its mismatch."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -95,7 +95,7 @@ class Sad(Estimator):
 
     @classmethod
     def paper(cls, *, range: float = 6.0, noise_level: float = 1.0) -> Sad:
-        """Eq. 8-10 of the paper as printed: inverse-square weights, nothing added."""
+        """Settings for Eq. 8-10 of the paper as printed: inverse-square weights, no Q."""
         return cls(
             range=range, noise_level=noise_level, weights=InverseSquare(), quantisation=False
         )
@@ -107,18 +107,18 @@ class Sad(Estimator):
 
     @property
     def summary(self) -> str:
-        """The name, the template and the weights."""
+        """Name, template and weights of the estimator, for titles."""
         return f"{self.name}, {self.template}, {self.weights.name}"
 
     @property
     def tau(self) -> float:
-        """Scale of the exponential weights [m^2]; infinite with others."""
+        """Scale of the exponential weights [m^2]; infinite with other weights."""
         if isinstance(self.weights, InverseSquare):
             return math.inf
         return TAU[self.template] if self.weights.tau is None else self.weights.tau
 
     def covariances(self, part: MapPart) -> Values:
-        """k times the weighted covariance of the offsets about their mean (Eq. 8)."""
+        """Weighted covariance of the offsets about their mean, times k (Eq. 8)."""
         from locplan._kernels import sad
 
         window = self.window.on(part.resolution)
@@ -141,16 +141,16 @@ class Sad(Estimator):
         if isinstance(self.weights, Exponential):
             return np.exp(-area / self.tau)
         floor = cell_area / 2 if self.weights.floor is None else self.weights.floor
-        return (floor / np.maximum(area, floor)) ** 2  # a common factor of all weights is free
+        return (floor / np.maximum(area, floor)) ** 2  # a common factor has no effect
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """How far beyond a cell its covariance depends on the map [cells]."""
+        """Distance from a cell within which the map decides its covariance [cells]."""
         window = self.window.on(resolution)
         # A turned cell lies within one cell of its rounded place, and so does its source.
         return template_radius(self.range, window, map_shape) + max(window.reach, 2)
 
     def points_apart(self, resolution: float, stride: int) -> int:
-        """Every how many lattice points, `stride` cells apart, had best share a tile.
+        """Spacing of the lattice points, `stride` cells apart, that best share a tile.
 
         Where cells and offsets fall on a common lattice of more than one cell the layout of the
         map is thinner, and on a fine lattice only then fits into the processor's caches.
@@ -170,7 +170,7 @@ def sad_distributions(
     *,
     visible: bool = False,
 ) -> NDArray[np.int64]:
-    """The kernel's `template_matching.sad_distribution` at many cells, (n, dx, dy, theta)."""
+    """`template_matching.sad_distribution` at many cells by the kernel, (n, dx, dy, theta)."""
     from locplan._kernels import sad
 
     part = MapPart.whole(levels, rows, cols, window.resolution)
@@ -181,8 +181,8 @@ def sad_distributions(
 def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, int]) -> int:
     """Radius of the disc in whole cells, at least one, for a range of `reach` metres.
 
-    What lies further away than the map is long is unknown at every offset and adds no mismatch,
-    so that a larger disc gives the same sums.
+    Cells that are further away than the map is long are unknown at every offset and add no
+    mismatch, so that a larger disc gives the same sums.
     """
     whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
     return max(1, min(math.floor(reach / window.resolution + 1e-9), whole_map))
@@ -252,7 +252,7 @@ def _lay_out_tile(part: MapPart, radius: int, window: OffsetLattice, *, visible:
 
 @lru_cache(maxsize=4)
 def _sight(radius: int, window: OffsetLattice | None) -> Any:
-    """The rays of templates of what is seen; without a window there are none."""
+    """Rays of the visible templates; no rays without a window."""
     from locplan._kernels import templates
 
     if window is None:

@@ -23,7 +23,7 @@ from locplan.maps import OCCUPIED
 
 
 class Scene(NamedTuple):
-    """What a scan needs of a map."""
+    """Data of a map that a simulated scan needs."""
 
     squares: NDArray[np.uint8]
     likelihood: Any
@@ -76,13 +76,13 @@ class Scan(LidarEstimator):
         )
 
     def identity(self) -> dict[str, object]:
-        """All settings but the noise of the ranges, which the scan does not have."""
+        """All settings but the noise of the ranges, which the simulated scan does not have."""
         settings = super().identity()
         lidar: Any = settings["lidar"]
         return {**settings, "lidar": {k: v for k, v in lidar.items() if k != "range_sigma"}}
 
     def covariances(self, part: MapPart) -> Values:
-        """The covariance of the posterior about its mean, times k, and the layers."""
+        """Covariance of the posterior about its mean, times k, and the layers."""
         from locplan._kernels.offsets import make_lattice
         from locplan._kernels.posterior import scan_posteriors
 
@@ -124,7 +124,7 @@ class Scan(LidarEstimator):
         return Scene(empty_squares(levels == OCCUPIED), likelihood)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """How far beyond a cell its covariance depends on the map [cells]."""
+        """Distance from a cell within which the map decides its covariance [cells]."""
         from locplan._kernels.likelihood import likelihood_reach
 
         around = likelihood_reach(resolution, self.sigma_hit, self.z_rand) + 2
@@ -142,13 +142,13 @@ def likelihood_field(
     sigma_hit: float = 0.1,
     z_rand: float = 0.05,
 ) -> Any:
-    """The field of a map, or of a part of it.
+    """Likelihood field of a map, or of a part of it.
 
     Parameters
     ----------
     levels : (H, W) array of uint8
-        Only what is occupied matters, and beyond the edges nothing is. A part must reach as far
-        beyond every end of a beam, at every offset, as the likelihood does.
+        Levels of the map. Only occupied cells matter, and there are none beyond the edges. A part
+        must reach as far beyond every end of a beam, at every offset, as the likelihood does.
     resolution : float
         Edge of a cell [m].
     step, half_steps : int
