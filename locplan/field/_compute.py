@@ -52,8 +52,6 @@ def covariance_field(
     >>> from locplan.field import Sad
     >>> from locplan.maps import FREE
     >>> grid = OccupancyGrid(np.full((30, 30), FREE), resolution=0.1)
-    >>> import numpy as np
-    >>> from locplan.field import Sad
     >>> field = covariance_field(grid, Sad(range=0.5))
     >>> field.covariance.shape
     (15, 15, 3, 3)
