@@ -6,6 +6,8 @@ Positions are continuous (row, col) in the cells of a bordered grid, as in
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ def shortcut(
     positions: NDArray[np.float64],
     lookahead: int,
     corner_cutting: bool,
-) -> NDArray:
+) -> NDArray[Any]:
     """Which of a path's positions, (n, 2), to keep so that it costs least.
 
     Each is reached from one of the `lookahead` before it, in a straight line, the longest of
@@ -64,7 +66,7 @@ def shift(
     step: float,
     sweeps: int,
     corner_cutting: bool,
-) -> NDArray:
+) -> NDArray[Any]:
     """The path with its inner positions shifted sideways by `step` while that costs less."""
     shifted = positions.copy()
     stirred = np.ones(len(shifted), np.bool_)
@@ -103,7 +105,7 @@ def cheapest_moves(
     crossed: NDArray[np.int64],
     lengths: NDArray[np.float64],
     touched: NDArray[np.int64],
-) -> NDArray:
+) -> NDArray[Any]:
     """Cells of the cheapest path from start to goal over moves of any shape, or none.
 
     Parameters

@@ -8,6 +8,7 @@ reverse [cells].
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -32,7 +33,7 @@ def moved(
 @njit(nogil=True, cache=True)
 def arc_crossings(
     center_x: float, center_y: float, radius: float, low: float, high: float
-) -> NDArray:
+) -> NDArray[Any]:
     """Angles, ascending, at which an arc begins, crosses a border between cells, and ends.
 
     Seen from its centre [rad]; some are doubled.
@@ -77,7 +78,7 @@ def arc(
 
 
 @njit(nogil=True, cache=True)
-def closer(angles: NDArray, most: float) -> NDArray:
+def closer(angles: NDArray[Any], most: float) -> NDArray[Any]:
     """The same angles with more between them where they are further apart than `most`."""
     count = 1
     for n in range(len(angles) - 1):

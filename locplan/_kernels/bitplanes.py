@@ -8,7 +8,7 @@ indices of the whole map's lattice, also beyond its edges, where everything is u
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -139,7 +139,9 @@ def lay_out_window(
 
 
 @njit(nogil=True, cache=True)
-def disc_sums(octets: NDArray[np.uint8], radius: int, unit: int, rows: int, cols: int) -> NDArray:
+def disc_sums(
+    octets: NDArray[np.uint8], radius: int, unit: int, rows: int, cols: int
+) -> NDArray[Any]:
     """Cells set within the disc around every `unit` cells from `radius` on, (plane, col, row)."""
     sums = np.zeros((PLANES, cols, rows), np.int64)
     below = np.zeros((octets.shape[1], octets.shape[2] + 1), np.int32)

@@ -7,6 +7,7 @@ lengths, negative in reverse. All lengths are in turning radii.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -25,7 +26,7 @@ _ALSO_REVERSED = (2, 5, 6)
 @njit(nogil=True, cache=True)
 def dubins(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
-) -> tuple[NDArray, NDArray]:
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """The shortest curve forward from one pose to another: turns (5,), lengths (5,)."""
     turns, lengths = np.zeros(PIECES, np.int8), np.zeros(PIECES)
     least = np.inf
@@ -64,7 +65,7 @@ def dubins(
 @njit(nogil=True, cache=True)
 def reeds_shepp(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
-) -> tuple[NDArray, NDArray]:
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """The shortest curve, forward or in reverse, from one pose to another: turns, lengths (5,).
 
     The base words of the paper's sections 8.1-8.11 in their up to eight symmetric forms: driven in
@@ -102,7 +103,9 @@ def reeds_shepp(
 
 
 @njit(nogil=True, cache=True)
-def _word(number: int, x: float, y: float, heading: float, sides: NDArray, parts: NDArray) -> bool:
+def _word(
+    number: int, x: float, y: float, heading: float, sides: NDArray[Any], parts: NDArray[Any]
+) -> bool:
     """Fill in one of the base words that lead from the origin to a pose, if there is one."""
     same = x - math.sin(heading), y - 1 + math.cos(heading)
     opposite = x + math.sin(heading), y - 1 - math.cos(heading)
@@ -186,7 +189,7 @@ def _word(number: int, x: float, y: float, heading: float, sides: NDArray, parts
 
 @njit(nogil=True, cache=True)
 def _outer_turns(
-    second: float, third: float, opposite: tuple, heading: float
+    second: float, third: float, opposite: tuple[Any, ...], heading: float
 ) -> tuple[float, float]:
     """The first and last of four turns, whose middle two are known."""
     x, y = opposite

@@ -12,7 +12,7 @@ a map paints black what it does not know, endpoints could else be pushed into a 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -58,7 +58,7 @@ def costs_of_squared_distance(
 
 
 @njit(nogil=True, cache=True)
-def distances_along_columns(walls: NDArray[np.uint8], reach: int) -> NDArray:
+def distances_along_columns(walls: NDArray[np.uint8], reach: int) -> NDArray[Any]:
     """Rows to the nearest wall in the same column, at most ``reach + 1``.
 
     (H + 2 reach, W): for `reach` rows more on either side of the map.

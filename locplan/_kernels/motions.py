@@ -8,6 +8,7 @@ heading: then there is a layer for each of several, evenly spaced from `first` o
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -31,8 +32,8 @@ def motion_cost(
     columns: int,
     kind: int,
     radius: float,
-    start: tuple,
-    end: tuple,
+    start: tuple[Any, ...],
+    end: tuple[Any, ...],
     first: float,
     corner_cutting: bool,
 ) -> float:
@@ -77,7 +78,9 @@ def motion_cost(
 
 
 @njit(nogil=True, cache=True)
-def motion_poses(kind: int, radius: float, start: tuple, end: tuple) -> NDArray:
+def motion_poses(
+    kind: int, radius: float, start: tuple[Any, ...], end: tuple[Any, ...]
+) -> NDArray[Any]:
     """Poses (n, 3) along a motion, so dense in turns that lines between them will do.
 
     Wherever a turn crosses a border between cells there is one: the lines cross the same cells as
@@ -113,7 +116,9 @@ def motion_poses(kind: int, radius: float, start: tuple, end: tuple) -> NDArray:
 
 
 @njit(nogil=True, cache=True)
-def _word(kind: int, radius: float, start: tuple, end: tuple) -> tuple[NDArray, NDArray]:
+def _word(
+    kind: int, radius: float, start: tuple[Any, ...], end: tuple[Any, ...]
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     if kind == DUBINS:
@@ -127,8 +132,8 @@ def _word(kind: int, radius: float, start: tuple, end: tuple) -> tuple[NDArray, 
 def _line_cost(
     half: NDArray[np.float64],
     columns: int,
-    start: tuple,
-    end: tuple,
+    start: tuple[Any, ...],
+    end: tuple[Any, ...],
     first: float,
     corner_cutting: bool,
 ) -> float:
@@ -156,7 +161,7 @@ def _line_cost(
 def _arc_cost(
     half: NDArray[np.float64],
     columns: int,
-    piece: tuple,
+    piece: tuple[Any, ...],
     radius: float,
     first: float,
     corner_cutting: bool,
@@ -201,7 +206,7 @@ def _layer(heading: float, layers: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def _changes(heading: float, turn: float, layers: int) -> NDArray:
+def _changes(heading: float, turn: float, layers: int) -> NDArray[Any]:
     """The shares of a turn from a heading at which the next layer begins."""
     begin, end = heading / TURN * layers + 0.5, (heading + turn) / TURN * layers + 0.5
     low, high = math.ceil(min(begin, end)), math.floor(max(begin, end))
@@ -216,7 +221,7 @@ def world_cost(
     columns: int,
     kind: int,
     radius: float,
-    frame: tuple,
+    frame: tuple[Any, ...],
     x0: float,
     y0: float,
     heading0: float,
@@ -246,10 +251,10 @@ def world_costs(
     columns: int,
     kind: int,
     radius: float,
-    frame: tuple,
+    frame: tuple[Any, ...],
     poses: NDArray[np.float64],
     pairs: NDArray[np.int64],
-) -> NDArray:
+) -> NDArray[Any]:
     """Of motions between pairs (m, 2) of poses (n, 3) in the world; infinite if blocked [m]."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
@@ -264,14 +269,14 @@ def world_costs(
 def world_poses(
     kind: int,
     radius: float,
-    frame: tuple,
+    frame: tuple[Any, ...],
     x0: float,
     y0: float,
     heading0: float,
     x1: float,
     y1: float,
     heading1: float,
-) -> NDArray:
+) -> NDArray[Any]:
     """Poses (n, 3) in the world along the very motion whose cost `world_cost` is."""
     along, across, col0, row0, yaw = frame
     start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
@@ -288,7 +293,9 @@ def world_poses(
 
 
 @njit(nogil=True, cache=True)
-def _on_grid(frame: tuple, x: float, y: float, heading: float) -> tuple[float, float, float]:
+def _on_grid(
+    frame: tuple[Any, ...], x: float, y: float, heading: float
+) -> tuple[float, float, float]:
     along, across, col0, row0, yaw = frame
     heading -= yaw
     heading -= TURN * round(heading / TURN)
@@ -296,7 +303,9 @@ def _on_grid(frame: tuple, x: float, y: float, heading: float) -> tuple[float, f
 
 
 @njit(nogil=True, cache=True)
-def stands(half: NDArray[np.float64], columns: int, frame: tuple, x: float, y: float) -> bool:
+def stands(
+    half: NDArray[np.float64], columns: int, frame: tuple[Any, ...], x: float, y: float
+) -> bool:
     """Whether a position in the world [m] lies in a cell that is not blocked."""
     x, y, _ = _on_grid(frame, x, y, 0.0)
     col, row = math.floor(x), math.floor(y)

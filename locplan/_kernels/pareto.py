@@ -11,7 +11,7 @@ of a flat grid with a blocked border (`locplan._kernels.search`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -184,7 +184,7 @@ def search(
 
 
 @njit(nogil=True, cache=True)
-def path_of(labels: Labels, label: int) -> NDArray:
+def path_of(labels: Labels, label: int) -> NDArray[Any]:
     """Cells from the start to a label's."""
     count, at = 0, label
     while at >= 0:
@@ -197,10 +197,10 @@ def path_of(labels: Labels, label: int) -> NDArray:
 
 @njit(inline="always")
 def _push(
-    state: NDArray,
-    heap: NDArray,
-    heap_first: NDArray,
-    heap_second: NDArray,
+    state: NDArray[Any],
+    heap: NDArray[Any],
+    heap_first: NDArray[Any],
+    heap_second: NDArray[Any],
     label: int,
     first: float,
     second: float,
@@ -223,7 +223,9 @@ def _push(
 
 
 @njit(inline="always")
-def _pop(state: NDArray, heap: NDArray, heap_first: NDArray, heap_second: NDArray) -> None:
+def _pop(
+    state: NDArray[Any], heap: NDArray[Any], heap_first: NDArray[Any], heap_second: NDArray[Any]
+) -> None:
     state[IN_HEAP] -= 1
     last = state[IN_HEAP]
     label, first, second = heap[last], heap_first[last], heap_second[last]

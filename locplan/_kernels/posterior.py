@@ -9,7 +9,7 @@ depend on their order.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -118,7 +118,7 @@ def dilate(bits: NDArray[np.uint64], distance: int, guard: int, to: NDArray[np.u
 @njit(nogil=True, cache=True)
 def central_mode(
     lattice: Lattice, costs: NDArray[np.uint32], excess: float, bits: NDArray[np.uint64]
-) -> NDArray:
+) -> NDArray[Any]:
     """The offsets of the central mode, one bit for each of `costs` in words of 64.
 
     It is what is connected to the zero offset, each to any of 26 neighbours, by offsets that cost

@@ -9,6 +9,8 @@ Positions are continuous (row, col) in cells: cell (r, c) covers [r, r + 1) x [c
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -97,7 +99,7 @@ def segment_cost(
 @njit(nogil=True, cache=True)
 def cells_along(
     positions: NDArray[np.float64],
-) -> tuple[NDArray, NDArray, NDArray]:
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """The cells that a polyline of (n, 2) positions crosses and its length in each [cells].
 
     In order of travel, one entry for every visit. What is only touched goes to the next cell.

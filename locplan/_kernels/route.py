@@ -8,6 +8,8 @@ are in compressed rows (`indptr`, `indices`), both directions.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from locplan._kernels.rays import TOUCH, segment_cost
 
 
 @njit(nogil=True, cache=True)
-def cover(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArray:
+def cover(inside: NDArray[Any], columns: int, cells: NDArray[Any], reach: float) -> NDArray[Any]:
     """The cells, in their order, that are not joined within `reach` to one taken before."""
     covered = np.zeros(len(inside), np.bool_)
     seen = np.full(len(inside), -1, np.int32)
@@ -43,7 +45,7 @@ def cover(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArra
 
 
 @njit(nogil=True, cache=True)
-def owners(inside: NDArray, columns: int, nodes: NDArray) -> NDArray:
+def owners(inside: NDArray[Any], columns: int, nodes: NDArray[Any]) -> NDArray[Any]:
     """The node next to each cell by steps of which every other may be diagonal; or -1."""
     owner = np.full(len(inside), -1, np.int32)
     queue = np.empty(len(inside), np.int32)
@@ -66,7 +68,9 @@ def owners(inside: NDArray, columns: int, nodes: NDArray) -> NDArray:
 
 
 @njit(nogil=True, cache=True)
-def line_cost(half: NDArray, columns: int, frame: tuple, a: NDArray, b: NDArray) -> float:
+def line_cost(
+    half: NDArray[Any], columns: int, frame: tuple[Any, ...], a: NDArray[Any], b: NDArray[Any]
+) -> float:
     """Integral along the line between two positions, the costlier way [density x cells].
 
     Infinite where it is blocked either way, or an end lies outside the grid or at a blocked cell.
@@ -88,7 +92,9 @@ def line_cost(half: NDArray, columns: int, frame: tuple, a: NDArray, b: NDArray)
 
 
 @njit(nogil=True, cache=True)
-def line_costs(half: NDArray, columns: int, frame: tuple, xy: NDArray, pairs: NDArray) -> NDArray:
+def line_costs(
+    half: NDArray[Any], columns: int, frame: tuple[Any, ...], xy: NDArray[Any], pairs: NDArray[Any]
+) -> NDArray[Any]:
     """The same for pairs (m, 2) of positions (n, 2)."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
@@ -97,7 +103,9 @@ def line_costs(half: NDArray, columns: int, frame: tuple, xy: NDArray, pairs: ND
 
 
 @njit(nogil=True, cache=True)
-def spanner(pairs: NDArray, cost: NDArray, count: int, detour: float) -> NDArray[np.bool_]:
+def spanner(
+    pairs: NDArray[Any], cost: NDArray[Any], count: int, detour: float
+) -> NDArray[np.bool_]:
     """Which pairs, the cheapest first, no two kept before replace at `detour` times the cost."""
     kept = np.zeros(len(pairs), np.bool_)
     last = np.full(count, -1)  # each node's half-edges are a chain; 2 n and 2 n + 1 are pair n's
@@ -126,7 +134,9 @@ def spanner(pairs: NDArray, cost: NDArray, count: int, detour: float) -> NDArray
 
 
 @njit(nogil=True, cache=True)
-def usage(order: NDArray, before: NDArray, indptr: NDArray, indices: NDArray) -> NDArray:
+def usage(
+    order: NDArray[Any], before: NDArray[Any], indptr: NDArray[Any], indices: NDArray[Any]
+) -> NDArray[Any]:
     """How many routes that do not end at a node take each of its edges."""
     use = np.zeros(len(indices))
     for nodes, parents in zip(order, before):  # noqa: B905, which numba does not know
@@ -144,16 +154,16 @@ def usage(order: NDArray, before: NDArray, indptr: NDArray, indices: NDArray) ->
 
 @njit(nogil=True, cache=True)
 def moved(
-    half: NDArray,
+    half: NDArray[Any],
     columns: int,
-    frame: tuple,
-    xy: NDArray,
-    indptr: NDArray,
-    indices: NDArray,
-    use: NDArray,
+    frame: tuple[Any, ...],
+    xy: NDArray[Any],
+    indptr: NDArray[Any],
+    indices: NDArray[Any],
+    use: NDArray[Any],
     shift: float,
     apart: float,
-) -> NDArray:
+) -> NDArray[Any]:
     """Positions where the routes through each node cost less, one node after the other.
 
     Each stays within `shift` of where it was, and goes no closer to a neighbour than `apart`, both

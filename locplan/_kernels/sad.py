@@ -14,7 +14,7 @@ lanes of the vectors.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -146,7 +146,7 @@ def mismatch_counts(
 @njit(nogil=True, cache=True)
 def weighted_covariance(
     counts: NDArray[np.int64], weight_of_count: NDArray[np.float64], offsets: int
-) -> NDArray:
+) -> NDArray[Any]:
     """Covariance of (dx, dy, theta) in steps of the lattice, about the weighted mean, (3, 3).
 
     Moments are taken about the zero lag, which no offset outweighs: its sums are exact where all
@@ -186,7 +186,7 @@ def weighted_covariance(
 
 
 @njit(nogil=True, cache=True)
-def tile_mismatch_counts(tile: Tile) -> NDArray:
+def tile_mismatch_counts(tile: Tile) -> NDArray[Any]:
     """S / 127 at all cells of a tile, (n, dx, theta, dy)."""
     offsets, headings = 2 * tile.half_steps + 1, tile.turned_rows.shape[1]
     counts, template = empty_counts(offsets, headings), empty_template(headings, tile.disc)
@@ -201,7 +201,7 @@ def tile_mismatch_counts(tile: Tile) -> NDArray:
 @njit(nogil=True, cache=True)
 def tile_covariances(
     tile: Tile, weight_of_count: NDArray[np.float64], control: NDArray[np.int64]
-) -> NDArray:
+) -> NDArray[Any]:
     """Weighted covariances in steps of the lattice at all cells of a tile, (n, 3, 3).
 
     ``control[DONE]`` counts the cells as they are done; once another thread sets
@@ -223,6 +223,6 @@ def tile_covariances(
 
 
 @njit(nogil=True, cache=True)
-def empty_counts(offsets: int, headings: int) -> NDArray:
+def empty_counts(offsets: int, headings: int) -> NDArray[Any]:
     """Room for the counts of one cell, (dx, theta, dy rounded up to whole groups), flat."""
     return np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)

@@ -11,6 +11,7 @@ step costs its length times the sum of its two cells' halves.
 from __future__ import annotations
 
 from heapq import heappop, heappush
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -23,7 +24,7 @@ _UNUSED, _USED, _WAITING = 0, 1, 2
 
 
 @njit(nogil=True, cache=True)
-def bordered_half(density: NDArray[np.float64], border: int) -> NDArray:
+def bordered_half(density: NDArray[np.float64], border: int) -> NDArray[Any]:
     """Half the density with a blocked border of so many cells, flat."""
     rows, cols = density.shape
     half = np.full((rows + 2 * border, cols + 2 * border), np.inf)
@@ -35,7 +36,7 @@ def bordered_half(density: NDArray[np.float64], border: int) -> NDArray:
 
 def shortest_costs(
     half: NDArray[np.float64], columns: int, start: int, goal: int, corner_cutting: bool
-) -> NDArray:
+) -> NDArray[Any]:
     """Cost from a cell to all others, flat [density x cells].
 
     Parameters
@@ -65,7 +66,7 @@ def costs_by_buckets(
     corner_cutting: bool,
     per_cost: float,
     buckets: int,
-) -> NDArray:
+) -> NDArray[Any]:
     """`shortest_costs` with buckets, so many per cost and in all, as `bucket_scale` says."""
     cost = np.full(half.size, np.inf)
     if half[start] == np.inf:
@@ -123,7 +124,7 @@ def trace(
     cost: NDArray[np.float64],
     goal: int,
     corner_cutting: bool,
-) -> NDArray:
+) -> NDArray[Any]:
     """Cells from the search's start to `goal`, each the cheapest way into the next."""
     cells = [goal]
     while cost[cells[-1]] > 0:
@@ -164,7 +165,7 @@ def bucket_scale(half: NDArray[np.float64], longest: float) -> tuple[float, int]
 @njit(nogil=True, cache=True)
 def costs_by_heap(
     half: NDArray[np.float64], columns: int, start: int, goal: int, corner_cutting: bool
-) -> NDArray:
+) -> NDArray[Any]:
     """`shortest_costs` with a binary heap: three times as long, at any contrast."""
     cost = np.full(half.size, np.inf)
     if half[start] == np.inf:
@@ -194,7 +195,12 @@ def costs_by_heap(
 
 @njit(inline="always")
 def enqueue(
-    cell: int, bucket: int, heads: NDArray, cells: NDArray, following: NDArray, pool: NDArray
+    cell: int,
+    bucket: int,
+    heads: NDArray[Any],
+    cells: NDArray[Any],
+    following: NDArray[Any],
+    pool: NDArray[Any],
 ) -> None:
     """Put a cell into a bucket."""
     entry = pool[_UNUSED]

@@ -9,7 +9,7 @@ disc's rim. Where N, the disc less T, leaves fewer of them it is listed instead,
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -65,7 +65,7 @@ def disc_squares(mask: NDArray[np.bool_]) -> Disc:
     return Disc(words, cols, words.size // cols, int(np.count_nonzero(mask)))
 
 
-def by_squares(values: NDArray) -> NDArray:
+def by_squares(values: NDArray[Any]) -> NDArray[Any]:
     """Values of (2r + 1, 2r + 1) cells in the order of a disc's squares and their bits; else 0."""
     size = len(values)
     cols = -(-size // SQUARE)

@@ -6,12 +6,14 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.files import replacing
+
+T = TypeVar("T")
 
 
 def write_csv(target: Path, values: NDArray[np.float64], header: str, number: str = "%.6f") -> None:
@@ -20,12 +22,17 @@ def write_csv(target: Path, values: NDArray[np.float64], header: str, number: st
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
 
 
-def finite(values: Any) -> Any:
-    """Replace NaN and infinity, which JSON does not know, by None at any depth."""
+def finite(values: T) -> T:
+    """Values for JSON, which knows neither NaN nor infinity: null stands for both, at any depth."""
+    cleaned: T = _finite(values)
+    return cleaned
+
+
+def _finite(values: Any) -> Any:
     if isinstance(values, Mapping):
-        return {key: finite(value) for key, value in values.items()}
+        return {key: _finite(value) for key, value in values.items()}
     if isinstance(values, (list, tuple)):
-        return [finite(value) for value in values]
+        return [_finite(value) for value in values]
     return None if isinstance(values, float) and not math.isfinite(values) else values
 
 

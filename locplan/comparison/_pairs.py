@@ -188,7 +188,7 @@ def _pseudo_values(kind: str, ours: Array, theirs: Array) -> Array:
         return ours - theirs
     with np.errstate(divide="ignore", invalid="ignore"):
         without = (ours.sum() - ours) / (theirs.sum() - theirs)
-    return len(ours) * ours.sum() / theirs.sum() - (len(ours) - 1) * without
+    return np.asarray(len(ours) * ours.sum() / theirs.sum() - (len(ours) - 1) * without)
 
 
 def _half_width(values: Array, maps: NDArray[np.intp]) -> float:

@@ -39,7 +39,8 @@ def get(folder: Path) -> Costmap:
     for n in range(len(list(folder.glob("*.raw")))):
         with (folder / f"{n}.raw").open("rb") as file:
             buffers.append(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-    return pickle.loads((folder / "about.pickle").read_bytes(), buffers=buffers)
+    costs: Costmap = pickle.loads((folder / "about.pickle").read_bytes(), buffers=buffers)
+    return costs
 
 
 @lru_cache(maxsize=1)

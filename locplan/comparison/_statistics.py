@@ -145,6 +145,6 @@ def _medians(runs: Sequence[Run]) -> Medians:
 def _columnwise_median(values: Array) -> Array:
     """Of the values that are known."""
     if len(values) == 1:
-        return values[0]
+        return np.asarray(values[0])
     columns = [column[~np.isnan(column)] for column in values.T]
     return np.array([np.median(known) if known.size else np.nan for known in columns])

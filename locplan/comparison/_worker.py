@@ -153,7 +153,7 @@ def _received(handed: bytes) -> list[PlannerSpec]:
     import cv2
 
     cv2.setNumThreads(1)  # a run is timed on one core
-    planners = pickle.loads(handed)
+    planners: list[PlannerSpec] = pickle.loads(handed)
     for planner in planners:
         planner.planner.prepare()
     return planners

@@ -338,12 +338,12 @@ def check_weight(weight: float) -> None:
     number("weight", weight, 0, MAX_DENSITY)
 
 
-def sealed(layer: NDArray) -> NDArray:
+def sealed(layer: NDArray[Any]) -> NDArray[Any]:
     """Make an array read-only, and return it."""
     layer.setflags(write=False)
     return layer
 
 
-def _blocked(density: NDArray, grid: OccupancyGrid, robot_radius: float) -> NDArray:
+def _blocked(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
     number("robot_radius", robot_radius, 0, MAX_DENSITY)
     return sealed(np.where(grid.clearance < robot_radius - 1e-9, np.inf, density))

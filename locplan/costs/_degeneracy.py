@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,26 +81,26 @@ def _anchors(field: CovarianceField, criterion: str) -> tuple[float, float]:
     return least, greatest
 
 
-def _headings_first(values: NDArray, headings: str | None) -> NDArray[np.float64]:
+def _headings_first(values: NDArray[Any], headings: str | None) -> NDArray[np.float64]:
     """Move headings to the front, (n, H, W); without `headings`, (H, W) becomes (1, H, W)."""
     if values.ndim == 3:
         return np.moveaxis(values, 2, 0)
     return values if headings else values[None]
 
 
-def _mean(arrays: Sequence[NDArray]) -> NDArray[np.float64]:
+def _mean(arrays: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
     return sum(arrays[1:], arrays[0]) / len(arrays)
 
 
-def _log(values: NDArray) -> NDArray[np.float64]:
-    return np.log(np.maximum(values, np.finfo(float).tiny))
+def _log(values: NDArray[Any]) -> NDArray[np.float64]:
+    return np.asarray(np.log(np.maximum(values, np.finfo(float).tiny)))
 
 
-def _largest(arrays: Sequence[NDArray]) -> NDArray[np.float64]:
+def _largest(arrays: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
     return functools.reduce(np.maximum, arrays)
 
 
-def _degeneracy_of(values: NDArray, least: float, greatest: float, law: str) -> NDArray:
+def _degeneracy_of(values: NDArray[Any], least: float, greatest: float, law: str) -> NDArray[Any]:
     if law == "logarithmic":
         u = np.log(values / least) / math.log(greatest / least)
     elif law == "layer":

@@ -90,7 +90,9 @@ class Footprint:
         return None
 
 
-def _moves(grid: OccupancyGrid, path: Path) -> Iterator[tuple[NDArray, NDArray, float, float]]:
+def _moves(
+    grid: OccupancyGrid, path: Path
+) -> Iterator[tuple[NDArray[Any], NDArray[Any], float, float]]:
     """Start and end (col, row), first heading and turn [rad] of each move along a path."""
     positions = np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1]
     if path.heading is not None:
@@ -123,16 +125,16 @@ def _corners(vertices: ArrayLike) -> NDArray[np.float64]:
     return corners
 
 
-def _turned(outline: NDArray, angle: float) -> NDArray[np.float64]:
+def _turned(outline: NDArray[Any], angle: float) -> NDArray[np.float64]:
     cos, sin = math.cos(angle), math.sin(angle)
-    return outline @ np.array([[cos, sin], [-sin, cos]])
+    return np.asarray(outline @ np.array([[cos, sin], [-sin, cos]]))
 
 
-def _hull(corners: NDArray) -> NDArray[np.float64]:
+def _hull(corners: NDArray[Any]) -> NDArray[np.float64]:
     import cv2
 
     order = cv2.convexHull(corners.astype(np.float32), returnPoints=False)
-    return corners[np.asarray(order).ravel()]
+    return np.asarray(corners[np.asarray(order).ravel()])
 
 
 def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
@@ -154,6 +156,6 @@ def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
     return not bool(apart.all())
 
 
-def _world(grid: OccupancyGrid, xy: NDArray) -> tuple[float, float]:
+def _world(grid: OccupancyGrid, xy: NDArray[Any]) -> tuple[float, float]:
     x, y = grid.grid_to_world(xy[1], xy[0])
     return float(x), float(y)

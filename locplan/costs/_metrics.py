@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,11 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
     integrals of e and u are NaN.
     """
-    layers: tuple[NDArray, NDArray, NDArray] = costs.e[None], costs.u[None], costs.density[None]
+    layers: tuple[NDArray[Any], NDArray[Any], NDArray[Any]] = (
+        costs.e[None],
+        costs.u[None],
+        costs.density[None],
+    )
     if path.heading is not None and costs.u_of_heading is not None:
         assert costs.e_of_heading is not None
         layers = costs.e_of_heading, costs.u_of_heading, costs.density_of_heading
@@ -97,7 +102,7 @@ def profile(
 
 def _crossed(
     grid: OccupancyGrid, path: Path, headings: int
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Headings, rows and columns of the cells that a path crosses, and lengths in them [m]."""
     if headings == 1:
         row, col, lengths = _crossed_cells(grid, path.xy)
@@ -106,11 +111,13 @@ def _crossed(
     for heading, xy in path.by_heading(headings):
         row, col, lengths = _crossed_cells(grid, xy)
         parts.append((np.full_like(row, heading), row, col, lengths))
-    joined: list[NDArray] = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    joined: list[NDArray[Any]] = [np.concatenate(part) for part in zip(*parts, strict=True)]
     return joined[0], joined[1], joined[2], joined[3]
 
 
-def _crossed_cells(grid: OccupancyGrid, xy: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def _crossed_cells(
+    grid: OccupancyGrid, xy: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     from locplan._kernels.rays import cells_along
 
     positions = np.column_stack(grid.world_to_grid(*xy.T))
@@ -122,7 +129,7 @@ def _crossed_cells(grid: OccupancyGrid, xy: NDArray) -> tuple[NDArray, NDArray, 
 
 
 def _along(
-    layers: NDArray, at: tuple[NDArray, NDArray, NDArray], outside: float
+    layers: NDArray[Any], at: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], outside: float
 ) -> NDArray[np.float64]:
     heading, row, col = at
     rows, cols = layers.shape[1:]
@@ -131,12 +138,12 @@ def _along(
     return np.where(inside, layers[heading, row, col], outside)
 
 
-def _share(where: NDArray[np.bool_], lengths: NDArray) -> float:
+def _share(where: NDArray[np.bool_], lengths: NDArray[Any]) -> float:
     total = lengths.sum()
     return float(lengths[where].sum() / total) if total > 0 else 0.0
 
 
-def _longest(where: NDArray[np.bool_], lengths: NDArray) -> float:
+def _longest(where: NDArray[np.bool_], lengths: NDArray[Any]) -> float:
     longest = stretch = 0.0
     for inside, length in zip(where, lengths, strict=True):
         stretch = stretch + length if inside else 0.0

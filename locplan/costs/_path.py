@@ -138,7 +138,7 @@ class Path:
             return np.zeros(len(self.xy))
         ahead = np.searchsorted(moving, np.arange(len(self.xy)))
         x, y = steps[moving[np.minimum(ahead, len(moving) - 1)]].T
-        return np.arctan2(y, x)
+        return np.asarray(np.arctan2(y, x))
 
     def resampled(self, spacing: float) -> Path:
         """Path along the same line with positions at equal distances of at most `spacing` [m]."""

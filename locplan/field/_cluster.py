@@ -76,4 +76,5 @@ def _watch(client: Any, executor: Any, over: threading.Event) -> None:
         if client.scheduler_info()["workers"]:
             seen = time.monotonic()
         elif time.monotonic() - seen > WORKERLESS:
-            return executor.shutdown(wait=False)
+            executor.shutdown(wait=False)
+            return

@@ -53,15 +53,15 @@ def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
     matrix = np.asarray(covariance, float)
     if name == "e":
         with np.errstate(invalid="ignore"):  # NaN where a field was not evaluated
-            return np.sqrt(np.maximum(np.linalg.det(matrix), 0.0))
+            return np.asarray(np.sqrt(np.maximum(np.linalg.det(matrix), 0.0)))
     if name == "position_std":
         return position_axes(matrix)[0]
     if name == "position_rms":
-        return np.sqrt(matrix[..., 0, 0] + matrix[..., 1, 1])
+        return np.asarray(np.sqrt(matrix[..., 0, 0] + matrix[..., 1, 1]))
     if name == "heading_std":
         if matrix.shape[-1] == 2:
             return np.where(np.isnan(matrix[..., 0, 0]), np.nan, 0.0)
-        return np.sqrt(matrix[..., 2, 2])
+        return np.asarray(np.sqrt(matrix[..., 2, 2]))
     raise ValueError(f"scalar must be one of {', '.join(SCALARS)}, not {name!r}")
 
 
@@ -95,7 +95,7 @@ def log_euclidean_mean(
     logs = np.log(np.maximum(values, np.finfo(float).tiny))
     mean_log = np.einsum("n,nij,nj,nkj->ik", weights, vectors, logs, vectors) / weights.sum()
     values, vectors = np.linalg.eigh(mean_log)
-    return (vectors * np.exp(values)) @ vectors.T
+    return np.asarray((vectors * np.exp(values)) @ vectors.T)
 
 
 def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

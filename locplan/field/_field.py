@@ -129,7 +129,7 @@ class CovarianceField(Pictured):
         if name in self.layers:
             values = self.layers[name]
             if several and headings:
-                return values.mean(axis=2) if headings == "mean" else values.max(axis=2)
+                return np.asarray(values.mean(axis=2) if headings == "mean" else values.max(axis=2))
             return values
         covariance = self.quantised_covariance if with_q else self.covariance
         if several and headings == "mean":
@@ -248,7 +248,7 @@ class CovarianceField(Pictured):
             return nowhere
         return log_euclidean_mean(np.array(corners), np.array(weights))
 
-    def _towards(self, covariance: NDArray, heading: float | None) -> NDArray[np.float64]:
+    def _towards(self, covariance: NDArray[Any], heading: float | None) -> NDArray[np.float64]:
         """Covariance of a lattice point for one heading [rad], or for all headings together."""
         if covariance.ndim == 2:
             return covariance

@@ -11,13 +11,15 @@ from locplan.errors import ConfigError
 T = TypeVar("T")
 
 
-def settings_of(value: Any) -> Any:
+def settings_of(value: object) -> dict[str, object]:
     """Settings as values for JSON; an object begins with its class variable `name`, if any."""
-    if not dataclasses.is_dataclass(value):
-        return value
-    fields = {each.name: settings_of(getattr(value, each.name)) for each in _fields(type(value))}
-    name = getattr(type(value), "name", None)
-    return fields if name is None else {"name": name, **fields}
+    fields: dict[str, object] = {}
+    if hasattr(type(value), "name"):
+        fields["name"] = getattr(type(value), "name")  # noqa: B009 - of the class, not a field
+    for each in _fields(type(value)):
+        setting = getattr(value, each.name)
+        fields[each.name] = settings_of(setting) if dataclasses.is_dataclass(setting) else setting
+    return fields
 
 
 def made_of(kind: type[T], settings: Mapping[str, object]) -> T:

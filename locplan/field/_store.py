@@ -35,7 +35,7 @@ from locplan.field._cache import (
     mark_used,
 )
 from locplan.field._config import FieldConfig, config_of
-from locplan.field._estimator import Estimator
+from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -127,7 +127,7 @@ def field_path(
 class _Found:
     """The part of a field that the cache holds."""
 
-    values: tiles.Values
+    values: Values
     """Arrays of the field, NaN where they are not known."""
     lacking: NDArray[np.bool_]
     """Lattice points that are still to be computed, (h, w)."""

@@ -239,7 +239,7 @@ def untouched_points(
     reach = stride + config.estimator.halo(after.resolution, after.shape)
     box = [2 * reach + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return (near[::stride, ::stride] == 0) & evaluated_points(after.free, stride)
+    return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 
 
 def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from locplan import __version__
 from locplan.errors import FieldError, LocplanError
 from locplan.field._config import FieldConfig
+from locplan.field._estimator import Values
 from locplan.field._lattice import evaluated_points, stride_cells
 from locplan.field._tiles import (
     ENGINE,
     Chunk,
-    Values,
     chunk_edge,
     chunks_of,
     field_shapes,
@@ -72,7 +72,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
         If the folder is missing or holds no covariance field.
     """
     try:
-        about = json.loads((folder / "zarr.json").read_text())["attributes"]
+        about: dict[str, Any] = json.loads((folder / "zarr.json").read_text())["attributes"]
         if about["format"] != FORMAT:
             raise ValueError(f"its format is {about['format']}, not {FORMAT}")
         if about["checksum"] != _checksum(about):

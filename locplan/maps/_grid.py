@@ -124,7 +124,7 @@ class OccupancyGrid(Pictured):
     @cached_property
     def free(self) -> NDArray[np.bool_]:
         """Mask of the free cells, (H, W)."""
-        return self.cells == FREE
+        return np.asarray(self.cells == FREE)
 
     @cached_property
     def clearance(self) -> NDArray[np.float64]:

@@ -67,7 +67,7 @@ class Slide:
         values = self.curves[model] * (-1 if model in DIFFERENCES else 1)
         if np.isnan(values).all() or np.nanmax(values) == np.nanmin(values):
             return np.empty(0)
-        return self.shift[values == np.nanmax(values)]
+        return np.asarray(self.shift[values == np.nanmax(values)])
 
 
 def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
@@ -107,14 +107,14 @@ def _above(lower: str, upper: str, name: str = "e") -> Test:
 
     def holds(found: Covariances) -> NDArray[np.bool_]:
         low, high = (np.array([scalar(found[k], name) for k in ks]) for ks in (lower, upper))
-        return low.max(axis=0) * MARGIN < high.min(axis=0)
+        return np.asarray(low.max(axis=0) * MARGIN < high.min(axis=0))
 
     return holds
 
 
 def _lies_along_x(found: Covariances) -> NDArray[np.bool_]:
     major, minor, direction = position_axes(found["B"])
-    return (abs(direction) < CORRIDOR_ANGLE) & (major > 2 * minor)
+    return np.asarray((abs(direction) < CORRIDOR_ANGLE) & (major > 2 * minor))
 
 
 CLAIMS: dict[str, Test] = {

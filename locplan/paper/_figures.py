@@ -144,7 +144,7 @@ def _plane(
 
 
 def _draw_surface(
-    axes: Any, plane: tuple[str, str], offsets: Any, values: NDArray, norm: Normalize
+    axes: Any, plane: tuple[str, str], offsets: Any, values: NDArray[Any], norm: Normalize
 ) -> None:
     across, along = np.meshgrid(*offsets, indexing="ij")
     style = {"cmap": MISMATCH_COLOURS, "norm": norm, "rstride": 1, "cstride": 1, "linewidth": 0.2}
@@ -155,7 +155,7 @@ def _draw_surface(
 
 
 def _draw_plane(
-    axes: Axes, plane: tuple[str, str], offsets: Any, values: NDArray, norm: Normalize
+    axes: Axes, plane: tuple[str, str], offsets: Any, values: NDArray[Any], norm: Normalize
 ) -> Any:
     style: dict[str, Any] = {"cmap": MISMATCH_COLOURS, "norm": norm, "shading": "nearest"}
     image = axes.pcolormesh(*offsets, values.T, **style)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,42 +23,42 @@ from locplan.field._template import disc, local_map, rotated_template, visible_p
 from locplan.maps import FREE, OccupancyGrid
 
 
-def ssd(template: NDArray, levels: NDArray) -> float:
+def ssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
     """Sum of squared differences (Eq. 1)."""
     return float(((template - levels) ** 2).sum())
 
 
-def sad(template: NDArray, levels: NDArray) -> float:
+def sad(template: NDArray[Any], levels: NDArray[Any]) -> float:
     """Sum of absolute differences (Eq. 2)."""
     return float(np.abs(template - levels).sum())
 
 
-def nssd(template: NDArray, levels: NDArray) -> float:
+def nssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
     """Normalised sum of squared differences (Eq. 3)."""
     return _ratio(ssd(template, levels), _norms(template, levels))
 
 
-def ncc(template: NDArray, levels: NDArray) -> float:
+def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
     """Normalised cross-correlation (Eq. 4)."""
     return _ratio(cc(template, levels), _norms(template, levels))
 
 
-def zncc(template: NDArray, levels: NDArray) -> float:
+def zncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
     """Zero-mean normalised cross-correlation (Eq. 5)."""
     return ncc(template - template.mean(), levels - levels.mean())
 
 
-def zcc(template: NDArray, levels: NDArray) -> float:
+def zcc(template: NDArray[Any], levels: NDArray[Any]) -> float:
     """Zero-mean cross-correlation (Eq. 6)."""
     return cc(template - template.mean(), levels - levels.mean())
 
 
-def cc(template: NDArray, levels: NDArray) -> float:
+def cc(template: NDArray[Any], levels: NDArray[Any]) -> float:
     """Cross-correlation (Eq. 7)."""
     return float((template * levels).sum())
 
 
-MODELS: dict[str, Callable[[NDArray, NDArray], float]] = {
+MODELS: dict[str, Callable[[NDArray[Any], NDArray[Any]], float]] = {
     "SSD": ssd,
     "SAD": sad,
     "NSSD": nssd,
@@ -172,12 +173,12 @@ def along_axis(
     )
 
 
-def _curves(pairs: Iterable[tuple[NDArray, NDArray]]) -> dict[str, NDArray[np.float64]]:
+def _curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, NDArray[np.float64]]:
     rows = [similarities(template, levels) for template, levels in pairs]
     return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
 
-def _norms(template: NDArray, levels: NDArray) -> float:
+def _norms(template: NDArray[Any], levels: NDArray[Any]) -> float:
     return math.sqrt((template**2).sum() * (levels**2).sum())
 
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +129,9 @@ def improved(
     positions = subdivided(positions, SHIFT_SPACING)
     for step in SHIFTS:
         positions = shift(half, columns, positions, step, SWEEPS, allow_corner_cutting)
-    return positions[shortcut(half, columns, positions, LOOKAHEAD // 2, allow_corner_cutting)]
+    return np.asarray(
+        positions[shortcut(half, columns, positions, LOOKAHEAD // 2, allow_corner_cutting)]
+    )
 
 
 def subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
@@ -163,7 +165,9 @@ def _cells_of_32_moves(
 
 
 @cache
-def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _moves(
+    columns: int, allow_corner_cutting: bool
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """The 32 moves for `cheapest_moves`: where to, what they cross at what length and touch."""
     from locplan._kernels.rays import cells_along
 
@@ -183,7 +187,7 @@ def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray, NDArray, 
     return offsets, _padded(crossed), _padded(lengths), _padded(touched)
 
 
-def _padded(rows: list[NDArray]) -> NDArray:
+def _padded(rows: list[NDArray[Any]]) -> NDArray[Any]:
     """Rows of unequal length as an array, filled up with zeros."""
     result = np.zeros((len(rows), max(1, *map(len, rows))), rows[0].dtype)
     for row, values in zip(result, rows, strict=True):

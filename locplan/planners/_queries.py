@@ -8,6 +8,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,13 +216,15 @@ class _Parts:
         goal = self._beyond(part, self.ends[which][random.integers(2)], random)
         return np.concatenate([self._beyond(part, goal, random), goal])
 
-    def _beyond(self, part: NDArray, cell: NDArray, random: np.random.Generator) -> NDArray:
+    def _beyond(
+        self, part: NDArray[Any], cell: NDArray[Any], random: np.random.Generator
+    ) -> NDArray[Any]:
         """A cell of the part that is far enough from another one."""
-        return random.choice(part[_apart(part, cell) >= self.least - 1e-9])
+        return np.asarray(random.choice(part[_apart(part, cell) >= self.least - 1e-9]))
 
 
-def _apart(one: NDArray, other: NDArray) -> NDArray[np.float64]:
-    return np.hypot(*np.moveaxis(one - other, -1, 0))
+def _apart(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float64]:
+    return np.asarray(np.hypot(*np.moveaxis(one - other, -1, 0)))
 
 
 def _farthest_apart(cells: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -230,13 +233,13 @@ def _farthest_apart(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
     hull = cv2.convexHull(cells.astype(np.int32)).reshape(-1, 2).astype(np.int64)
     distance = _apart(hull[:, None], hull[None])
-    return hull[list(np.unravel_index(int(np.argmax(distance)), distance.shape))]
+    return np.asarray(hull[list(np.unravel_index(int(np.argmax(distance)), distance.shape))])
 
 
 def _farthest(pairs: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
     """The pair farthest from those before, whichever way round these are gone."""
     if not len(before):
-        return pairs[0]
+        return np.asarray(pairs[0])
     known = np.vstack([before, before[:, [2, 3, 0, 1]]])
     nearest = np.linalg.norm(pairs[:, None] - known[None], axis=2).min(axis=1)
-    return pairs[np.argmax(nearest)]
+    return np.asarray(pairs[np.argmax(nearest)])

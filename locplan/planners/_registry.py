@@ -39,7 +39,8 @@ class Entry:
     def kind(self) -> type[Any]:
         """The planner's class, imported now."""
         module, _, name = self.place.partition(":")
-        return getattr(import_module(module), name)
+        found: type[Any] = getattr(import_module(module), name)
+        return found
 
     def options(self) -> dict[str, Any]:
         """The names of its options with their defaults."""

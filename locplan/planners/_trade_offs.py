@@ -6,6 +6,7 @@ import dataclasses
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,9 @@ class Problem:
         """Of the bordered grid."""
         return self.costs.grid.shape[1] + 2
 
-    def to_go(self, length: float, integral: float) -> tuple[NDArray, NDArray[np.int64] | None]:
+    def to_go(
+        self, length: float, integral: float
+    ) -> tuple[NDArray[Any], NDArray[np.int64] | None]:
         """Least weighted sum of both costs from every cell to the goal, and the start's path.
 
         The sum is never overstated; of equal ones the shortest path is taken.
@@ -131,11 +134,11 @@ class Problem:
         first = np.where(diagonal, np.ceil(np.sqrt(2.0) * SCALE), SCALE).sum()
         return float(first), float(second)
 
-    def length(self, first: NDArray | float) -> NDArray | float:
+    def length(self, first: NDArray[Any] | float) -> NDArray[Any] | float:
         """Whole units as the length of the path with its ends [m]."""
         return first / self.per_metre + self.ends[0]
 
-    def integral(self, second: NDArray | float) -> NDArray | float:
+    def integral(self, second: NDArray[Any] | float) -> NDArray[Any] | float:
         """Whole units as the integral along the path with its ends."""
         return second / self.per_integral + self.ends[1]
 
@@ -258,7 +261,7 @@ class Search:
             if status == pareto.FINISHED or count == solutions or full or late:
                 return found[:count], bound
 
-    def costs_of(self, labels: NDArray[np.int32]) -> tuple[NDArray, NDArray]:
+    def costs_of(self, labels: NDArray[np.int32]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Both costs of labels, in whole units."""
         return self._labels.first[labels], self._labels.second[labels]
 

@@ -84,7 +84,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
         figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
 
 
-def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray, **options: Any) -> AxesImage:
+def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
     height, width = (size * grid.resolution for size in grid.shape)
     x, y, yaw = grid.origin
     image = axes.imshow(

@@ -221,7 +221,7 @@ def _q(places: Places, config: FieldConfig) -> Array:
 
 def _rms(covariance: Array) -> Array:
     """Deviation of positions, (n,) [m]."""
-    return np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
 
 def _consistency(covariance: Array, errors: Array) -> float:

@@ -58,12 +58,12 @@ class Drives:
     @property
     def mean_squares(self) -> NDArray[np.float64]:
         """Of the position error, of each drive, (drives,) [m^2]."""
-        return (self.position_error**2).mean(axis=1)
+        return np.asarray((self.position_error**2).mean(axis=1))
 
     @property
     def lost(self) -> NDArray[np.bool_]:
         """Which drives were lost at any time, (drives,)."""
-        return self.position_error.max(axis=1) > LOST
+        return np.asarray(self.position_error.max(axis=1) > LOST)
 
     @property
     def lost_rate(self) -> Interval:

@@ -80,7 +80,10 @@ class Evaluation:
 
     def quantiles(self, number: int, kind: ErrorKind) -> list[float]:
         """Of a map's places, the RMSE of the position at 10, 50 and 90 % of them [m]."""
-        return np.quantile(self.places[number].position_rmse(kind), (0.1, 0.5, 0.9)).tolist()
+        quantiles: list[float] = np.quantile(
+            self.places[number].position_rmse(kind), (0.1, 0.5, 0.9)
+        ).tolist()
+        return quantiles
 
     def summary(self) -> dict[str, Any]:
         """All ranks and settings, fit for JSON."""

@@ -215,4 +215,4 @@ def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _moments(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean outer product of errors (n, k, 3), (n, 3, 3)."""
-    return np.einsum("nki,nkj->nij", errors, errors) / errors.shape[1]
+    return np.asarray(np.einsum("nki,nkj->nij", errors, errors) / errors.shape[1])

@@ -95,7 +95,7 @@ def covariances_at(
     wanted = np.zeros(values["covariance"].shape[:2], bool)
     wanted[tuple(points.T)] = True
     tiles.complete(values, grid, config, threads, None, None, wanted)
-    return CovarianceField.of(values, grid, config).mean_covariance[tuple(points.T)]
+    return np.asarray(CovarianceField.of(values, grid, config).mean_covariance[tuple(points.T)])
 
 
 def predictions(
@@ -142,4 +142,6 @@ def occupied_in_range(grid: OccupancyGrid, cells: NDArray[np.int64], reach: floa
     if not len(occupied):
         return np.zeros(len(cells))
     radius = reach / grid.resolution
-    return cKDTree(occupied).query_ball_point(cells, radius, return_length=True).astype(float)
+    return np.asarray(
+        cKDTree(occupied).query_ball_point(cells, radius, return_length=True).astype(float)
+    )

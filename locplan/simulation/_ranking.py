@@ -109,7 +109,9 @@ def _spearmans(values: Array, errors: Array, weights: Array) -> Array:
     total = weights.sum(axis=1, keepdims=True)
     a, b = (_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
     size = np.sqrt((weights * a * a).sum(axis=1) * (weights * b * b).sum(axis=1))
-    return np.divide((weights * a * b).sum(axis=1), size, out=np.zeros(len(a)), where=size > 0)
+    return np.asarray(
+        np.divide((weights * a * b).sum(axis=1), size, out=np.zeros(len(a)), where=size > 0)
+    )
 
 
 def _aucs(values: Array, errors: Array, weights: Array) -> Array:
@@ -119,7 +121,7 @@ def _aucs(values: Array, errors: Array, weights: Array) -> Array:
     count, others = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
     pairs = count * others
     above = ranks - count * (count + 1) / 2
-    return np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0)
+    return np.asarray(np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0))
 
 
 def _draws(random: np.random.Generator, count: int) -> Array:

@@ -147,7 +147,7 @@ def _edge(front: NDArray[np.float64], points: Sequence[NDArray[np.float64]]) -> 
     """The greatest length and integral to show."""
     worst = [own[:, 1:].max(axis=0) for own in points if len(own)]
     usual = np.median(worst, axis=0) if worst else np.zeros(2)
-    return REACH * np.maximum(front.max(axis=0), usual)
+    return np.asarray(REACH * np.maximum(front.max(axis=0), usual))
 
 
 def _draw_trade_offs(

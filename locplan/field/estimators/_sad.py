@@ -175,7 +175,7 @@ def sad_distributions(
 
     part = MapPart.whole(levels, rows, cols, window.resolution)
     tile = _lay_out_tile(part, radius, window, visible=visible)
-    return LEVEL_STEP * sad.tile_mismatch_counts(tile).transpose(0, 1, 3, 2)
+    return np.asarray(LEVEL_STEP * sad.tile_mismatch_counts(tile).transpose(0, 1, 3, 2))
 
 
 def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, int]) -> int:

@@ -77,16 +77,15 @@ class Motions:
         """J of the motion from one pose to another [m]; infinite if it is blocked."""
         from locplan._kernels.motions import world_cost
 
-        return world_cost(
-            *self.arguments, *map(float, _pose(start)), *map(float, _pose(end)), math.inf
-        )
+        poses = *map(float, _pose(start)), *map(float, _pose(end))
+        return float(world_cost(*self.arguments, *poses, math.inf))
 
     def is_free(self, x: float, y: float) -> bool:
         """Whether the robot can stand at a position [m]."""
         from locplan._kernels.motions import stands
 
         half, columns, _, _, frame = self.arguments
-        return stands(half, columns, frame, float(x), float(y))
+        return bool(stands(half, columns, frame, float(x), float(y)))
 
     def costs_between(
         self, poses: NDArray[np.float64], pairs: NDArray[np.int64]
@@ -94,7 +93,7 @@ class Motions:
         """The same for pairs (m, 2) out of poses (n, 3): (m,)."""
         from locplan._kernels.motions import world_costs
 
-        return world_costs(*self.arguments, poses, pairs)
+        return np.asarray(world_costs(*self.arguments, poses, pairs))
 
     def path(self, poses: NDArray[np.float64]) -> Path:
         """The path of the motions through poses (n, 3), in order.
@@ -109,10 +108,10 @@ class Motions:
         joined = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
         return Path(joined[:, :2], joined[:, 2])
 
-    def _poses_between(self, start: NDArray, end: NDArray) -> NDArray[np.float64]:
+    def _poses_between(self, start: NDArray[Any], end: NDArray[Any]) -> NDArray[np.float64]:
         from locplan._kernels.motions import world_poses
 
-        return world_poses(*self.arguments[2:], *_pose(start), *_pose(end))
+        return np.asarray(world_poses(*self.arguments[2:], *_pose(start), *_pose(end)))
 
     @cached_property
     def arguments(self) -> tuple[Any, ...]:

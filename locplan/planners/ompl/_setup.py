@@ -107,7 +107,7 @@ def space_information(motions: Motions) -> base.SpaceInformation:
 
     def is_free(state: base.State) -> bool:
         x, y, _ = pose(state)
-        return stands(half, columns, frame, x, y)
+        return bool(stands(half, columns, frame, x, y))
 
     information = base.SpaceInformation(state_space(motions))
     information.setStateValidityChecker(is_free)
@@ -173,12 +173,14 @@ def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
 
     def between_positions(state: base.State, other: base.State) -> float:
         x0, y0, x1, y1 = state[0], state[1], other[0], other[1]
-        return world_cost(half, columns, kind, radius, frame, x0, y0, 0.0, x1, y1, 0.0, BLOCKED)
+        return float(
+            world_cost(half, columns, kind, radius, frame, x0, y0, 0.0, x1, y1, 0.0, BLOCKED)
+        )
 
     def between_poses(state: base.State, other: base.State) -> float:
         start = state.getX(), state.getY(), state.getYaw()
         end = other.getX(), other.getY(), other.getYaw()
-        return world_cost(half, columns, kind, radius, frame, *start, *end, BLOCKED)
+        return float(world_cost(half, columns, kind, radius, frame, *start, *end, BLOCKED))
 
     return between_positions if motions.space == "R2" else between_poses
 
