@@ -1,14 +1,20 @@
 import json
+import logging
 import math
 import re
 import subprocess
 import sys
+import types
+from typing import get_args
 
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, drawn, refused
 
+import locplan
 from locplan import CovarianceField, load_map, save_map
+from locplan.cli import _options
+from locplan.cli._application import COMMANDS
 from locplan.maps import environments
 
 
@@ -247,12 +253,16 @@ def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
     run("field", room, "--range", "3", *here)
     out = run("cache", "list", *here)[1]
     assert "room" in out
-    assert "sensor_range=3.0" in out
+    assert re.search(r"room +range=3.0 ", out)
     assert "100%" in out
     (about,) = json.loads(run("cache", "list", "--json", *here)[1])
     assert about["map"] == "room"
     assert run("cache", "clear", "--older-than", "1", *here)[1].startswith("removed 0")
-    assert run("cache", "clear", *here)[1].startswith("removed 1")
+    run("field", room, "--estimator", "fisher", "--range", "4", *here)
+    out = run("cache", "list", *here)[1]
+    assert "name=fisher," in out
+    assert "lidar.range=4.0" in out
+    assert run("cache", "clear", *here)[1].startswith("removed 2")
     assert run("cache", "list", *here)[1].startswith("0 fields")
 
 
@@ -273,6 +283,7 @@ def test_plans_can_have_limits_and_waypoints(run, room):
     about = json.loads(run("plan", room, *ends, "--budget", "50", "--json")[1])
     assert about["localizability-aware"]["planner"] == "grid"
     assert about["localizability-aware"]["bound"] > 2.9
+    assert "within 0; the least is" in run("plan", room, *ends, "--budget", "0")[1]
     _, out, _ = run("plan", room, *ends, "--max-e", "1e-9")
     assert "would do" in out
 
@@ -366,7 +377,7 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
     sensor = "--estimator", "scan", "--range", "3", "--field-of-view", "180", "--headings", "4"
     code, out, _ = run("field", room, *sensor, "-o", tmp_path / "f.zarr")
     assert code == 0
-    assert "scan, sensor 3 m, 180 deg, 360 beams, 4 headings" in out.replace("\n", " ")
+    assert "scan, 180°, range 3 m, 4 headings" in out.replace("\n", " ")
     field = CovarianceField.load(tmp_path / "f.zarr")
     assert field.covariance.shape[2] == 4
     ends = "--start", "1,1", "--goal", "4,3.5", "--robot-radius", "0.1"
@@ -386,11 +397,15 @@ def test_a_saturated_field_names_the_estimator_that_tells_more(run, room):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--sensor", "utm-30lx"), "are for --estimator fisher and scan"),
+        (("--sensor", "utm-30lx"), "--sensor is for --estimator fisher, scan, not for sad"),
         (("--estimator", "scan", "--sensor", "kinect"), "sensor must be one of rplidar-a1"),
         (("--estimator", "icp"), "estimator must be one of sad, fisher, scan"),
-        (("--estimator", "fisher", "--preset", "paper"), "are for --estimator sad"),
-        (("--estimator", "fisher", "--field-of-view", "0"), "field_of_view_deg must be positive"),
+        (("--estimator", "fisher", "--preset", "paper"), "--preset is for --estimator sad"),
+        (("--estimator", "scan", "--template", "disc"), "--template is for --estimator sad"),
+        (
+            ("--estimator", "fisher", "--field-of-view", "0"),
+            "field_of_view_deg must be a positive number",
+        ),
         (("--estimator", "scan", "--headings", "-1"), "headings must be a whole number"),
     ],
 )
@@ -489,6 +504,142 @@ def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
     assert run("plot", tmp_path, "-o", tmp_path / "p.png", "--range", "2")[0] == 0
     save_map(load_map(room), tmp_path / "other.yaml")
     assert "holds 2 maps; name one" in refused(run("plot", tmp_path, "-o", tmp_path / "p.png"))
+
+
+def test_the_help_of_every_command_has_headings_and_an_example(run):
+    _, out, _ = run("--help")
+    for command in COMMANDS:
+        assert re.search(rf"^│ {command} +[A-Z]", out, re.MULTILINE), command
+        code, own, _ = run(command, "--help")
+        assert code == 0
+        assert f"Example\n  locplan {command}" in own
+        assert "─ Output ─" in own
+    _, out, _ = run("plan", "-h")
+    at = [out.index(f"─ {title} ─") for title in ("Planner", "Costs", "Field", "Computing")]
+    assert at == sorted(at)
+    assert "--field.range" not in out
+
+
+def test_a_command_is_a_module_and_a_line(run, monkeypatch):
+    source = """
+from locplan.cli._groups import command
+app = command("hello", "hello you")
+@app.default
+def hello(name: str) -> int:
+    "Greet somebody."
+    print("hello", name)
+    return 3
+"""
+    module = types.ModuleType("locplan.cli._hello")
+    exec(source, module.__dict__)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr("locplan.cli._application.COMMANDS", (*COMMANDS, "hello"))
+    monkeypatch.setattr("locplan.cli.COMMANDS", (*COMMANDS, "hello"))
+    assert run("hello", "world") == (3, "hello world\n", "")
+    assert "Greet somebody." in run("--help")[1]
+
+
+def test_helps_import_no_heavy_library():
+    code = (
+        "import sys\n"
+        "from locplan.cli import main\n"
+        "from locplan.cli._application import COMMANDS\n"
+        "for words in ['--version'], ['--help'], *([name, '--help'] for name in COMMANDS):\n"
+        "    sys.argv = ['locplan', *words]\n"
+        "    try: main()\n"
+        "    except SystemExit: pass\n"
+        "heavy = {'numpy', 'numba', 'matplotlib', 'cv2', 'ompl', 'scipy', 'zarr'}\n"
+        "print('heavy:', sorted(heavy & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.endswith("heavy: []\n"), result.stderr
+
+
+def test_only_the_command_that_runs_is_imported():
+    code = (
+        "import sys; sys.argv = ['locplan', '-v', 'cache', 'path']\n"
+        "from locplan.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: print([n for n in ('_plan', '_export', '_compare')"
+        " if 'locplan.cli.' + n in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.endswith("[]\n"), result.stderr
+
+
+def test_the_package_runs_as_a_module():
+    command = [sys.executable, "-m", "locplan", "--version"]
+    assert subprocess.run(command, capture_output=True, text=True).stdout == (
+        f"locplan {locplan.__version__}\n"
+    )
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_complete_commands_and_options(run, shell):
+    code, out, _ = run("completion", shell)
+    assert code == 0
+    for word in (*COMMANDS, "robot-radius", "cache-dir", "InformedRRTstar"):
+        assert word in out
+    assert "must be one of bash, zsh, fish, not 'csh'" in refused(run("completion", "csh"))
+
+
+def test_the_log_is_shown_when_asked_for(run, room):
+    log = logging.getLogger("locplan")
+    before = log.level, list(log.handlers)
+    for words in (("-v", "field", room), ("field", room, "--verbose")):
+        _, _, err = run(*words)
+        assert err.startswith("locplan.cli: field of room: ")
+    assert (log.level, log.handlers) == before
+    assert run("field", room)[2] == ""
+
+
+@pytest.mark.parametrize("start", [("--start", "-2,3"), ("--start=-2,3",)])
+def test_values_may_begin_with_a_minus_sign(run, room, start):
+    assert "lies outside the map" in refused(run("plan", room, *start, "--goal", "4,3.5"))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("field",), '"field" parameter MAP requires an argument'),
+        (("plan", "MAP", "--strat", "1,1", "--goal", "2,2"), "Did you mean --start"),
+        (("cache", "path", "now"), "unexpected: now"),
+        (("fly",), 'Unknown command "fly"'),
+        (("field", "MAP", "--template", "ring"), "--template must be one of disc, visible, not"),
+    ],
+)
+def test_usage_errors_say_what_would_be_right(run, words, message):
+    err = refused(run(*words))
+    assert message in err
+    assert err.endswith(" (--help shows how)\n")
+
+
+def test_choices_are_those_of_the_library():
+    from locplan.costs._degeneracy import SCALARS
+    from locplan.export._names import NavPlannerName
+    from locplan.export._travel_costs import PLANNERS as NAV_PLANNERS
+    from locplan.field import Scan
+    from locplan.field._lidar import LIDARS
+
+    assert tuple(LIDARS) == _options.LIDARS
+    assert get_args(NavPlannerName) == tuple(NAV_PLANNERS)
+    (help,) = (each.help for each in _options.Criterion.__metadata__)
+    assert all(name in help for name in (*SCALARS, *(layer.name for layer in Scan.layers)))
+
+
+def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
+    ends = "--start", "1,2", "--goal", "4,3.5"
+    run("plan", room, *ends, "--weight", "9", "-o", tmp_path / "out")
+    about = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert (about["weight"], about["robot_radius"]) == (9.0, 0.25)
+    for plan in about["plans"].values():
+        metrics = plan["metrics"]
+        expected = metrics["length"] + 9 * metrics["integrated_u"]
+        assert metrics["cost"] == pytest.approx(expected, rel=1e-6)
+        assert plan["planner"] == "any-angle"
+    wide = "--start", "0.77,2", "--goal", "4,3.5"
+    assert run("plan", room, *wide)[0] == 0
+    assert "robot's radius" in refused(run("plan", room, *wide, "--robot-radius", "0.3"))
 
 
 @pytest.mark.parametrize("command", ["compare", "plan", "evaluate", "simulate"])

@@ -419,7 +419,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be a number"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
-        ((*ENDS, "--lidar", "sonar"), "--lidar: lidar must be one of"),
+        ((*ENDS, "--lidar", "sonar"), "--lidar must be one of rplidar-a1"),
         ((*ENDS, "--params", "none.yaml"), "none.yaml: cannot be read"),
         ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
         ((*ENDS, "--weight", "-1"), "weight"),
@@ -435,7 +435,9 @@ def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reas
 
 def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
     assert "cannot be read" in refused(run("evaluate", tmp_path / "no.yaml"))
-    assert "must be tracking or match" in refused(run("calibrate", map_file, "--error", "both"))
+    assert "must be one of tracking, match" in refused(
+        run("calibrate", map_file, "--error", "both")
+    )
     assert "must end in .json" in refused(run("calibrate", map_file, "-o", tmp_path / "c.txt"))
     assert "robot fits" in refused(run("evaluate", map_file, "--robot-radius", 20))
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")

@@ -3,17 +3,20 @@
 import dataclasses
 import json
 import math
+import sys
 
 import numpy as np
 import pytest
 import stacks
 import yaml
-from conftest import drawn, random_rooms
+from conftest import drawn, random_rooms, refused
 from scipy.sparse.csgraph import dijkstra
 
-from locplan import export, load_map
+from locplan import export, load_map, save_map
+from locplan._util.documented import field_docs
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
+from locplan.export import _registry as registry
 from locplan.export._travel_costs import PLANNERS, planner_named, values_for
 from locplan.export._value_maps import YawWarning, write_values
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, load_or_compute
@@ -116,19 +119,19 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
 
 
 def test_where_a_planner_saturates_is_said(tmp_path, costs):
-    blind = costs.with_weight(10.0)
-    excess = blind.density[np.isfinite(blind.density)] - 1
+    heavy = costs.with_weight(10.0)
+    excess = heavy.density[np.isfinite(heavy.density)] - 1
     k = float(np.median(excess))
-    conversion = export.nav2_keepout(tmp_path / "mask", blind, planner="smac2d", param=k)
+    conversion = export.nav2_keepout(tmp_path / "mask", heavy, planner="smac2d", param=k)
     assert conversion.greatest == pytest.approx(k * 251 / 252)
     above = excess > conversion.greatest
     assert conversion.saturated_share == pytest.approx(above.mean())
     assert 0 < conversion.saturated_share < 1
     values = stacks.load(tmp_path / "mask" / "mask.yaml", "main").data
-    assert (values[np.nan_to_num(blind.density, posinf=0) - 1 > k] == 99).all()
+    assert (values[np.nan_to_num(heavy.density, posinf=0) - 1 > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
     assert about["conversion"]["saturates_at_weight_u"] == conversion.greatest
-    assert export.nav2_keepout(tmp_path / "n", blind, planner="navfn").greatest == 4.0
+    assert export.nav2_keepout(tmp_path / "n", heavy, planner="navfn").greatest == 4.0
 
 
 def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
@@ -155,7 +158,7 @@ def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
         assert error.max() <= conversion.quantisation + 1e-5
 
 
-def test_a_speed_mask_slows_down_by_blindness_and_never_stops(tmp_path, costs):
+def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
     export.nav2_speed(tmp_path / "speed", costs, slowest=0.25)
     read = stacks.load(tmp_path / "speed" / "mask.yaml", "main")
     servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
@@ -651,3 +654,69 @@ def test_a_field_as_arrays_is_all_there(tmp_path, costs):
     assert (tmp_path / "f.PNG").stat().st_size > 1000
     with pytest.raises(LocplanError, match=r"\.csv, \.npz, \.png"):
         export.field(tmp_path / "f.txt", field)
+
+
+TOY = '''
+"""The dearest cell as a text."""
+from __future__ import annotations
+from dataclasses import dataclass
+from pathlib import Path
+from locplan.errors import ConfigError
+from locplan.export import ExportSummary, Format
+
+
+@dataclass(frozen=True)
+class ToyOptions:
+    digits: int = 3
+    """The number of digits is 3 by default."""
+    step: float = 1.0
+    """The step is no step."""
+
+    def __post_init__(self):
+        if self.digits < 1:
+            raise ConfigError(f"digits must be 1 or more, not {self.digits}")
+
+
+def write(target, job, options):
+    most = round(float(job.field.e[job.field.evaluated].max()), options.digits)
+    target.write_text(f"{most}")
+    return ExportSummary({"most": most}, (("greatest e", str(most)),))
+
+
+FORMATS = (Format("toy", "the greatest e", write, ToyOptions, suffixes=(".txt",)),)
+'''
+
+
+def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
+    (tmp_path / "toy_format.py").write_text(TOY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "MODULES", [*registry.MODULES, "toy_format"])
+    for name in ("locplan.cli._export", "toy_format"):
+        monkeypatch.setitem(sys.modules, name, None)  # so that it is forgotten at last
+        monkeypatch.delitem(sys.modules, name)
+    save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
+    _, out, _ = run("export", "--help")
+    text = " ".join(out.replace("│", " ").split())
+    assert "toy (the greatest e)" in text
+    assert "--digits INT The number of digits is 3 by default (toy)." in text
+    assert "by default they are its corners (path). The step is no step (toy)." in text
+    ask = "export", tmp_path / "bay.yaml", "--to", "toy"
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(*ask, "--digits", 1)
+    assert (code, err) == (0, "wrote bay-toy.txt\n")
+    assert len((tmp_path / "bay-toy.txt").read_text().split(".")[1]) == 1
+    assert f"greatest e  {(tmp_path / 'bay-toy.txt').read_text()}" in out
+    assert "digits must be 1 or more" in refused(run(*ask, "--digits", 0))
+    assert "--frame is for --to route-graph, bag, path, not for toy" in refused(
+        run(*ask, "--frame", "odom")
+    )
+    assert "--start is for --to bag, path, not for toy" in refused(
+        run(*ask, "--start", "1,1", "--goal", "1,2")
+    )
+    assert "must end in .txt" in refused(run(*ask, "-o", "toy.csv"))
+
+
+def test_formats_describe_every_option():
+    for each in export.formats().values():
+        for name, doc in field_docs(each.options).items():
+            assert doc.endswith("."), f"{each.name}: {name}"

@@ -34,7 +34,7 @@ HOMES = {
     "mcap": ("export._bags",),
     "cloudpickle": ("comparison._specs", "comparison._workers"),
     "pandas": ("comparison._frames",),
-    "typer": ("cli",),
+    "cyclopts": ("cli",),
     "zarr": ("field._zarr",),
     "fcntl": ("comparison._journal",),
     "resource": ("comparison._worker",),

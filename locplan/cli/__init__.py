@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import warnings
 from collections.abc import Iterator
@@ -9,33 +10,13 @@ from contextlib import contextmanager
 from io import TextIOWrapper
 from typing import Annotated, Any
 
-import typer
+from cyclopts import CoercionError, CycloptsError, Parameter, UnusedCliTokensError
 
-from locplan import __version__
-from locplan.cli import (
-    _compare as compare,
-    _evidence as evidence,
-    _exports as exports,
-    _fields as fields,
-    _figures as figures,
-    _plans as plans,
-    _simulations as simulations,
-)
-from locplan.cli._options import STYLE
+from locplan.cli._application import COMMANDS, application
+from locplan.cli._groups import OUTPUT
 from locplan.errors import LocplanError
 
-app = typer.Typer(**STYLE)
-app.add_typer(fields.app)
-app.add_typer(figures.app)
-app.add_typer(plans.app)
-app.add_typer(exports.app)
-app.add_typer(compare.app)
-app.add_typer(simulations.app)
-app.add_typer(evidence.app)
-
 INTERRUPTED = 130
-# Of click, which typer brings along in some versions and depends on in others.
-_UsageError: type[Any] = typer.BadParameter.__bases__[0]
 
 
 def main() -> None:
@@ -45,17 +26,13 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
     try:
         with _warnings_as_lines():
-            code = app(standalone_mode=False)
-        if code == INTERRUPTED:
-            _complain("interrupted", INTERRUPTED)
+            code = _launched(sys.argv[1:])
         sys.stdout.flush()
     except LocplanError as error:
         code = _complain(f"error: {error}", 2)
-    except _UsageError as error:
-        message = error.format_message()
-        helps = "\n" in message  # of a command without any arguments
-        code = _complain(message if helps else f"error: {message} (--help shows how)", 2)
-    except (KeyboardInterrupt, typer.Abort):
+    except CycloptsError as error:
+        code = _complain(f"error: {_in_one_line(error)} (--help shows how)", 2)
+    except KeyboardInterrupt:
         code = _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
         sys.stdout = sys.stderr = None
@@ -66,14 +43,44 @@ def main() -> None:
     sys.exit(code or 0)
 
 
-@app.callback(invoke_without_command=True)
-def _root(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-) -> None:
-    """Plan paths along which a robot with a 2D lidar can still localize itself."""
-    if version:
-        print(f"locplan {__version__}")
-        raise typer.Exit
+def _launched(tokens: list[str]) -> int | None:
+    """Run the command that is named, and import no other."""
+    first = next((token for token in tokens if not token.startswith("-")), "")
+    app = application(*({first} & set(COMMANDS)))
+
+    app.meta.suppress_keyboard_interrupt = False
+
+    @app.meta.default
+    def launch(
+        *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+        verbose: Annotated[bool, Parameter(alias="-v", group=OUTPUT)] = False,
+    ) -> int | None:
+        """Run a command.
+
+        Parameters
+        ----------
+        verbose
+            The command shows its log on stderr.
+        """
+        with _log_on_stderr(verbose):
+            return app(tokens)
+
+    return app.meta(tokens)
+
+
+@contextmanager
+def _log_on_stderr(wanted: bool) -> Iterator[None]:
+    log, handler = logging.getLogger("locplan"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    before = log.level
+    if wanted:
+        log.addHandler(handler)
+        log.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(before)
 
 
 @contextmanager
@@ -85,6 +92,17 @@ def _warnings_as_lines() -> Iterator[None]:
         warnings.simplefilter("default")
         warnings.showwarning = show
         yield
+
+
+def _in_one_line(error: CycloptsError) -> str:
+    if isinstance(error, UnusedCliTokensError):
+        return f"unexpected: {' '.join(error.unused_tokens or ())}"
+    if isinstance(error, CoercionError) and (token := error.token) and (of := error.argument):
+        choices = of.get_choices(force=True)
+        if choices:
+            name, known = token.keyword or of.name, ", ".join(choices)
+            return f"{name} must be one of {known}, not {token.value!r}"
+    return " ".join(str(error).split()).removesuffix(".")
 
 
 def _complain(line: str, code: int) -> int:

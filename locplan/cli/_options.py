@@ -1,245 +1,237 @@
-"""Options that commands share, and what becomes of them."""
+"""Options that commands share, each written once, and what becomes of them.
+
+An option that was not given is None, and means the library's own default.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
-import sys
+import logging
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
+from cyclopts import Parameter
+from cyclopts.validators import Number
 
-from locplan.errors import ConfigError, LocplanError
+from locplan.cli._groups import COMPUTING, COSTS, FIELD, OUTPUT, option_group
+from locplan.cli._kinds import check_has, given_of
+from locplan.errors import ConfigError
+from locplan.field import ESTIMATORS
 
 if TYPE_CHECKING:
-    from locplan.costs import Footprint
-    from locplan.field import CovarianceField, FieldConfig
+    from locplan.costs import Costmap
+    from locplan.field import CovarianceField, Estimator, FieldConfig
     from locplan.maps import OccupancyGrid
 
-STYLE: dict[str, Any] = {
-    "add_completion": False,
-    "no_args_is_help": True,
-    "rich_markup_mode": None,
-    "pretty_exceptions_enable": False,
-    "context_settings": {"help_option_names": ["-h", "--help"]},
-}
+    Compute = Callable[[OccupancyGrid], CovarianceField]
 
-MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map_server YAML file.")]
-ConfigFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--config",
-        metavar="FILE.json",
-        help="All settings of the field, as calibrate wrote them; only --range may differ.",
-    ),
+LOG = logging.getLogger("locplan.cli")
+LIDAR = "--sensor"
+"""Option that names the lidar of a field."""
+LIDARS = ("rplidar-a1", "utm-30lx", "lms291", "urg-04lx")
+
+MapFile = Annotated[
+    Path, Parameter(name="MAP", help="The map is a map_server YAML file, or a folder with one.")
 ]
-Preset = Annotated[str, typer.Option(help="default | paper (Eq. 8-10 as printed).")]
-Range = Annotated[
-    float | None, typer.Option("--range", help="Lidar range [m]; 6, or the sensor's own.")
+MapFiles = Annotated[
+    list[Path],
+    Parameter(name="MAP", help="The maps are map_server YAML files, or folders of them."),
 ]
-Estimator = Annotated[
-    str,
-    typer.Option(
-        help="sad (the paper's) | fisher | scan: the last two know the sensor (see --sensor)."
-    ),
+Text = Annotated[str, Parameter(allow_leading_hyphen=True)]
+"""Text that may begin with a minus sign, such as -2,3."""
+Count = Annotated[int, Parameter(validator=Number(gte=1))]
+Json = Annotated[
+    bool, Parameter(name="--json", group=OUTPUT, help="The result is printed as JSON.")
 ]
-SensorName = Annotated[
+RobotRadius = Annotated[
+    float | None,
+    Parameter(group=COSTS, help="The robot's radius is 0.25 by default [m]."),
+]
+Criterion = Annotated[
     str | None,
-    typer.Option(
-        "--sensor",
-        metavar="NAME",
-        help="rplidar-a1 | utm-30lx | lms291 | urg-04lx.",
+    Parameter(
+        group=COSTS,
+        help="The degeneracy u is made of e (default), position_std, position_rms or heading_std,"
+        " or of ambiguity or entropy of scan.",
     ),
 ]
-FieldOfView = Annotated[
-    float | None, typer.Option("--field-of-view", help="Of the sensor [deg]; 360, or its own.")
+Threads = Annotated[
+    Count | None,
+    Parameter(group=COMPUTING, help="The number of threads is that of the cores by default."),
 ]
-Headings = Annotated[
-    int,
-    typer.Option(
-        show_default=False, help="Of the field; 1 if the sensor sees all round, else 8, by default."
-    ),
-]
-Template = Annotated[str, typer.Option(help="disc (the paper's) | visible (what a ray sees).")]
-Stride = Annotated[float, typer.Option(help="Spacing of the evaluated cells [m].")]
-Threads = Annotated[int | None, typer.Option(min=1, help="Threads; all cores by default.")]
-Scheduler = Annotated[
-    str | None, typer.Option(metavar="tcp://HOST:PORT", help="Compute on this dask cluster.")
-]
-CacheDir = Annotated[
-    Path | None, typer.Option(help="Where fields are cached; LOCPLAN_CACHE does the same.")
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
-def load(map_file: Path) -> OccupancyGrid:
-    """The map in a file, or the only one in a folder."""
-    from locplan.maps import find_maps, load_map
-
-    found = find_maps(map_file)
-    if len(found) > 1:
-        raise LocplanError(f"{map_file}: holds {len(found)} maps; name one, such as {found[0]}")
-    return load_map(found[0])
+def results(what: str) -> Parameter:
+    """The option that says where results go."""
+    return Parameter(name=("--output", "-o"), group=OUTPUT, help=what)
 
 
-def config_of(
-    preset: str,
-    sensor_range: float | None,
-    template: str,
-    stride: float,
-    estimator: str = "sad",
-    sensor_name: str | None = None,
-    field_of_view: float | None = None,
-    headings: int = 0,
-    config_file: Path | None = None,
-) -> FieldConfig:
-    from locplan.field import FieldConfig, Lidar, Sad
+@option_group(FIELD)
+class FieldOptions:
+    """How the covariance field is made."""
+
+    config: Annotated[Path | None, Parameter(metavar="FILE.json")] = None
+    """A file holds all settings, as calibrate wrote them; only --range may stand beside it."""
+    estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
+    """The estimator is the paper's sad by default; fisher and scan know the lidar."""
+    preset: Literal["default", "paper"] | None = None
+    """The settings of sad are the default ones, or Eq. 8-10 of the paper as printed."""
+    range: float | None = None
+    """The lidar's range [m] is 6 by default, or that of the lidar that is named."""
+    lidar: Annotated[str | None, Parameter(name=LIDAR, choices=LIDARS)] = None
+    """The lidar is one of these, for fisher and scan."""
+    field_of_view: float | None = None
+    """The lidar's field of view [deg] is 360 by default, or that of the lidar that is named."""
+    headings: int | None = None
+    """The number of headings is 1 by default where the lidar sees all round, else 8."""
+    template: Literal["disc", "visible"] | None = None
+    """The template of sad is the paper's disc, or what a ray from its centre sees of it."""
+    stride: float | None = None
+    """The spacing of the evaluated cells is 0.2 by default [m]."""
+
+
+def config_of(options: FieldOptions, reach: float | None = None) -> FieldConfig:
+    """The settings of a field that were asked for; `reach` replaces the range."""
+    from locplan.field import FieldConfig, Lidar, load_config
     from locplan.field._registry import estimator_class
 
-    if config_file is not None:
-        given = preset, template, stride, estimator, sensor_name, field_of_view, headings
-        if given != ("default", "disc", 0.2, "sad", None, None, 0):
+    given = given_of(options)
+    own = given.pop("range", None)
+    reach = own if reach is None else reach
+    if options.config is not None:
+        if len(given) > 1:
+            names = [each.name for each in dataclasses.fields(options)]
+            rest = ", ".join(_flag(name) for name in names if name not in ("config", "range"))
             raise ConfigError(
-                "--config has all settings of the field; besides it only --range may be given, none"
-                " of --preset, --estimator, --template, --sensor, --field-of-view, --headings and"
-                " --stride"
+                "--config has all settings of the field; besides it only --range may be given,"
+                f" none of {rest}"
             )
-        return _with_range(config_file, sensor_range)
-    if preset not in ("default", "paper"):
-        raise ConfigError(f"--preset must be one of default, paper, not {preset!r}")
-    if estimator == "sad":
-        if sensor_name or field_of_view is not None or headings:
-            raise ConfigError(
-                "--sensor, --field-of-view and --headings are for --estimator fisher and scan"
-            )
-        made = Sad.paper() if preset == "paper" else Sad()
-        template_: Any = template
-        sad = dataclasses.replace(
-            made, template=template_, range=made.range if sensor_range is None else sensor_range
-        )
-        return FieldConfig(sad, stride=stride)
-    if preset != "default" or template != "disc":
-        raise ConfigError("--preset and --template are for --estimator sad")
-    lidar = Lidar.preset(sensor_name) if sensor_name else Lidar(range=6.0)
-    wished = {"range": sensor_range, "field_of_view_deg": field_of_view}
-    wanted: dict[str, Any] = {name: value for name, value in wished.items() if value is not None}
-    kind: Any = estimator_class(estimator)
-    return FieldConfig(kind(dataclasses.replace(lidar, **wanted)), stride=stride, headings=headings)
-
-
-def _with_range(config_file: Path, sensor_range: float | None) -> FieldConfig:
-    """The settings in a file, perhaps with another range."""
-    from locplan.field import load_config
-
-    config = load_config(config_file)
-    if sensor_range is None:
-        return config
-    estimator: Any = config.estimator
-    if estimator.casts_rays:
-        lidar = dataclasses.replace(estimator.lidar, range=sensor_range)
-        changed = dataclasses.replace(estimator, lidar=lidar)
+        config = load_config(options.config)
+        return dataclasses.replace(config, estimator=_reaching(config.estimator, reach))
+    kinds = {name: estimator_class(name) for name in ESTIMATORS}
+    kind: Any = kinds[given.pop("estimator", "sad")]
+    for name in given:
+        having = [each.name for each in kinds.values() if _takes(each, name)]
+        check_has(_flag(name), "--estimator", kind.name, having)
+    others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
+    if _takes(kind, "lidar"):
+        named, view = given.pop("lidar", None), given.pop("field_of_view", None)
+        lidar = Lidar.preset(named) if named else Lidar(range=6.0)
+        turned = lidar if view is None else dataclasses.replace(lidar, field_of_view_deg=view)
+        estimator = kind(turned, **given)
     else:
-        changed = dataclasses.replace(estimator, range=sensor_range)
-    return dataclasses.replace(config, estimator=changed)
+        made = kind.paper if given.pop("preset", None) == "paper" else kind
+        estimator = dataclasses.replace(made(), **given)
+    return FieldConfig(_reaching(estimator, reach), **others)
 
 
-@contextmanager
-def computing(
-    config: FieldConfig, threads: int | None, scheduler: str | None, cache_dir: Path | None
-) -> Iterator[Callable[[OccupancyGrid], CovarianceField]]:
-    """What gives the field of a map: read, or computed here or on a cluster."""
-    from locplan._util.progress import progress_bar
-    from locplan.field import load_or_compute
-    from locplan.field._cluster import executor_of
-
-    with executor_of(scheduler) if scheduler else nullcontext() as executor:
-
-        def compute(grid: OccupancyGrid) -> CovarianceField:
-            with progress_bar(f"field of {grid.name}", "cells") as progress:
-                return load_or_compute(
-                    grid,
-                    config,
-                    cache_dir=cache_dir,
-                    threads=threads,
-                    executor=executor,
-                    progress=progress,
-                )
-
-        yield compute
+def _takes(kind: type[Estimator], option: str) -> bool:
+    """Whether an option of `FieldOptions` is for this estimator."""
+    if option in ("stride", "preset"):
+        return option == "stride" or hasattr(kind, "paper")
+    own = "lidar" if option in ("field_of_view", "headings") else option
+    return any(own == each.name for each in dataclasses.fields(kind))
 
 
-def position(name: str, text: str) -> tuple[float, ...]:
-    """X,Y in metres, or X,Y,DEG: the heading in degrees becomes radians."""
-    try:
-        x, y, *heading = (float(v) for v in text.split(","))
-        degrees = (heading or [0.0])[0]
-        if len(heading) > 1:
-            raise ValueError
-    except ValueError:
-        raise LocplanError(
-            f"--{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
-            f" not {text!r}"
-        ) from None
-    return (x, y, math.radians(degrees)) if heading else (x, y)
+def _reaching(estimator: Any, reach: float | None) -> Any:
+    """An estimator with another range [m]."""
+    if reach is None:
+        return estimator
+    if not _takes(type(estimator), "lidar"):
+        return dataclasses.replace(estimator, range=reach)
+    lidar = dataclasses.replace(estimator.lidar, range=reach)
+    return dataclasses.replace(estimator, lidar=lidar)
 
 
-def numbers(name: str, text: str, count: int | None = None) -> list[float]:
-    """Numbers with commas between them, of an option."""
-    try:
-        values = [float(v) for v in text.split(",")]
-    except ValueError:
-        values = []
-    if not values or not all(map(math.isfinite, values)) or len(values) != (count or len(values)):
-        wanted = f"{count} numbers" if count else "numbers"
-        raise LocplanError(f"--{name} must be {wanted} with commas between, not {text!r}")
-    return values
+def ranges_of(options: FieldOptions, ranges: Sequence[float]) -> list[FieldConfig]:
+    """The same settings for each of these ranges [m], or as they are where there are none."""
+    return [config_of(options, reach) for reach in ranges or (None,)]
 
 
-def settings_of(
-    texts: Sequence[str],
-    option: str = "setting",
-    example: str = "range=2.0",
-    *,
-    words: bool = False,
-) -> Any:
-    """Settings by name, such as range=2.0 or k_nearest=false, and perhaps name=word."""
-    settings: dict[str, Any] = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        try:
-            settings[name] = json.loads(value)
-        except json.JSONDecodeError:
-            if not (words and equals and value):
-                raise LocplanError(
-                    f"--{option} must be NAME=VALUE, such as {example}, not {text!r}"
-                ) from None
-            settings[name] = value
-    return settings
+@option_group(COMPUTING)
+class Computing:
+    """Where fields are computed and kept."""
+
+    threads: Threads = None
+    scheduler: Annotated[str | None, Parameter(metavar="tcp://HOST:PORT")] = None
+    """A dask cluster computes the field."""
+    cache_dir: Path | None = None
+    """The folder keeps computed fields; LOCPLAN_CACHE does the same."""
+
+    @contextmanager
+    def of(self, config: FieldConfig) -> Iterator[Compute]:
+        """What gives the field of a map: read, or computed here or on a cluster."""
+        from locplan._util.progress import progress_bar
+        from locplan.field import load_or_compute
+        from locplan.field._cluster import executor_of
+
+        with executor_of(self.scheduler) if self.scheduler else nullcontext() as executor:
+
+            def compute(grid: OccupancyGrid) -> CovarianceField:
+                started = time.perf_counter()
+                with progress_bar(f"field of {grid.name}", "cells") as progress:
+                    field = load_or_compute(
+                        grid,
+                        config,
+                        cache_dir=self.cache_dir,
+                        threads=self.threads,
+                        executor=executor,
+                        progress=progress,
+                    )
+                took = time.perf_counter() - started
+                LOG.info("field of %s: %.1f s, %s", grid.name, took, config)
+                return field
+
+            yield compute
+
+    def field(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
+        """The field of one map."""
+        with self.of(config) as compute:
+            return compute(grid)
 
 
-def outline_of(text: str | None) -> Footprint | None:
-    """A footprint as Nav2's parameter files have it, such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]]."""
-    from locplan.costs import Footprint
+@option_group(COSTS)
+class CostOptions:
+    """What a path is charged for."""
 
-    if text is None:
-        return None
-    try:
-        return Footprint(json.loads(text))
-    except json.JSONDecodeError:
-        raise LocplanError(
-            f"--footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not {text!r}"
-        ) from None
+    weight: float | None = None
+    """The weight is the detour accepted per degenerate metre [m]; 4 by default."""
+    criterion: Criterion = None
+    robot_radius: RobotRadius = None
+
+    def check(self, config: FieldConfig) -> None:
+        """Complain before long work."""
+        from locplan.costs._costmap import check_weight
+        from locplan.costs._degeneracy import check_criterion
+
+        if self.weight is not None:
+            check_weight(self.weight)
+        if self.criterion is not None:
+            check_criterion(self.criterion, config)
+
+    def costmap(self, grid: OccupancyGrid, field: CovarianceField) -> Costmap:
+        """The costmap of a field."""
+        from locplan.costs import Costmap
+
+        return Costmap.from_field(grid, field, **given_of(self))
+
+    def blank(self, grid: OccupancyGrid) -> Costmap:
+        """The costmap of the map alone, to check positions before long work."""
+        from locplan.costs import Costmap
+
+        return Costmap.blank(grid, robot_radius=radius_of(self.robot_radius))
 
 
-def to_json(about: Any) -> str:
-    return json.dumps(about, indent=2)
+def radius_of(robot_radius: float | None) -> float:
+    """The robot's radius that was given, or the library's own [m]."""
+    from locplan.costs import ROBOT_RADIUS
+
+    return ROBOT_RADIUS if robot_radius is None else robot_radius
 
 
-def say_written(*paths: Path | None) -> None:
-    for path in paths:
-        if path:
-            print(f"wrote {path}", file=sys.stderr)
+def _flag(name: str) -> str:
+    """The option of a field of `FieldOptions`, as it is typed."""
+    return LIDAR if name == "lidar" else f"--{name.replace('_', '-')}"

@@ -11,11 +11,15 @@ from ._nav2 import (
 )
 from ._parameters import check_distro as check_distro
 from ._plain_files import (
-    FIELD_FILES as FIELD_FILES,
-    PATH_FILES as PATH_FILES,
     field as field,
     path as path,
     read_path as read_path,
+)
+from ._registry import (
+    ExportJob as ExportJob,
+    ExportSummary as ExportSummary,
+    Format as Format,
+    formats as formats,
 )
 from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
 from ._ros_maps import percent as percent, ros_map as ros_map

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from locplan._util.files import PICTURES, check_folder_target, check_target, make_folder
+from locplan._util.tables import table
 from locplan.errors import LocplanError
-from locplan.export._results import field_summary
 from locplan.field import CovarianceField
+from locplan.field._summary import FieldSummary, shown
 from locplan.field._zarr import SUFFIX, is_field
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
@@ -80,16 +81,50 @@ def jobs_for(maps: Sequence[Path], output: Path | None, picture: Path | None) ->
     ]
 
 
+@dataclass(frozen=True)
+class Run:
+    """What became of a job."""
+
+    file: Path
+    """The map's file."""
+    summary: FieldSummary | None
+    """The field in a few numbers; None if it failed."""
+    error: str | None
+    """Why it failed, or None."""
+    seconds: float
+    """Time that it took [s]."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The run, fit for JSON."""
+        about = self.summary.to_json() if self.summary else {"map": name_of(self.file)}
+        done = {"error": self.error, "seconds": round(self.seconds, 3)}
+        return {"file": str(self.file)} | about | done
+
+
 def run_all(
     jobs: Sequence[Job], compute: Callable[[OccupancyGrid], CovarianceField]
-) -> Iterator[dict[str, Any]]:
-    """Each job's summary, with its file, the seconds it took, and the error if it failed."""
+) -> Iterator[Run]:
+    """Each job's result, or why it failed."""
     for job in jobs:
         started = time.perf_counter()
-        about: dict[str, Any] = {"file": str(job.map_file), "map": name_of(job.map_file)}
+        summary, reason = None, None
         try:
             job.check()
-            about |= field_summary(job.run(compute)) | {"error": None}
+            summary = FieldSummary.of(job.run(compute))
         except LocplanError as error:
-            about["error"] = str(error)
-        yield about | {"seconds": round(time.perf_counter() - started, 3)}
+            reason = str(error)
+        yield Run(job.map_file, summary, reason, time.perf_counter() - started)
+
+
+def batch_table(runs: Sequence[Run]) -> str:
+    """The summaries of many fields, one a row, and below them why some failed."""
+    rows = []
+    for run in runs:
+        if run.summary is None:
+            rows.append([name_of(run.file), "–", "–", "–", "failed"])
+            continue
+        cells, saturated = f"{run.summary.cells_evaluated:,}", f"{run.summary.saturated_share:.0%}"
+        e, took = shown(run.summary.e_median), f"{run.seconds:.1f} s"
+        rows.append([run.summary.map, cells, e, saturated, took])
+    errors = [f"failed: {run.error}" for run in runs if run.error]
+    return "\n".join([table(["map", "cells", "median e", "saturated", "took"], rows), *errors])

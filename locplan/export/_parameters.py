@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 from locplan.errors import ConfigError
+from locplan.export._names import Distro
 from locplan.export._travel_costs import Conversion
 from locplan.maps._ros_parameters import Parameters, listed_names, node_parameters
 
-DISTROS = ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
+DISTROS = get_args(Distro)
 OWN_PLANNER = "Localizability"
 """What our planner is called beside a robot's own."""
 FIRST_LAYERS = {

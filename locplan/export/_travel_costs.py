@@ -143,6 +143,18 @@ class Conversion:
             "mean_quantisation_error": self.mean_quantisation,
         }
 
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """The same for people: labels and texts."""
+        parameter = self.planner.parameter
+        with_value = f", {parameter}: {self.param:.4g}" if parameter else ""
+        return (
+            ("planner", self.planner.name + with_value),
+            ("saturates at weight · u", f"{self.greatest:.3f}"),
+            ("cells above that", f"{self.saturated_share:.1%}"),
+            ("rounding of weight · u", f"{self.mean_quantisation:.4f} on average"),
+            ("", f"{self.quantisation:.4f} at most"),
+        )
+
 
 def planner_named(name: str) -> NavPlanner:
     """One of `PLANNERS`.

@@ -1,0 +1,6 @@
+"""The command line as ``python -m locplan``."""
+
+from locplan.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""The application, and the registry of its commands."""
+
+from __future__ import annotations
+
+from cyclopts import App, Parameter
+
+from locplan import __version__
+from locplan.cli._groups import GENERAL
+
+COMMANDS = (
+    "cache",
+    "calibrate",
+    "compare",
+    "completion",
+    "evaluate",
+    "export",
+    "field",
+    "maps",
+    "pareto",
+    "plan",
+    "plot",
+    "simulate",
+)
+"""Each command is the `app` of the module of its name beside this one."""
+
+
+def application(*names: str) -> App:
+    """The command line with these commands, all of them by default."""
+    app = App(
+        name="locplan",
+        help="Plan paths along which a robot with a 2D lidar can still localize itself.",
+        version=f"locplan {__version__}",
+        help_flags=("-h", "--help"),
+        version_flags="--version",
+        help_format="plaintext",
+        group_parameters=GENERAL,
+        default_parameter=Parameter(negative=(), show_default=False),
+        suppress_keyboard_interrupt=False,
+        exit_on_error=False,
+        print_error=False,
+        result_action="return_value",
+    )
+    for name in names or COMMANDS:
+        app.command(f"locplan.cli._{name}:app", name=name)
+        _ = app[name]  # imported now, so that the help knows its first sentence
+    return app

@@ -1,0 +1,83 @@
+"""The command that fits the noise level of a field to simulated errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import command
+from locplan.cli._options import (
+    FieldOptions,
+    Json,
+    MapFiles,
+    RobotRadius,
+    Threads,
+    config_of,
+    radius_of,
+    results,
+)
+from locplan.cli._simulation_options import AtPlaces, SimulationOptions
+from locplan.cli._values import say_written, show
+
+app = command("calibrate", "calibrate lab.yaml -o lab.json", "field lab.yaml --config lab.json")
+
+
+@app.default
+def calibrate(
+    maps: MapFiles,
+    /,
+    *,
+    error: Annotated[
+        Literal["tracking", "match"],
+        Parameter(help="The errors are those of the filter (tracking), or of single scans."),
+    ] = "tracking",
+    fit_tau: Annotated[
+        bool, Parameter(help="The scale tau of sad's exponential weights is fitted, too.")
+    ] = False,
+    at: AtPlaces = AtPlaces(),
+    simulation: SimulationOptions = SimulationOptions(),
+    robot_radius: RobotRadius = None,
+    options: FieldOptions = FieldOptions(),
+    threads: Threads = None,
+    output: Annotated[
+        Path,
+        results(
+            "The settings go to this file, for --config of other commands, and a picture of"
+            " that name beside it; calibrated.json by default."
+        ),
+    ] = Path("calibrated.json"),
+    json: Json = False,
+) -> None:
+    """Fit the noise level k (and tau), so that the field's deviations are errors in metres."""
+    from locplan._util.files import check_target
+    from locplan._util.progress import progress_bar
+    from locplan.maps import find_maps, load_map
+    from locplan.simulation import _calibration as calibration, _reports as reports
+    from locplan.simulation._places import places_of
+
+    check_target(output, ".json")
+    config = config_of(options)
+    lidar, amcl, disturbances = simulation.simulated(config)
+    with progress_bar("driving", "drives") as progress:
+        measured = places_of(
+            [load_map(file) for file in find_maps(*maps)],
+            lidar=lidar,
+            amcl=amcl,
+            disturbances=disturbances,
+            places=at.places,
+            drives=at.drives if error == "tracking" else 0,
+            scans=at.scans if error == "match" else 0,
+            robot_radius=radius_of(robot_radius),
+            seed=simulation.seed,
+            threads=threads,
+            progress=progress,
+        )
+    with progress_bar("fitting", "values of tau") as progress:
+        result = calibration.calibrate(
+            measured, config, error=error, fit_tau=fit_tau, threads=threads, progress=progress
+        )
+    written = reports.write_calibration(output, result)
+    show(json, result.summary(), reports.calibration_table(result))
+    say_written(*written)

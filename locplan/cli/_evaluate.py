@@ -1,0 +1,67 @@
+"""The command that holds fields against simulated errors."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import FIELD, command
+from locplan.cli._options import (
+    FieldOptions,
+    Json,
+    MapFiles,
+    RobotRadius,
+    Threads,
+    config_of,
+    radius_of,
+)
+from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
+from locplan.cli._values import say_written, show
+
+app = command("evaluate", "evaluate lab.yaml -o evaluated")
+
+
+@app.default
+def evaluate(
+    maps: MapFiles,
+    /,
+    *,
+    range: Annotated[
+        float | None, Parameter(group=FIELD, help="The lidar's range is 6 by default [m].")
+    ] = None,
+    at: AtPlaces = AtPlaces(),
+    simulation: SimulationOptions = SimulationOptions(),
+    robot_radius: RobotRadius = None,
+    threads: Threads = None,
+    output: Folder = None,
+    json: Json = False,
+) -> None:
+    """Tell how well each field predicts where a robot is badly localized on your maps."""
+    from locplan._util.files import check_folder
+    from locplan._util.progress import progress_bar
+    from locplan.maps import find_maps, load_map
+    from locplan.simulation import _evaluation as evaluation, _reports as reports
+
+    config = config_of(FieldOptions(range=range))
+    lidar, amcl, disturbances = simulation.simulated(config)
+    if output:
+        check_folder(output)
+    with progress_bar("driving", "drives") as progress:
+        result = evaluation.evaluate(
+            [load_map(file) for file in find_maps(*maps)],
+            lidar=lidar,
+            amcl=amcl,
+            disturbances=disturbances,
+            places=at.places,
+            drives=at.drives,
+            scans=at.scans,
+            disc=config.estimator.reach,
+            robot_radius=radius_of(robot_radius),
+            seed=simulation.seed,
+            threads=threads,
+            progress=progress,
+        )
+    written = reports.write_evaluation(output, result) if output else []
+    show(json, result.summary(), reports.evaluation_table(result))
+    say_written(*written)

@@ -1,0 +1,109 @@
+"""The command that exports to navigation stacks and to plain files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Group, Parameter
+
+from locplan.cli._groups import command
+from locplan.cli._kinds import check_has, joint_options, options_of
+from locplan.cli._options import (
+    Computing,
+    CostOptions,
+    FieldOptions,
+    Json,
+    MapFile,
+    Text,
+    config_of,
+    results,
+)
+from locplan.cli._values import load, read_paths, say_written, show, two_numbers
+from locplan.errors import ConfigError
+from locplan.export._registry import ExportJob, formats
+
+app = command(
+    "export",
+    "export lab.yaml --to nav2-keepout -o mask --planner smac-hybrid",
+    "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv --step 0.05",
+)
+
+FORMATS = formats()
+OPTIONS = {name: each.options for name, each in FORMATS.items()}
+PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
+FORMAT = Group("Format", sort_key=2)
+if TYPE_CHECKING:
+    FormatOptions = Any
+else:
+    FormatOptions = joint_options(OPTIONS, FORMAT)
+
+
+@app.default
+def export(
+    map_file: MapFile,
+    /,
+    *,
+    to: Annotated[
+        str,
+        Parameter(
+            choices=tuple(FORMATS),
+            show_choices=False,
+            help="The format is one of "
+            + ", ".join(f"{name} ({each.about})" for name, each in FORMATS.items())
+            + ".",
+        ),
+    ],
+    path: Annotated[
+        tuple[Path, ...],
+        Parameter(metavar="CSV", help=f"This path (x_m,y_m) is exported ({', '.join(PATHS)})."),
+    ] = (),
+    start: Annotated[
+        Text | None,
+        Parameter(
+            metavar="X,Y",
+            help=f"A path is planned from here [m] and exported ({', '.join(PATHS)}).",
+        ),
+    ] = None,
+    goal: Annotated[Text | None, Parameter(metavar="X,Y", help="It ends here [m].")] = None,
+    own: FormatOptions = FormatOptions(),
+    costs: CostOptions = CostOptions(),
+    options: FieldOptions = FieldOptions(),
+    computing: Computing = Computing(),
+    output: Annotated[
+        Path | None, results("The file or folder is MAP-FORMAT here by default.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
+    from locplan._util.tables import table
+    from locplan.planners import plan
+
+    format = FORMATS[to]
+    for option, value in (("--path", path), ("--start", start), ("--goal", goal)):
+        if value:
+            check_has(option, "--to", to, PATHS)
+    if (start is None) != (goal is None):
+        raise ConfigError("--start and --goal belong together")
+    chosen = options_of(OPTIONS, to, "--to", own)
+    config = config_of(options)
+    costs.check(config)
+    grid = load(map_file)
+    target = output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
+    format.check_target(target)
+    paths = read_paths(path)
+    ends = start and goal and (two_numbers("start", start), two_numbers("goal", goal))
+    if format.paths == "one" and len(paths) + bool(ends) != 1:
+        raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
+    field = computing.field(grid, config)
+    costmap = costs.costmap(grid, field)
+    if ends:
+        found = plan(costmap, *ends, planner="any-angle")
+        if found.path is None:
+            reason = found.note or found.status
+            raise ConfigError(f"no path leads from --start to --goal: {reason}")
+        paths["aware"] = found.path
+    summary = format.write(target, ExportJob(costmap, field, paths), chosen)
+    about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
+    show(json, about, table([], [("map", grid.name), ("format", to), *summary.rows]))
+    say_written(target)

@@ -1,0 +1,53 @@
+"""The command that computes fields."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import OUTPUT, command
+from locplan.cli._options import Computing, FieldOptions, Json, MapFiles, config_of, results
+from locplan.cli._values import say_written, show
+
+app = command("field", "field lab.yaml -o lab.zarr --picture lab.png")
+
+
+@app.default
+def field(
+    maps: MapFiles,
+    /,
+    *,
+    output: Annotated[
+        Path | None, results("The field is written here (.zarr; of many maps a folder).")
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        Parameter(
+            group=OUTPUT,
+            help="A picture of e is written here (.png, .pdf, .svg; of many maps a folder).",
+        ),
+    ] = None,
+    options: FieldOptions = FieldOptions(),
+    computing: Computing = Computing(),
+    json: Json = False,
+) -> int:
+    """Compute how uncertain a pose match is all over a map, or over many."""
+    from locplan.export._batch import batch_table, jobs_for, run_all
+    from locplan.field._summary import FieldSummary
+
+    config = config_of(options)
+    jobs = jobs_for(maps, output, picture)
+    with computing.of(config) as compute:
+        if len(jobs) == 1:
+            summary = FieldSummary.of(jobs[0].run(compute))
+            show(json, summary.to_json(), summary.table())
+            say_written(output, picture)
+            return 0
+        runs = list(run_all(jobs, compute))
+    show(json, [run.to_json() for run in runs], batch_table(runs))
+    failed = [run for run in runs if run.error]
+    if len(failed) < len(runs):
+        say_written(output, picture)
+    return 2 if failed else 0

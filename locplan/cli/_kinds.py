@@ -1,0 +1,61 @@
+"""Options of several kinds of a thing, such as formats, each with a dataclass of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, get_type_hints
+
+from cyclopts import Group, Parameter
+
+from locplan._util.documented import field_docs
+from locplan.errors import ConfigError
+
+
+def joint_options(kinds: Mapping[str, type], group: Group) -> type:
+    """A dataclass with the options of all kinds; one that was not given is None."""
+    docs: dict[str, dict[str, list[str]]] = {}
+    types: dict[str, Any] = {}
+    for kind, options in kinds.items():
+        types |= get_type_hints(options)
+        for name, doc in field_docs(options).items():
+            docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(kind)
+    fields = []
+    for name, sentences in docs.items():
+        help = " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
+        fields.append((name, Annotated[types[name] | None, Parameter(help=help)], None))
+    joint = dataclasses.make_dataclass(
+        "JointOptions", fields, frozen=True, namespace={"__module__": __name__}
+    )
+    return Parameter(name="*", group=group)(joint)
+
+
+def options_of(kinds: Mapping[str, type], kind: str, switch: str, joint: Any) -> Any:
+    """The options of one kind from those given; `switch` is the option that chooses the kind.
+
+    Raises
+    ------
+    ConfigError
+        If an option was given that is not for it.
+    """
+    given = given_of(joint)
+    for name in given:
+        having = [each for each in kinds if name in _names(kinds[each])]
+        check_has(f"--{name.replace('_', '-')}", switch, kind, having)
+    return kinds[kind](**given)
+
+
+def check_has(option: str, switch: str, kind: str, having: list[str]) -> None:
+    """Raise a ConfigError unless the kind is one of those that have the option."""
+    if kind not in having:
+        raise ConfigError(f"{option} is for {switch} {', '.join(having)}, not for {kind}")
+
+
+def given_of(options: Any) -> dict[str, Any]:
+    """The options that were given, by name."""
+    values = {name: getattr(options, name) for name in _names(options)}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _names(options: Any) -> list[str]:
+    return [each.name for each in dataclasses.fields(options)]

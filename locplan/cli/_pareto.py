@@ -1,0 +1,80 @@
+"""The command that finds all best trade-offs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import command
+from locplan.cli._options import (
+    Computing,
+    CostOptions,
+    FieldOptions,
+    Json,
+    MapFile,
+    RobotRadius,
+    Text,
+    config_of,
+    results,
+)
+from locplan.cli._values import load, position, say_written, show
+
+app = command("pareto", "pareto lab.yaml --start 2,3 --goal 38,3 -o front")
+
+
+@app.default
+def pareto(
+    map_file: MapFile,
+    /,
+    *,
+    start: Annotated[Text, Parameter(metavar="X,Y", help="The start [m].")],
+    goal: Annotated[Text, Parameter(metavar="X,Y", help="The goal [m].")],
+    objective: Annotated[
+        Literal["u", "e"],
+        Parameter(help="The second objective is the degenerate metres (u), or the integral of e."),
+    ] = "u",
+    time_limit: Annotated[
+        float, Parameter(help="The exact search stops after this time [s]; 30 by default.")
+    ] = 30.0,
+    max_labels: Annotated[
+        int,
+        Parameter(help="So many partial paths are kept, of 40 bytes each; 20 million by default."),
+    ] = 20_000_000,
+    robot_radius: RobotRadius = None,
+    options: FieldOptions = FieldOptions(),
+    computing: Computing = Computing(),
+    output: Annotated[
+        Path | None,
+        results("The files front.png, front.csv, front.json and knee.csv go to this folder."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Find all best trade-offs between length and localizability, and where they bend."""
+    from locplan import planners
+    from locplan._util.files import check_folder
+    from locplan.export._plan_folders import write_front
+    from locplan.planners._summary import front_summary, front_table
+    from locplan.planners._trade_offs import check_caps
+
+    ends = position("start", start), position("goal", goal)
+    costs = CostOptions(robot_radius=robot_radius)
+    check_caps(objective, time_limit, max_labels)
+    grid = load(map_file)
+    config = config_of(options)
+    planners.check_ends(costs.blank(grid), *ends)
+    if output:
+        check_folder(output)
+    field = computing.field(grid, config)
+    front = planners.pareto_front(
+        costs.costmap(grid, field),
+        *ends,
+        objective=objective,
+        time_limit=time_limit,
+        max_labels=max_labels,
+    )
+    if output:
+        write_front(output, front, field)
+    show(json, front_summary(front), front_table(front, field.e_unit))
+    say_written(output)

@@ -1,0 +1,139 @@
+"""The command that plans a path."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import GENERAL, PLANNER, command, option_group
+from locplan.cli._kinds import given_of
+from locplan.cli._options import (
+    Computing,
+    CostOptions,
+    FieldOptions,
+    Json,
+    MapFile,
+    Text,
+    config_of,
+    results,
+)
+from locplan.cli._values import load, outline_of, position, say_written, settings_of, show
+from locplan.planners import names
+
+app = command(
+    "plan",
+    "plan lab.yaml --start 2,3 --goal 38,3 -o planned",
+    "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
+)
+
+
+@option_group(PLANNER)
+class PlannerOptions:
+    """The planner and its own options; those that are not given have the planner's defaults."""
+
+    planner: Annotated[str | None, Parameter(choices=names())] = None
+    """The planner is any-angle by default, grid with a budget; those with capitals are OMPL's."""
+    accuracy: Literal["normal", "high"] | None = None
+    """The paths of any-angle are improved so far; normal by default."""
+    space: Literal["R2", "SE2", "Dubins", "ReedsShepp"] | None = None
+    """OMPL's planners plan in this space; R2 by default, the others have headings."""
+    turning_radius: float | None = None
+    """Curves of Dubins and ReedsShepp have this radius [m]."""
+    time_limit: float | None = None
+    """OMPL's planners stop after this time for each path [s]; 5 by default."""
+    iterations: int | None = None
+    """OMPL's planners stop after so many iterations: with a seed, the same path again."""
+    convergence: float | None = None
+    """OMPL's planners stop once J falls by no more than this share, such as 0.001."""
+    seed: int | None = None
+    """OMPL's random numbers have this seed; 1 by default."""
+    from_grid: bool | None = None
+    """OMPL's planner begins with the grid planner's path."""
+    improve: bool | None = None
+    """The path found by an OMPL planner is straightened at last."""
+    setting: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
+    """A setting of OMPL's own is changed, such as range=2.0; repeatable."""
+
+    def given(self) -> dict[str, Any]:
+        """The options of the planner that were given."""
+        given = given_of(self)
+        given.pop("planner", None)
+        settings = settings_of(given.pop("setting"))
+        return {**given, "settings": settings} if settings else given
+
+
+@option_group(GENERAL)
+class Query:
+    """Where the path is to lead."""
+
+    start: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
+    """The path starts here [m], with this heading [deg] where the space has one."""
+    goal: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
+    """The path ends here [m], with this heading [deg] where the space has one."""
+    via: Annotated[tuple[Text, ...], Parameter(metavar="X,Y[,DEG]")] = ()
+    """The path visits this on its way [m]; repeatable."""
+    max_e: float | None = None
+    """The path enters no cell with e above this [m² rad]."""
+    budget: float | None = None
+    """The path is the shortest with ∫u ds of at most this [m]."""
+    footprint: Annotated[Text | None, Parameter(metavar="[[X,Y],...]")] = None
+    """The robot's outline [m], x forward, also sets its radius where that is not given."""
+
+
+@app.default
+def plan(
+    map_file: MapFile,
+    /,
+    *,
+    query: Query,
+    planning: PlannerOptions = PlannerOptions(),
+    costs: CostOptions = CostOptions(),
+    options: FieldOptions = FieldOptions(),
+    computing: Computing = Computing(),
+    output: Annotated[
+        Path | None, results("The paths (CSV), plan.json and plan.png are written to this folder.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Plan a path that the robot can localize on, beside the shortest one."""
+    from locplan import planners
+    from locplan._util.files import check_folder
+    from locplan._util.progress import in_turn, progress_bar
+    from locplan.export._plan_folders import write_plans
+    from locplan.planners._summary import plans_summary, plans_table
+
+    start, goal = position("start", query.start), position("goal", query.goal)
+    stops = [position("via", xy) for xy in query.via]
+    outline = outline_of(query.footprint)
+    if outline and costs.robot_radius is None:
+        costs = dataclasses.replace(costs, robot_radius=outline.inscribed_radius)
+    limits: dict[str, Any] = {
+        "max_e": query.max_e,
+        "budget": query.budget,
+        "footprint": outline,
+        "via": stops,
+    }
+    given = planning.given()
+    planner = planners.planner_for(planning.planner, given, **limits)
+    grid = load(map_file)
+    config = config_of(options)
+    planners.check_ends(costs.blank(grid), start, goal, stops, space=planning.space or "R2")
+    costs.check(config)
+    if output:
+        check_folder(output)
+    field = computing.field(grid, config)
+    costmap = costs.costmap(grid, field)
+    untimed = planning.iterations and planning.time_limit is None
+    with progress_bar(planner.name, "iterations" if untimed else "") as progress:
+        if planners.takes(planner, "progress"):
+            given["progress"] = in_turn(progress, 2 * (len(stops) + 1))
+        plans = planners.plan_beside_shortest(
+            costmap, start, goal, planner=planning.planner, **(limits | given)
+        )
+    if output:
+        write_plans(output, costmap, field, plans)
+    show(json, plans_summary(plans), plans_table(plans, field.e_unit))
+    say_written(output)

@@ -1,0 +1,117 @@
+"""What was typed as the objects that it stands for, and results as text."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from locplan.errors import LocplanError
+
+if TYPE_CHECKING:
+    from locplan.costs import Footprint, Path as Route
+    from locplan.maps import OccupancyGrid
+
+
+def load(map_file: Path) -> OccupancyGrid:
+    """The map in a file, or the only one in a folder."""
+    from locplan.maps import find_maps, load_map
+
+    found = find_maps(map_file)
+    if len(found) > 1:
+        raise LocplanError(f"{map_file}: holds {len(found)} maps; name one, such as {found[0]}")
+    return load_map(found[0])
+
+
+def read_paths(files: Sequence[Path]) -> dict[str, Route]:
+    """Paths by the names of their files."""
+    from locplan.export import read_path
+
+    paths = {file.stem: read_path(file) for file in files}
+    if len(paths) < len(files):
+        raise LocplanError("two --path files have one name; rename one")
+    return paths
+
+
+def position(name: str, text: str) -> tuple[float, ...]:
+    """X,Y in metres, or X,Y,DEG: the heading in degrees becomes radians."""
+    try:
+        x, y, *heading = (float(v) for v in text.split(","))
+        degrees = (heading or [0.0])[0]
+        if len(heading) > 1:
+            raise ValueError
+    except ValueError:
+        raise LocplanError(
+            f"--{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
+            f" not {text!r}"
+        ) from None
+    return (x, y, math.radians(degrees)) if heading else (x, y)
+
+
+def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]:
+    """Numbers with commas between them, of an option."""
+    try:
+        values = tuple(float(v) for v in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(map(math.isfinite, values)) or len(values) != (count or len(values)):
+        wanted = f"{count} numbers" if count else "numbers"
+        raise LocplanError(f"--{name} must be {wanted} with commas between, not {text!r}")
+    return values
+
+
+def two_numbers(name: str, text: str) -> tuple[float, float]:
+    """Two numbers with a comma between them, of an option."""
+    first, second = numbers(name, text, 2)
+    return first, second
+
+
+def settings_of(
+    texts: Sequence[str],
+    option: str = "setting",
+    example: str = "range=2.0",
+    *,
+    words: bool = False,
+) -> dict[str, Any]:
+    """Settings by name, such as range=2.0 or k_nearest=false, and perhaps name=word."""
+    settings: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            settings[name] = json.loads(value)
+        except json.JSONDecodeError:
+            if not (words and equals and value):
+                raise LocplanError(
+                    f"--{option} must be NAME=VALUE, such as {example}, not {text!r}"
+                ) from None
+            settings[name] = value
+    return settings
+
+
+def outline_of(text: str | None) -> Footprint | None:
+    """A footprint as Nav2's parameter files have it, such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]]."""
+    from locplan.costs import Footprint
+
+    if text is None:
+        return None
+    try:
+        return Footprint(json.loads(text))
+    except json.JSONDecodeError:
+        raise LocplanError(
+            f"--footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not {text!r}"
+        ) from None
+
+
+def show(as_json: bool, about: object, table: str) -> None:
+    """Print a result as JSON, or as a table for people."""
+    print(json.dumps(about, indent=2) if as_json else table)
+
+
+def say_written(*paths: Path | None) -> None:
+    """Tell on stderr what was written."""
+    for path in paths:
+        if path:
+            print(f"wrote {path}", file=sys.stderr)

@@ -1,0 +1,117 @@
+"""Plans and fronts as tables, and as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from locplan._util.tables import finite, table
+from locplan.costs._metrics import DEGENERATE
+from locplan.planners._pareto import ParetoFront
+from locplan.planners._result import Plan
+
+_METRICS = (
+    ("length", "length", "m", ".2f"),
+    ("cost J", "cost", "m", ".2f"),
+    ("degenerate, ∫u ds", "integrated_u", "m", ".2f"),
+    ("∫e ds", "integrated_e", "m² rad m", ".3g"),
+    ("mean e", "mean_e", "m² rad", ".3g"),
+    ("greatest e", "max_e", "m² rad", ".3g"),
+    (f"share with u > {DEGENERATE:g}", "degenerate_share", "", ".0%"),
+    (f"longest with u > {DEGENERATE:g}", "longest_degenerate", "m", ".2f"),
+    ("least clearance", "clearance", "m", ".2f"),
+)
+"""Rows of a table of plans: label, field of `PathMetrics`, unit and format."""
+
+
+def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
+    """Plans by name with their metrics and positions [m], fit for JSON."""
+    return {
+        label: {
+            "status": plan.status,
+            "planner": plan.planner,
+            "start": list(plan.start),
+            "goal": list(plan.goal),
+            "via": [list(xy) for xy in plan.via],
+            "solve_time_s": plan.solve_time,
+            "max_e": plan.max_e,
+            "budget": plan.budget,
+            "footprint": plan.footprint,
+            "bound": plan.bound,
+            "feasible_from": plan.feasible_from,
+            "minimises": plan.minimises,
+            "history": plan.history,
+            "note": plan.note,
+            "metrics": finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
+            "xy": plan.path.xy.tolist() if plan.path else None,
+            "heading": _headings(plan),
+        }
+        for label, plan in plans.items()
+    }
+
+
+def _headings(plan: Plan) -> list[float] | None:
+    if plan.path is None or plan.path.heading is None:
+        return None
+    return plan.path.heading.tolist()
+
+
+def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
+    """The metrics of plans side by side; `e_unit` is `CovarianceField.e_unit`."""
+    rows = [["status", *map(_status, plans.values())]]
+    for label, name, unit, spec in _METRICS:
+        unit = unit.replace("m² rad", e_unit)
+        values = [getattr(plan.metrics, name, None) for plan in plans.values()]
+        texts = ["–" if value is None else f"{value:{spec}} {unit}" for value in values]
+        rows.append([label, *texts])
+    notes = [f"{label}: {plan.note}" for label, plan in plans.items() if plan.note]
+    return "\n".join([table(["", *plans], rows), *notes])
+
+
+def _status(plan: Plan) -> str:
+    any_path = plan.status == "solved" and not plan.minimises
+    return "solved, any path" if any_path else plan.status
+
+
+def front_summary(front: ParetoFront) -> dict[str, Any]:
+    """A Pareto front, fit for JSON."""
+    return {
+        "map": front.costs.grid.name,
+        "start": list(front.start),
+        "goal": list(front.goal),
+        "objective": front.objective,
+        "epsilon": front.epsilon,
+        "labels": front.labels,
+        "solve_time_s": front.solve_time,
+        "knee": front.knee if len(front) else None,
+        "length_m": front.length.tolist(),
+        "integral": front.integral.tolist(),
+    }
+
+
+def front_table(front: ParetoFront, e_unit: str) -> str:
+    """Up to twelve points of a front with what each metre more saves, the knee marked."""
+    if not len(front):
+        return "unreachable: no path leads to the goal"
+    unit = "m" if front.objective == "u" else f"{e_unit} m"
+    wanted = np.linspace(front.length[0], front.length[-1], 12)
+    shown = np.abs(front.length[:, None] - wanted).argmin(axis=0)
+    rows = []
+    for index in sorted({*map(int, shown), front.knee}):
+        longer = front.length[index] / front.length[0] - 1
+        rows.append(
+            [
+                str(index),
+                f"{front.length[index]:.2f} m",
+                f"+{longer:.1%}",
+                f"{front.integral[index]:.4g} {unit}",
+                "knee" if index == front.knee else "",
+            ]
+        )
+    how = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%} of every path"
+    last = f"{len(front)} paths, {how}; {front.labels:,} labels, {front.solve_time:.2f} s"
+    columns = ["path", "length", "longer", f"∫{front.objective} ds", ""]
+    return f"{table(columns, rows)}\n{last}"
