@@ -232,6 +232,7 @@ def test_a_calibration_finds_tau_if_asked(grid):
         calibrate([places], FieldConfig(Sad.paper()), fit_tau=True)
 
 
+@pytest.mark.long
 def test_a_calibration_does_not_depend_on_the_stride_or_the_order_of_maps(grid):
     fine = environments.make("two_corridors")
     coarse = environments.make("places", resolution=0.1)

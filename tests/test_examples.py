@@ -8,9 +8,15 @@ EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.
 MAP = str(EXAMPLES[0].parent.parent / "maps" / "two_corridors.yaml")
 QUICKLY = {"paper": (0.1, 1, ("paper",)), "compare": (0.05,), "evidence": ((MAP,), 4, 2, 2)}
 """Arguments with which a program is done soon."""
+LONG = ("cluster", "compare", "estimators", "evidence", "paper")
+"""What these do has tests of its own."""
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.long] * (path.stem in LONG)) for path in EXAMPLES],
+    ids=lambda path: path.stem,
+)
 def test_example_runs_and_writes_its_results(path, tmp_path, capsys):
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)

@@ -260,7 +260,7 @@ def far_apart(costs, seed):
     raise AssertionError("no pair found")
 
 
-@pytest.mark.parametrize("name", ["two_corridors", "office"])
+@pytest.mark.parametrize("name", ["two_corridors", pytest.param("office", marks=pytest.mark.long)])
 @pytest.mark.parametrize("weight", [1.0, 12.0])
 def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
     grid = environments.make(name, resolution=0.1)

@@ -144,6 +144,7 @@ def test_the_papers_claims(preset, reach, noise):
     assert lost == expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_larger_template_gives_no_greater_e(preset):
     grid = paper.maps_of_places()["places"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import locplan
-from locplan.comparison import PlannerSpec, compare
+from locplan.comparison import compare
 from locplan.comparison._journal import Journal
 from locplan.errors import LocplanError
 from locplan.maps import FREE, OccupancyGrid
@@ -79,4 +79,4 @@ def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):
     (run,) = compare(given[0], ["grid"], given[1], weights=[0.0], workers=1).runs
     assert run.status == "solved"
     with pytest.raises(LocplanError, match=r"pip install 'locplan\[functions\]'"):
-        compare(given[0], [PlannerSpec("mine", function=mine)], given[1], weights=[0.0], workers=1)
+        compare(given[0], [mine], given[1], weights=[0.0], workers=1)

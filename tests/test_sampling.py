@@ -27,10 +27,10 @@ ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
 ABLE = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
 
 
-def enough(planner: str) -> int:
+def enough(planner: str, space: str = "R2") -> int:
     """Iterations in which a planner finds a good path on `two_ways`; of most they are samples."""
     samples = KINDS[planner].minimises and planner not in ("BITstar", "FMT", "BFMT")
-    return 1000 if samples else 20_000
+    return 1000 if samples else 20_000 if space == "R2" else 5000
 
 
 def two_ways() -> Costmap:
@@ -73,7 +73,7 @@ def test_they_are_offered_by_their_names():
 def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, space):
     costs = two_ways()
     start, goal, options = request(space)
-    result = plan(costs, start, goal, planner=planner, iterations=enough(planner), **options)
+    result = plan(costs, start, goal, planner=planner, iterations=enough(planner, space), **options)
     assert result.status == "solved"
     assert result.minimises == KINDS[planner].minimises
     assert result.start == start
@@ -116,7 +116,9 @@ def test_the_objective_is_really_honoured(planner):
 @pytest.mark.parametrize("planner", ["RRTstar", "BITstar", "PRMstar", "RRT"])
 def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space):
     start, goal, options = request(space)
-    path = plan(two_ways(), start, goal, planner=planner, iterations=5000, **options).path
+    path = plan(
+        two_ways(), start, goal, planner=planner, iterations=enough(planner), **options
+    ).path
     steps = np.diff(path.xy, axis=0)
     travelled = np.hypot(*steps.T)
     turned = np.diff(np.unwrap(path.heading))
@@ -132,7 +134,9 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
 @pytest.mark.parametrize(
     ("planner", "space"),
     [(name, "R2") for name in KINDS]
-    + [("RRTstar", "Dubins"), ("BITstar", "ReedsShepp"), ("PRM", "SE2"), ("PRMstar", "Dubins")],
+    + [("PRM", "SE2"), ("PRMstar", "Dubins")]
+    + [pytest.param("RRTstar", "Dubins", marks=pytest.mark.long)]
+    + [pytest.param("BITstar", "ReedsShepp", marks=pytest.mark.long)],
 )
 def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
     start, goal, options = request(space)
@@ -189,7 +193,7 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
 
 
 @pytest.mark.parametrize("planner", ANYTIME)
-@pytest.mark.parametrize("space", ["R2", "SE2"])
+@pytest.mark.parametrize("space", ["R2", pytest.param("SE2", marks=pytest.mark.long)])
 def test_where_the_straight_line_is_best_the_search_ends(planner, space):
     # Then the ellipse has no area; informed samplers must not look for samples in it for ever.
     code = f"""
@@ -437,7 +441,16 @@ def test_progress_is_told():
     assert told[-1] == (1536, 2000)
 
 
-@pytest.mark.parametrize("planner", ["RRTstar", "BITstar", "PRMstar", "RRTConnect", "FMT"])
+@pytest.mark.parametrize(
+    "planner",
+    [
+        "RRTstar",
+        *(
+            pytest.param(name, marks=pytest.mark.long)
+            for name in ("BITstar", "PRMstar", "RRTConnect", "FMT")
+        ),
+    ],
+)
 def test_ctrl_c_ends_a_search(planner):
     code = f"""
     import os, signal, sys; sys.path.insert(0, "tests")
@@ -462,6 +475,7 @@ def test_ctrl_c_ends_a_search(planner):
     assert in_a_process(code) == "1\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("planners", [tuple(KINDS)[n::3] for n in range(3)], ids=" ".join)
 def test_hard_cases_do_not_crash_the_process(planners):
     # One free cell, a narrow map, huge costs, coordinates far from the origin. Whether a path is
@@ -490,6 +504,7 @@ def test_hard_cases_do_not_crash_the_process(planners):
     assert set(in_a_process(code).split()) <= {"solved", "timeout"}
 
 
+@pytest.mark.long
 def test_many_solves_in_one_process_do_not_grow():
     code = """
     import resource, sys; sys.path.insert(0, "tests")
