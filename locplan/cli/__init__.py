@@ -63,9 +63,11 @@ def _launched(tokens: list[str]) -> int | None:
             The command shows its log on stderr.
         """
         with _log_on_stderr(verbose):
-            return app(tokens)
+            code: int | None = app(tokens)
+            return code
 
-    return app.meta(tokens)
+    code: int | None = app.meta(tokens)
+    return code
 
 
 @contextmanager

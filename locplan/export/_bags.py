@@ -136,4 +136,4 @@ def _write(
             channel = writer.register_channel(topic, "cdr", schemas[kind], latched)
             data = encode(kind, message)
             writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]

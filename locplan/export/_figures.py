@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -25,7 +25,7 @@ LONGEST = 1000
 """Of a picture's sides [cells]: finer maps are merged, walls and the greatest values first."""
 
 
-def values_figure(grid: OccupancyGrid, values: NDArray, label: str, title: str) -> Figure:
+def values_figure(grid: OccupancyGrid, values: NDArray[Any], label: str, title: str) -> Figure:
     """Values of a mask over its map.
 
     Parameters
@@ -75,7 +75,7 @@ def routes_figure(
     return figure
 
 
-def _shrunk(grid: OccupancyGrid, values: NDArray) -> tuple[OccupancyGrid, NDArray]:
+def _shrunk(grid: OccupancyGrid, values: NDArray[Any]) -> tuple[OccupancyGrid, NDArray[Any]]:
     """A map that is no finer than a picture shows, with its values."""
     step = -(-max(grid.shape) // LONGEST)
     if step == 1:
@@ -94,6 +94,6 @@ def _shrunk(grid: OccupancyGrid, values: NDArray) -> tuple[OccupancyGrid, NDArra
     )
 
 
-def _draw_known(axes: Axes, grid: OccupancyGrid, values: NDArray) -> AxesImage:
+def _draw_known(axes: Axes, grid: OccupancyGrid, values: NDArray[Any]) -> AxesImage:
     shown = np.ma.masked_less(values, 0)
     return draw_cells(axes, grid, shown, cmap=FIELD_COLOURS, norm=Normalize(0.0, 100.0))

@@ -43,7 +43,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
             f" a spacing {1.1 * math.sqrt(ids / MAX_ID):.2g} times as large should do"
         )
     xy = graph.nodes.tolist()
-    features: list[tuple[str, list, dict[str, Any]]]
+    features: list[tuple[str, list[Any], dict[str, Any]]]
     features = [("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, start=1)]
     names = ("length", "integrated_e", "integrated_u", "penalty")
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()

@@ -129,7 +129,7 @@ def ellipse_markers(
     yield lines | {"pose": pose, "scale": np.array([0.02, 0.0, 0.0]), "color": black}
 
 
-def _poses(xy: NDArray, yaw: NDArray) -> NDArray[np.float64]:
+def _poses(xy: NDArray[Any], yaw: NDArray[Any]) -> NDArray[np.float64]:
     """Position and quaternion, (n, 7)."""
     nothing = np.zeros((len(xy), 3))
     return np.column_stack([xy, nothing, np.sin(yaw / 2), np.cos(yaw / 2)])

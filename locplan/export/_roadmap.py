@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -136,13 +137,13 @@ def roadmap(
     return RouteGraph(xy[joined], number, length, np.maximum(cost, length), e, u)
 
 
-def _symmetric(pairs: NDArray, values: NDArray, count: int) -> csr_array:
+def _symmetric(pairs: NDArray[Any], values: NDArray[Any], count: int) -> csr_array:
     ends = np.concatenate([pairs, pairs[:, ::-1]]).T
     return csr_array(coo_array((np.tile(values, 2), tuple(ends)), shape=(count, count)))
 
 
 def _cover(
-    costs: Costmap, space: tuple, inside: NDArray[np.bool_], reach: float
+    costs: Costmap, space: tuple[Any, ...], inside: NDArray[np.bool_], reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Nodes (n, 2) and free lines between them (m, 2) that join what is connected."""
     flat, columns = inside.reshape(-1), inside.shape[1]
@@ -166,7 +167,7 @@ def _cover(
         nodes = np.concatenate([nodes, np.unique(between[~seen][missing])])
 
 
-def _shortest_by_two(graph: csr_array, pairs: NDArray) -> NDArray[np.float64]:
+def _shortest_by_two(graph: csr_array, pairs: NDArray[Any]) -> NDArray[np.float64]:
     """The length of the shortest way over one node between, for each of the pairs."""
     first, second = graph[pairs[:, 0]], graph[pairs[:, 1]]
     both = first.astype(bool).multiply(second.astype(bool))
@@ -177,7 +178,7 @@ def _shortest_by_two(graph: csr_array, pairs: NDArray) -> NDArray[np.float64]:
 
 
 def _touching(
-    owner: NDArray, columns: int, nodes: NDArray, clearance: NDArray
+    owner: NDArray[Any], columns: int, nodes: NDArray[Any], clearance: NDArray[Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of nodes (m, 2) whose cells touch, and the cell there with most clearance (m,)."""
     parts = []
@@ -196,7 +197,7 @@ def _touching(
 
 
 def _merged(
-    space: tuple, xy: NDArray, pairs: NDArray, within: float
+    space: tuple[Any, ...], xy: NDArray[Any], pairs: NDArray[Any], within: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """The same without nodes that one close by replaces, as it sees all that they are joined to."""
     joined: list[set[int]] = [set() for _ in xy]
@@ -224,7 +225,7 @@ def _merged(
 
 
 def _kept(
-    space: tuple, xy: NDArray, pairs: NDArray, detour: float
+    space: tuple[Any, ...], xy: NDArray[Any], pairs: NDArray[Any], detour: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Those of the pairs that make a spanner, and their cost [density x cells]."""
     cost = line_costs(*space, xy, pairs)

@@ -28,12 +28,12 @@ _DECIMALS = 3
 """Of the parameters chosen here."""
 
 
-def mask_costs(values: NDArray) -> NDArray[np.float64]:
+def mask_costs(values: NDArray[Any]) -> NDArray[np.float64]:
     """What KeepoutFilter makes of a mask's 0..99: the nearest of 254ths."""
     return np.floor(values * 254 / 100 + 0.5)
 
 
-def static_costs(values: NDArray) -> NDArray[np.float64]:
+def static_costs(values: NDArray[Any]) -> NDArray[np.float64]:
     """What StaticLayer makes of 0..98 with ``trinary_costmap: false``: 254ths, truncated."""
     return np.trunc(values / 100 * 254)
 
@@ -246,4 +246,4 @@ def _param_for(planner: NavPlanner, cost: float, excess: float) -> float:
     if planner.parameter is None:
         return math.nan
     wanted = planner.wanted(cost, excess) if excess > 0 else 1.0
-    return math.ceil(wanted * 10**_DECIMALS - 1e-9) / 10**_DECIMALS
+    return float(math.ceil(wanted * 10**_DECIMALS - 1e-9) / 10**_DECIMALS)

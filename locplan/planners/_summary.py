@@ -56,7 +56,8 @@ def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
 def _headings(plan: Plan) -> list[float] | None:
     if plan.path is None or plan.path.heading is None:
         return None
-    return plan.path.heading.tolist()
+    headings: list[float] = plan.path.heading.tolist()
+    return headings
 
 
 def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
