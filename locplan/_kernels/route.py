@@ -17,7 +17,7 @@ from locplan._kernels.rays import TOUCH, segment_cost
 
 @njit(nogil=True, cache=True)
 def cover(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArray:
-    """The cells, in their order, that are not joined within `reach` to one taken before."""
+    """Cells, in their order, that are not connected within `reach` to one taken before."""
     covered = np.zeros(len(inside), np.bool_)
     seen = np.full(len(inside), -1, np.int32)
     queue = np.empty(len(inside), np.int64)
@@ -44,7 +44,7 @@ def cover(inside: NDArray, columns: int, cells: NDArray, reach: float) -> NDArra
 
 @njit(nogil=True, cache=True)
 def owners(inside: NDArray, columns: int, nodes: NDArray) -> NDArray:
-    """The node next to each cell by steps of which every other may be diagonal; or -1."""
+    """Node nearest to each cell by steps of which every other may be diagonal, or -1."""
     owner = np.full(len(inside), -1, np.int32)
     queue = np.empty(len(inside), np.int32)
     owner[nodes] = np.arange(len(nodes))
@@ -89,7 +89,7 @@ def line_cost(half: NDArray, columns: int, frame: tuple, a: NDArray, b: NDArray)
 
 @njit(nogil=True, cache=True)
 def line_costs(half: NDArray, columns: int, frame: tuple, xy: NDArray, pairs: NDArray) -> NDArray:
-    """The same for pairs (m, 2) of positions (n, 2)."""
+    """Costs, by `line_cost`, of the lines between pairs (m, 2) of positions (n, 2)."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
         result[n] = line_cost(half, columns, frame, xy[i], xy[j])
@@ -98,7 +98,10 @@ def line_costs(half: NDArray, columns: int, frame: tuple, xy: NDArray, pairs: ND
 
 @njit(nogil=True, cache=True)
 def spanner(pairs: NDArray, cost: NDArray, count: int, detour: float) -> NDArray[np.bool_]:
-    """Which pairs, the cheapest first, no two kept before replace at `detour` times the cost."""
+    """True for the pairs to keep, of pairs in order of cost.
+
+    A pair is left out if two kept before it replace it at no more than `detour` times its cost.
+    """
     kept = np.zeros(len(pairs), np.bool_)
     last = np.full(count, -1)  # each node's half-edges are a chain; 2 n and 2 n + 1 are pair n's
     before = np.full(2 * len(pairs), -1)
@@ -127,7 +130,7 @@ def spanner(pairs: NDArray, cost: NDArray, count: int, detour: float) -> NDArray
 
 @njit(nogil=True, cache=True)
 def usage(order: NDArray, before: NDArray, indptr: NDArray, indices: NDArray) -> NDArray:
-    """How many routes that do not end at a node take each of its edges."""
+    """Number of routes over each of a node's edges, without those that end at the node."""
     use = np.zeros(len(indices))
     for nodes, parents in zip(order, before):  # noqa: B905, which numba does not know
         beyond = np.zeros(len(nodes))
@@ -154,7 +157,7 @@ def moved(
     shift: float,
     apart: float,
 ) -> NDArray:
-    """Positions where the routes through each node cost less, one node after the other.
+    """Positions of nodes, moved one after the other so that the routes through each cost less.
 
     Each stays within `shift` of where it was, and goes no closer to a neighbour than `apart`, both
     in cells. All edges stay free.
