@@ -16,7 +16,7 @@ from locplan._kernels.rays import segment_cost
 from locplan._kernels.search import bucket_scale, enqueue
 
 TIE = 1e-13
-"""Costs this close, relatively, count as equal."""
+"""Relative difference up to which costs count as equal."""
 
 
 @njit(nogil=True, cache=True)
@@ -27,11 +27,11 @@ def shortcut(
     lookahead: int,
     corner_cutting: bool,
 ) -> NDArray[Any]:
-    """Which of a path's positions, (n, 2), to keep so that it costs least.
+    """Indices of the positions of a path, (n, 2), to keep so that it costs least.
 
-    Each is reached from one of the `lookahead` before it, in a straight line, the longest of
-    equal ones; from the one just before it always, so that the result never costs more than the
-    path.
+    Each position is reached in a straight line from one of the `lookahead` before it; of lines of
+    equal cost the longest is taken. The line from the one just before it is always allowed, so
+    that the result never costs more than the path.
     """
     cheapest = 2 * half.min()
     count = len(positions)
@@ -67,7 +67,7 @@ def shift(
     sweeps: int,
     corner_cutting: bool,
 ) -> NDArray[Any]:
-    """The path with its inner positions shifted sideways by `step` while that costs less."""
+    """Path with its inner positions shifted sideways by `step` while that lowers the cost."""
     shifted = positions.copy()
     stirred = np.ones(len(shifted), np.bool_)
     for _ in range(sweeps):
@@ -111,15 +111,16 @@ def cheapest_moves(
     Parameters
     ----------
     half : (n,) array
-        See `locplan._kernels.search`; the border as wide as the longest move.
+        Half the density, see `locplan._kernels.search`; the border is as wide as the longest move.
     start, goal : int
-        Flat indices.
+        Flat indices of both cells.
     offsets : (m,) array of int
-        Where each move leads.
+        Flat offset of the cell to which each move leads.
     crossed, lengths : (m, k) arrays
-        The cells that it crosses and twice its length in each [cells]; the rest has length 0.
+        Offsets of the cells that a move crosses and twice its length in each [cells]; unused
+        entries have length 0.
     touched : (m, t) array of int
-        Cells that must not be blocked besides.
+        Offsets of further cells that must not be blocked.
     """
     nothing = np.empty(0, np.int64)
     if half[start] == np.inf or half[goal] == np.inf:
@@ -130,7 +131,7 @@ def cheapest_moves(
     cost[start] = 0.0
     per_cost, buckets = bucket_scale(half, lengths.sum(axis=1).max() / 2)
     if not buckets:
-        return nothing  # not with costs so far apart
+        return nothing  # the costs differ too much for buckets
     mask = np.uint64(buckets - 1)
     heads = np.full(buckets, -1, np.int32)
     cells, following = np.empty(4096, np.uint32), np.empty(4096, np.int32)

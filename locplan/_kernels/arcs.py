@@ -36,13 +36,13 @@ def arc_crossings(
 ) -> NDArray[Any]:
     """Angles, ascending, at which an arc begins, crosses a border between cells, and ends.
 
-    Seen from its centre [rad]; some are doubled.
+    The angles are seen from its centre [rad]; some occur twice.
     """
     angles = np.empty(int(2 * (high - low) * radius) + 32)
     angles[0], count, at = low, 1, low
     quadrant = math.floor(low / QUARTER + 1e-12)
     while at < high:
-        # Within a quadrant of the circle either coordinate only grows or only falls.
+        # Within a quadrant of the circle each coordinate only grows or only falls.
         until = min((quadrant + 1) * QUARTER, high)
         middle = (at + until) / 2
         x_way = -1 if math.sin(middle) > 0 else 1
@@ -79,7 +79,7 @@ def arc(
 
 @njit(nogil=True, cache=True)
 def closer(angles: NDArray[Any], most: float) -> NDArray[Any]:
-    """The same angles with more between them where they are further apart than `most`."""
+    """Angles with further ones inserted where neighbours are more than `most` apart."""
     count = 1
     for n in range(len(angles) - 1):
         count += max(1, math.ceil((angles[n + 1] - angles[n]) / most))
@@ -102,7 +102,7 @@ def _next_line(position: float, way: int) -> float:
 
 @njit(nogil=True, cache=True)
 def _angle_at(ratio: float, near: float, of_sine: bool) -> float:
-    """Where on a circle the sine (or cosine) has a value, in the quadrant of an angle, or later."""
+    """Angle at which the sine (or cosine) equals `ratio`, in the quadrant of `near` or later."""
     if abs(ratio) >= 1:
         return np.inf
     if of_sine:

@@ -20,7 +20,7 @@ SQUARE = 8
 """Edge of a word's square of cells."""
 PLANES = 2
 ALL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
-"""A square that is set throughout."""
+"""Word of a square in which all cells are set."""
 
 
 class Strips(NamedTuple):
@@ -35,13 +35,13 @@ class Window(NamedTuple):
     """The map around a tile, laid out so that the offsets in y of a square are contiguous."""
 
     words: NDArray[np.uint64]  # (plane, col, row mod step, row div step), flat
-    below: NDArray[np.int64]  # the same: cells set in the strip's rows below the square
+    below: NDArray[np.int64]  # laid out like words: cells set in the strip's rows below the square
     disc_sums: NDArray[np.int64]  # (plane, col, row): cells set within the disc there
-    first_row: int  # of words: rows and columns are counted in `unit` cells from here
+    first_row: int  # rows and columns of words are counted in `unit` cells from here
     first_col: int
     unit: int
-    lanes: int  # rows of the same remainder
-    plane_stride: int  # words of a plane
+    lanes: int  # number of rows with the same remainder
+    plane_stride: int  # number of words in a plane
     sum_unit: int  # disc_sums start `radius` cells further in and are this many cells apart
 
 
@@ -99,10 +99,10 @@ def lay_out_window(
     sum_unit: int,
     lanes: int,
 ) -> Window:
-    """The window around a tile whose discs start up to `row_span`, `col_span` cells further on.
+    """Window around a tile whose discs start up to `row_span` and `col_span` cells further on.
 
-    `sum_unit` divides the step and the distances of the tile's cells. `diameter` is that of the
-    disc in whole squares, and `lanes` how many of them may be read from any position.
+    `sum_unit` divides the step and the distances of the tile's cells. `diameter` is the disc's,
+    rounded up to whole squares, and `lanes` the number of offsets in y read from any position.
     """
     unit = math.gcd(sum_unit, SQUARE)
     rows, cols = (row_span + diameter) // unit + 1, (col_span + diameter) // unit + 1
@@ -142,7 +142,7 @@ def lay_out_window(
 def disc_sums(
     octets: NDArray[np.uint8], radius: int, unit: int, rows: int, cols: int
 ) -> NDArray[Any]:
-    """Cells set within the disc around every `unit` cells from `radius` on, (plane, col, row)."""
+    """Cells set in the disc around every `unit`-th cell from `radius` on, (plane, col, row)."""
     sums = np.zeros((PLANES, cols, rows), np.int64)
     below = np.zeros((octets.shape[1], octets.shape[2] + 1), np.int32)
     for plane in range(PLANES):

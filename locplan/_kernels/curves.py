@@ -17,10 +17,10 @@ STRAIGHT, DUBINS, REEDS_SHEPP = 0, 1, 2
 PIECES = 5
 QUARTER, TURN = math.pi / 2, 2 * math.pi
 SLACK = 1e-9
-"""A turn of nearly a whole circle, or backwards by this, is none but for rounding [rad]."""
+"""Rounding error up to which a turn short of a whole circle, or backwards, counts as none [rad]."""
 _BASE_WORDS = 8
 _ALSO_REVERSED = (2, 5, 6)
-"""Which of them differ when driven from the end to the start."""
+"""Base words that differ when driven from the end to the start."""
 
 
 @njit(nogil=True, cache=True)
@@ -68,8 +68,8 @@ def reeds_shepp(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """The shortest curve, forward or in reverse, from one pose to another: turns, lengths (5,).
 
-    The base words of the paper's sections 8.1-8.11 in their up to eight symmetric forms: driven in
-    reverse, mirrored, and from the end to the start.
+    It is one of the base words of the paper's sections 8.1-8.11 in their up to eight symmetric
+    forms: driven in reverse, mirrored, and from the end to the start.
     """
     cos, sin = math.cos(heading), math.sin(heading)
     ahead = (x1 - x) * cos + (y1 - y) * sin
@@ -106,7 +106,7 @@ def reeds_shepp(
 def _word(
     number: int, x: float, y: float, heading: float, sides: NDArray[Any], parts: NDArray[Any]
 ) -> bool:
-    """Fill in one of the base words that lead from the origin to a pose, if there is one."""
+    """Fill in base word `number` from the origin to a pose; false if it does not lead there."""
     same = x - math.sin(heading), y - 1 + math.cos(heading)
     opposite = x + math.sin(heading), y - 1 - math.cos(heading)
     apart, bearing = math.hypot(*same), math.atan2(same[1], same[0])
@@ -205,12 +205,12 @@ def _outer_turns(
 
 @njit(nogil=True, cache=True)
 def _circle(angle: float) -> float:
-    """In 0..2 pi [rad]."""
+    """Angle wrapped into 0..2 pi [rad]."""
     angle %= TURN
     return 0.0 if angle > TURN - SLACK else angle
 
 
 @njit(nogil=True, cache=True)
 def _half(angle: float) -> float:
-    """In -pi..pi [rad]."""
+    """Angle wrapped into -pi..pi [rad]."""
     return angle - TURN * round(angle / TURN)

@@ -1,4 +1,4 @@
-"""A drive through a world while a particle filter follows on the map, and how far it is off."""
+"""A drive through a world while a particle filter tracks it on the map, and the filter's errors."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from locplan._kernels.particles import (
 
 
 class Odometry(NamedTuple):
-    """How wheels mislead: standard deviations, of drifts by the root of the way."""
+    """Errors of odometry: standard deviations; drifts grow with the root of distance or turn."""
 
     distance_drift: float  # [m / sqrt(m)]
     heading_drift: float  # [rad / sqrt(m)]
     turn_drift: float  # [rad / sqrt(rad)]
-    distance_bias: float  # of each drive's factor on distances
-    heading_bias: float  # of each drive's bend [rad / m]
-    turn_bias: float  # of each drive's factor on turns
+    distance_bias: float  # deviation between drives of the factor on distances
+    heading_bias: float  # deviation between drives of the bend to one side [rad / m]
+    turn_bias: float  # deviation between drives of the factor on turns
 
 
 class Start(NamedTuple):
-    """How well the filter knows where it begins: standard deviations."""
+    """Standard deviations of the filter's first pose."""
 
     position: float  # [m]
     heading: float  # [rad]
@@ -45,7 +45,7 @@ class Start(NamedTuple):
 def odometry_along(
     random: np.random.Generator, truth: NDArray[np.float64], odometry: Odometry
 ) -> NDArray[np.float64]:
-    """What odometry makes of a drive: poses (n, 3), the first one without error [m, m, rad]."""
+    """Reported odometry of a drive: poses (n, 3), the first one without error [m, m, rad]."""
     scale = 1 + odometry.distance_bias * random.standard_normal()
     bend = odometry.heading_bias * random.standard_normal()
     turn_scale = 1 + odometry.turn_bias * random.standard_normal()
@@ -80,25 +80,25 @@ def drive(
     settings: Filter,
     errors: NDArray[np.float64],
 ) -> None:
-    """Drive once, and write how far the filter's pose is off at every pose, into (n, 3).
+    """Drive once, and write the filter's error at every pose into `errors`.
 
-    As AMCL does: the filter moves, weighs and resamples once odometry has come far enough, and in
+    As in AMCL, the filter moves, weighs and resamples once odometry has come far enough, and in
     between the pose follows odometry.
 
     Parameters
     ----------
     random : numpy.random.Generator
-        Of all that is left to chance.
+        Source of all random numbers.
     truth : (n, 3) array
         The poses driven through, in the map's own axes [m, m, rad].
     squares : (4, H + 2, W + 2) array of uint8
         The world as `rays.empty_squares`, which may differ from the map.
     scores : BeamScores
-        Of the map.
+        Scores of beams on the map.
     lidar, disturbances, odometry, start, settings
-        What measures, what disturbs it, and the filter.
+        The lidar, what disturbs it, errors of odometry and of the first pose, and the filter.
     errors : (n, 3) array
-        Filled with the filter's pose less the true one [m, m, rad].
+        Filled with the filter's pose minus the true one [m, m, rad].
     """
     reported = odometry_along(random, truth, odometry)
     most = settings.max_particles
@@ -134,7 +134,7 @@ def drive(
                 poses, drawn = drawn, poses
                 weights[:count] = 1 / count
                 pose, at = np.array(heaviest_cluster_mean(histogram, bins, poses, count)), n
-        # Since then the pose has followed odometry.
+        # Since the last resampling the pose has followed odometry.
         cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
         x, y = reported[n, 0] - reported[at, 0], reported[n, 1] - reported[at, 1]
         errors[n, 0] = pose[0] + cos * x - sin * y - truth[n, 0]

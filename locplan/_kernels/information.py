@@ -23,7 +23,7 @@ from locplan._kernels.rays import cast
 
 STOP, DONE = 0, 1
 MIN_COSINE = 0.15
-"""Below this |d . n| a range on a grid no longer grows as 1 / |d . n|."""
+"""Value of |d . n| below which a range on a grid no longer grows as 1 / |d . n|."""
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -44,13 +44,13 @@ def information(
     squares : (4, H + 2, W + 2) array of uint8
         The map as `rays.empty_squares`.
     normals : (H, W, 2) array of float32
-        Unit normals (row, col) of the cells that stop a beam; where zero a beam tells nothing.
+        Unit normals (row, col) of the cells that stop a beam; beams at zero normals are ignored.
     resolution : float
         Edge of a cell [m].
     rows, cols : (n,) arrays of float
         Positions of the robot [cells]; a cell's centre ends in .5.
     headings : (m,) array of float
-        Of the robot [rad], from the columns' axis towards that of the rows.
+        Headings of the robot [rad], from the columns' axis towards that of the rows.
     lidar : Lidar
         Beams, mount and noise.
     control : (2,) array of int64
@@ -60,8 +60,8 @@ def information(
     Returns
     -------
     (n, m, 3, 3) array of float64
-        In the grid's own axes, x along the columns and y along the rows
-        [1/m^2, 1/(m rad), 1/rad^2]. Zero without any return.
+        Information in the grid's own axes, x along the columns and y along the rows
+        [1/m^2, 1/(m rad), 1/rad^2]; zero without any return.
     """
     result = np.full((rows.size, headings.size, 3, 3), np.nan)
     bearings = headings.reshape(-1, 1) + lidar.yaw + lidar.angles

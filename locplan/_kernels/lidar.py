@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 from locplan._kernels.rays import cast
 
 FRACTION = 2.0**-20
-"""Of a cell: to what a lidar's place on the robot is rounded."""
+"""Fraction of a cell to which a lidar's position on the robot is rounded."""
 
 
 class Lidar(NamedTuple):
-    """A planar lidar, and where on the robot it is."""
+    """A planar lidar, and its mount on the robot."""
 
-    angles: NDArray[np.float64]  # (beam,) from its own axis [rad]
-    forward: float  # of the robot's centre of rotation [m]
-    left: float  # likewise [m]
-    yaw: float  # of its axis against the robot's [rad]
-    sigma: float  # of a range [m]
+    angles: NDArray[np.float64]  # (beam,) angles from the lidar's own axis [rad]
+    forward: float  # distance ahead of the robot's centre of rotation [m]
+    left: float  # distance to the left of it [m]
+    yaw: float  # angle of the lidar's axis against the robot's [rad]
+    sigma: float  # standard deviation of a range [m]
     max_range: float  # [m]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def lever(lidar: Lidar, heading: float, resolution: float) -> tuple[float, float]:
-    """Where the lidar is from the robot's centre, x (columns) and y (rows) [cells].
+    """Position of the lidar from the robot's centre, x (columns) and y (rows) [cells].
 
-    Rounded to `FRACTION`, so that added to any cell's place it is exact: a part of a map then
-    gives the same bits as the whole.
+    It is rounded to `FRACTION`, so that its sum with any cell's position is exact: a part of a map
+    then gives the same bits as the whole.
     """
     cos, sin = np.cos(heading), np.sin(heading)
     x = (cos * lidar.forward - sin * lidar.left) / resolution
@@ -48,10 +48,10 @@ def scan_ends(
     lidar: Lidar,
     ends: NDArray[np.float64],
 ) -> None:
-    """Where the beams end as x (columns) and y (rows) from the robot [cells], into (beam, 2).
+    """Write the ends of the beams, x (columns) and y (rows) from the robot [cells], into `ends`.
 
     A beam ends in the middle of its way through the cell that stops it, so that its end lies
-    inside of that whatever the rounding. NaN without a return.
+    inside that cell whatever the rounding. It is NaN without a return.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def scan_ends(
     row, col, heading : float
         The robot's pose on the grid [cells, cells, rad].
     lidar : Lidar
-        Its beams and mount.
+        Beams and mount of the lidar.
     ends : (beam, 2) array
-        Filled.
+        Filled with the ends of the beams.
     """
     lever_x, lever_y = lever(lidar, heading, resolution)
     from_row, from_col = row + lever_y, col + lever_x

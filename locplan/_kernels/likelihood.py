@@ -3,10 +3,10 @@
 A beam that ends at distance d from the nearest wall, from cell centre to cell centre, has the
 likelihood of AMCL's likelihood-field model, ``z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand`` with
 ``z_hit = 1 - z_rand``. It is held as a *cost*, the loss of its logarithm against d = 0, in whole
-steps of which `TOP` are the cost of a beam that ends nowhere near anything.
+steps of which `TOP` are the cost of a beam that ends far from all walls.
 
-Other than AMCL's, walls are hollow: an occupied cell among none but occupied ones is not one. Where
-a map paints black what it does not know, endpoints could else be pushed into a wall at no cost.
+Unlike in AMCL, walls are hollow: an occupied cell with only occupied neighbours is no wall. Where
+a map paints unknown space black, endpoints could otherwise be pushed into a wall at no cost.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from numba import njit
 from numpy.typing import NDArray
 
 TOP = 4095
-"""The greatest cost: that of a beam whose endpoint only chance explains."""
+"""Greatest cost: that of a beam whose endpoint is explained only by `z_rand`."""
 GROUP = 3
-"""Offsets in y that are scored together."""
+"""Number of offsets in y that are scored together."""
 
 
 class LikelihoodField(NamedTuple):
     """Costs of the map and its surroundings, every `step`-th row and column together.
 
-    The layout ends so far off the map that at no offset anything is near to what lies beyond.
+    The layout extends so far that endpoints beyond it are near no wall at any offset.
     """
 
     costs: NDArray[np.uint16]  # (row mod step, col mod step, row div step, col div step), flat
-    first: int  # where the layout begins, as a row and as a column of the map
-    last_row: int  # the last row of the layout, and the last column, that a first offset may have
-    last_col: int
+    first: int  # row, and also column, of the map where the layout begins
+    last_row: int  # the last row of the layout that an endpoint may have at its first offset
+    last_col: int  # the last column
     step: int
-    width: int  # costs of a row
-    plane: int  # costs of one pair of remainders
-    nats: float  # what a step of cost is in log-likelihood
+    width: int  # number of costs in a row
+    plane: int  # number of costs of one pair of remainders
+    nats: float  # log-likelihood of one step of cost
 
 
 def likelihood_reach(resolution: float, sigma_hit: float, z_rand: float) -> int:
-    """How far from a wall the cost may be less than `TOP` [cells]."""
-    # There the likelihood is half a step of cost above z_rand.
+    """Distance from a wall up to which the cost may be less than `TOP` [cells]."""
+    # At this distance the likelihood is half a step of cost above z_rand.
     excess = z_rand * math.expm1(-math.log(z_rand) / TOP / 2) / (1 - z_rand)
     return math.ceil(sigma_hit * math.sqrt(-2 * math.log(excess)) / resolution)
 
@@ -59,9 +59,9 @@ def costs_of_squared_distance(
 
 @njit(nogil=True, cache=True)
 def distances_along_columns(walls: NDArray[np.uint8], reach: int) -> NDArray[Any]:
-    """Rows to the nearest wall in the same column, at most ``reach + 1``.
+    """Number of rows to the nearest wall in the same column, at most ``reach + 1``.
 
-    (H + 2 reach, W): for `reach` rows more on either side of the map.
+    The result has `reach` more rows on either side of the map, (H + 2 reach, W).
     """
     rows, cols = walls.shape
     distance = np.full((rows + 2 * reach, cols), reach + 1, np.uint16)
@@ -90,7 +90,7 @@ def lay_out(
     plane: int,
     planes: NDArray[np.uint16],
 ) -> None:
-    """Write the costs around all walls into the planes, the map `margin` cells inside."""
+    """Write the costs around all walls into the planes, with the map `margin` cells inside."""
     along_columns = distances_along_columns(walls, reach)
     cols, furthest = walls.shape[1], np.int32(costs.size - 1)
     squared, nearest = np.empty(cols, np.int32), np.empty(cols + 2 * reach, np.int32)

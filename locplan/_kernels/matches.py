@@ -1,4 +1,4 @@
-"""Where a single scan fits best: the most likely pose of the search window, without a filter."""
+"""Matching of single scans: the most likely pose in the search window, without a filter."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from locplan._kernels.posterior import score
 
 @njit(nogil=True, cache=True)
 def one_of_least(random: np.random.Generator, costs: NDArray[np.uint32]) -> int:
-    """Index of the least cost; of several alike, any."""
+    """Index of the least cost; a random one if several are equal."""
     least = costs.min()
     ties = 0
     for n in range(costs.size):
@@ -43,29 +43,29 @@ def match(
     disturbances: BeamDisturbances,
     errors: NDArray[np.float64],
 ) -> None:
-    """Match scans from a cell, and write how far the most likely pose is off, into (n, 3).
+    """Match n scans from a cell, and write the errors of the most likely poses into `errors`.
 
-    The robot stands anywhere in the cell and heads anywhere; the window's middle is the cell's
-    centre, and within half a step of its heading.
+    The robot's position in the cell and its heading are random. The window's middle is the cell's
+    centre and a heading within half a step of the robot's.
 
     Parameters
     ----------
     random : numpy.random.Generator
-        Of all that is left to chance.
+        Source of all random numbers.
     field, lattice
         Likelihood field of the map, and the window's offsets of whole steps.
     angles : (heading,) array
-        Of the window [rad].
+        Headings of the window, relative to its middle [rad].
     squares : (4, H + 2, W + 2) array of uint8
-        The world.
+        The world as `rays.empty_squares`.
     resolution : float
         Edge of a cell [m].
     row, col : int
         The robot's cell.
     lidar, disturbances
-        What measures, and what disturbs it.
+        The lidar, and what disturbs it.
     errors : (n, 3) array
-        Filled: x, y [cells] and heading [rad], the match less the truth.
+        Filled with x, y [cells] and heading [rad] of the match minus the true ones.
     """
     turn_step = angles[1] - angles[0] if angles.size > 1 else 0.0
     measured, ends = np.empty((lidar.angles.size, 2)), np.empty((lidar.angles.size, 2))
@@ -73,7 +73,7 @@ def match(
     for n in range(len(errors)):
         pose[0], pose[1] = row + random.random(), col + random.random()
         pose[2] = (2 * random.random() - 1) * np.pi
-        aside = (random.random() - 0.5) * turn_step  # of the window's heading
+        aside = (random.random() - 0.5) * turn_step  # offset of the window's heading
         measured_ends(random, squares, resolution, pose, lidar, disturbances, measured)
         cos, sin = np.cos(pose[2] + aside), np.sin(pose[2] + aside)
         ends[:, 0] = cos * measured[:, 0] - sin * measured[:, 1]

@@ -1,4 +1,4 @@
-"""The scan of a real lidar in a world: with noise, outliers, and something standing before it."""
+"""The scan of a real lidar in a world: with noise, outliers, and an object that occludes it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from locplan._kernels.lidar import Lidar, lever, scan_ends
 
 
 class BeamDisturbances(NamedTuple):
-    """What a scan shows beside the walls, which beams hit half way through a cell."""
+    """Outliers and occlusions of scans."""
 
-    outliers: float  # share of the beams that end anywhere within the range
-    occlusion: float  # probability that something stands before the lidar
-    width: float  # of that [rad]
-    nearest: float  # and how near it may be [m]
-    farthest: float  # and how far [m]
+    outliers: float  # share of the beams that end at a random distance within the range
+    occlusion: float  # probability that an object occludes a part of a scan
+    width: float  # angle that the object takes in the lidar's view [rad]
+    nearest: float  # least distance of the object from the lidar [m]
+    farthest: float  # greatest distance of the object from the lidar [m]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -31,22 +31,22 @@ def measured_ends(
     disturbances: BeamDisturbances,
     ends: NDArray[np.float64],
 ) -> None:
-    """Where the beams seem to end, ahead and to the left of the robot [cells], into (beam, 2).
+    """Write the measured ends of beams, ahead and to the left of the robot [cells], into `ends`.
 
-    NaN without a return. For each scan the same random numbers are drawn whatever it meets.
+    Ends are NaN without a return. As many random numbers are drawn whatever a scan meets.
 
     Parameters
     ----------
     random : numpy.random.Generator
-        Drawn from: two numbers a beam, and three more.
+        Source of random numbers: two per beam, and three more.
     squares, resolution, lidar
-        The world and the sensor, as for `lidar.scan_ends`.
+        The world and the lidar, as for `lidar.scan_ends`.
     pose : (3,) array
         Row, column [cells] and heading [rad] of the robot.
     disturbances : BeamDisturbances
-        Beside the noise of `lidar.sigma`.
+        Outliers and occlusions, in addition to the noise of `lidar.sigma`.
     ends : (beam, 2) array
-        Filled.
+        Filled with the ends of the beams.
     """
     row, col, heading = pose
     scan_ends(squares, resolution, row, col, heading, lidar, ends)
@@ -70,7 +70,7 @@ def measured_ends(
         if not 0 < at < reach:
             ends[b] = np.nan
             continue
-        # The lidar's own place on the robot, and from there along the beam.
+        # Start at the lidar's position on the robot, and go along the beam.
         ahead = cos * lever_x + sin * lever_y
         left = cos * lever_y - sin * lever_x
         ends[b, 0] = ahead + at * np.cos(bearing)

@@ -1,8 +1,8 @@
 """Exact integrals of a density along motions between poses: straight lines and curves.
 
 A pose is (x, y, heading) on a bordered grid as in `locplan._kernels.search`: column, row [cells]
-and the angle from the columns' direction towards the rows' [rad]. The density may depend on the
-heading: then there is a layer for each of several, evenly spaced from `first` on.
+and the angle from the columns' direction towards the rows' [rad]. If the density depends on the
+heading, it has a layer for each of several headings, evenly spaced from `first` on.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from locplan._kernels.curves import DUBINS, PIECES, QUARTER, STRAIGHT, TURN, dub
 from locplan._kernels.rays import TOUCH, segment_cost
 
 FINEST = 0.02
-"""Greatest turn between two positions of a path [rad]: its length is true to 2e-5."""
+"""Greatest turn between two positions of a path [rad]; its length is then exact to 2e-5."""
 
 
 ABOVE = 1 + 1e-14
-"""No motion costs less than its length, however that is rounded."""
+"""Least cost per length of a motion: no motion costs less than its length after rounding."""
 
 
 @njit(nogil=True, cache=True)
@@ -44,13 +44,13 @@ def motion_cost(
     half : (layers, n) array
         Half the density on a flat grid with a blocked border.
     columns : int
-        Of the bordered grid.
+        Number of columns of the bordered grid.
     kind : int
-        STRAIGHT, DUBINS or REEDS_SHEPP.
+        Kind of motion: STRAIGHT, DUBINS or REEDS_SHEPP.
     radius : float
         Least turning radius [cells].
     start, end : (x, y, heading)
-        The start must lie on the grid.
+        Poses at both ends; the start must lie on the grid.
     first : float
         The heading of the first layer [rad].
     corner_cutting : bool
@@ -81,10 +81,10 @@ def motion_cost(
 def motion_poses(
     kind: int, radius: float, start: tuple[Any, ...], end: tuple[Any, ...]
 ) -> NDArray[Any]:
-    """Poses (n, 3) along a motion, so dense in turns that lines between them will do.
+    """Poses (n, 3) along a motion, so dense in turns that straight lines can join them.
 
-    Wherever a turn crosses a border between cells there is one: the lines cross the same cells as
-    the curve.
+    There is a pose wherever a turn crosses a border between cells, so that the lines cross the
+    same cells as the curve.
     """
     first, last = np.array(start).reshape(1, 3), np.array(end).reshape(1, 3)
     if kind == STRAIGHT:
@@ -137,7 +137,7 @@ def _line_cost(
     first: float,
     corner_cutting: bool,
 ) -> float:
-    """Of a straight line, along which the heading turns evenly, the shorter way."""
+    """Cost of a straight line along which the heading turns evenly, the shorter way round."""
     layers = len(half)
     if layers == 1:
         return segment_cost(half[0], columns, start[1], start[0], end[1], end[0], corner_cutting)
@@ -166,20 +166,20 @@ def _arc_cost(
     first: float,
     corner_cutting: bool,
 ) -> float:
-    """Of one turn (x, y, heading, side, length)."""
+    """Cost of one turn (x, y, heading, side, length)."""
     x, y, heading, turn, length = piece
     layers, extent = len(half), half.shape[1] // columns + columns
     if 2 * radius * math.sin(min(abs(length) / radius, math.pi) / 2) > extent:
         return np.inf  # it leaves the map
     center_x, center_y, low, high = arc(x, y, heading, turn, length, radius)
     angles = arc_crossings(center_x, center_y, radius, low, high)
-    towards = turn * QUARTER - first  # from an angle on the circle to the heading there
+    towards = turn * QUARTER - first  # added to an angle on the circle it gives the heading there
     if layers > 1:
         shares = _changes(low + towards, high - low, layers)
         angles = np.sort(np.append(angles, low + shares * (high - low)))
     begin, end, way = (0, len(angles) - 1, 1) if turn * length > 0 else (len(angles) - 1, 0, -1)
     total, before_row, before_col = 0.0, -1, -1
-    # In the direction of travel: what lies beyond the border must not be looked at.
+    # Go in the direction of travel: cells beyond the border must not be read.
     for n in range(begin, end, way):
         inside = abs(angles[n + way] - angles[n]) * radius
         if inside <= TOUCH:
@@ -201,13 +201,13 @@ def _arc_cost(
 
 @njit(nogil=True, cache=True)
 def _layer(heading: float, layers: int) -> int:
-    """The layer whose heading is next to one, counted from that of the first."""
+    """Layer whose heading is nearest to `heading`, which is counted from the first layer's."""
     return math.floor(heading / TURN * layers + 0.5) % layers if layers > 1 else 0
 
 
 @njit(nogil=True, cache=True)
 def _changes(heading: float, turn: float, layers: int) -> NDArray[Any]:
-    """The shares of a turn from a heading at which the next layer begins."""
+    """Shares of a turn from a heading at which another layer begins."""
     begin, end = heading / TURN * layers + 0.5, (heading + turn) / TURN * layers + 0.5
     low, high = math.ceil(min(begin, end)), math.floor(max(begin, end))
     if begin == end or high < low:
@@ -230,7 +230,7 @@ def world_cost(
     heading1: float,
     blocked: float,
 ) -> float:
-    """The same between two poses in the world [m], at least their distance, or `blocked`.
+    """Cost of a motion between poses in the world [m], at least their distance, or `blocked`.
 
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
     the row of the world's origin, and the yaw; the radius is in cells.
@@ -255,7 +255,7 @@ def world_costs(
     poses: NDArray[np.float64],
     pairs: NDArray[np.int64],
 ) -> NDArray[Any]:
-    """Of motions between pairs (m, 2) of poses (n, 3) in the world; infinite if blocked [m]."""
+    """Costs of motions between pairs (m, 2) of poses (n, 3) in the world [m], or infinite."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
         (x0, y0, heading0), (x1, y1, heading1) = poses[i], poses[j]
@@ -277,7 +277,7 @@ def world_poses(
     y1: float,
     heading1: float,
 ) -> NDArray[Any]:
-    """Poses (n, 3) in the world along the very motion whose cost `world_cost` is."""
+    """Poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
     along, across, col0, row0, yaw = frame
     start, end = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
     poses = motion_poses(kind, radius, start, end)
@@ -306,7 +306,7 @@ def _on_grid(
 def stands(
     half: NDArray[np.float64], columns: int, frame: tuple[Any, ...], x: float, y: float
 ) -> bool:
-    """Whether a position in the world [m] lies in a cell that is not blocked."""
+    """True if a position in the world [m] lies in a cell that is not blocked."""
     x, y, _ = _on_grid(frame, x, y, 0.0)
     col, row = math.floor(x), math.floor(y)
     inside = 0 < col < columns - 1 and 0 < row < half.shape[1] // columns - 1

@@ -1,8 +1,8 @@
 """All best trade-offs between two costs on an 8-connected grid (bi-objective A*).
 
-BOA* (Hernandez Ulloa et al., ICAPS 2020): labels come off the queue in the order of their first
-cost, so that a label is dominated exactly if its second is not less than the least one yet at its
-cell, or at the goal. The queue is buckets over the first cost, the lowest of them a heap.
+BOA* (Hernandez Ulloa et al., ICAPS 2020): labels leave the queue in the order of their first cost,
+so that a label is dominated exactly if its second cost is not less than the least one so far at its
+cell, or at the goal. The queue consists of buckets over the first cost; the lowest one is a heap.
 
 Costs are whole numbers, kept as floats: both costs of a step are rounded up, so that the bounds
 from searches with unrounded costs stay valid, and equal costs compare as equal. Cells are indices
@@ -20,38 +20,38 @@ from numpy.typing import NDArray
 from locplan._kernels.search import SQRT2
 
 SCALE = 1 << 18
-"""Units of a cell's length; costs are rounded up to whole ones at each step."""
+"""Units of cost per cell; costs are rounded up to whole units at each step."""
 BUCKETS, BUCKETS_A_CELL = 64, 16
-"""Buckets in turn, and how finely; a step raises the first cost's bound by 2 sqrt(2) cells."""
+"""Number of buckets, and of those per cell; a step raises the first bound by <= 2 sqrt(2) cells."""
 FINISHED, OUT_OF_LABELS, PAUSED = 0, 1, 2
 STATUS, UNUSED, USED, WAITING, LOWEST, IN_HEAP, SOLUTIONS = range(7)
-"""Places in `Labels.state`."""
+"""Indices of `Labels.state`."""
 
 
 class Labels(NamedTuple):
     """The labels of a search: paths from the start to a cell."""
 
     state: NDArray[np.int64]
-    """Where the search stands."""
+    """State of the search, at the indices STATUS to SOLUTIONS."""
     cell: NDArray[np.int32]
-    """Where the path ends."""
+    """Cell in which each label's path ends."""
     first: NDArray[np.float64]
-    """Its first cost."""
+    """First cost of each path."""
     second: NDArray[np.float64]
-    """Its second cost."""
+    """Second cost of each path."""
     parent: NDArray[np.int32]
-    """The label before it, or -1."""
+    """Label before each label on its path, or -1."""
     following: NDArray[np.int32]
-    """The next one in its bucket, or in the chain of free ones."""
+    """Next label in the same bucket, or in the chain of free labels."""
     heads: NDArray[np.int32]
     """First label of every bucket."""
     heap: NDArray[np.int32]
     """Labels of the lowest bucket."""
     heap_first: NDArray[np.float64]
     heap_second: NDArray[np.float64]
-    """Their bounds, by which the heap is ordered."""
+    """Bounds on both costs of the heap's labels, by which it is ordered."""
     least: NDArray[np.float64]
-    """The least second cost of a path expanded at each cell."""
+    """Least second cost of the paths that were expanded at each cell."""
 
 
 @njit(nogil=True, cache=True)
@@ -69,20 +69,20 @@ def search(
     expansions: int,
     solutions: NDArray[np.int32],
 ) -> float:
-    """Go on for so many expansions; the bound on the first cost of all that is still to come.
+    """Continue for `expansions`; return a bound on the first cost of all solutions to come.
 
     Parameters
     ----------
     labels : Labels
-        With the start's label in bucket 0 at the beginning; `state[STATUS]` tells how it ended.
+        At the beginning just the start's label in bucket 0; `state[STATUS]` tells how it ended.
     half : (n,) array
         Half the second cost's density in whole units, infinite where blocked.
     columns, goal : int
-        Of the bordered grid; flat index.
+        Number of columns of the bordered grid; flat index of the goal.
     first_to_go, second_to_go : (n,) arrays
-        Lower bounds to the goal.
+        Lower bounds on either cost to the goal.
     both_to_go, multiplier, most
-        Paths with ``first + multiplier * second > most`` are not wanted; `both_to_go` is a lower
+        Paths with ``first + multiplier * second > most`` are left out; `both_to_go` is a lower
         bound on that sum to the goal.
     solutions : (m,) array of int32
         Receives the labels that reached the goal; the search pauses when it is full.
@@ -185,7 +185,7 @@ def search(
 
 @njit(nogil=True, cache=True)
 def path_of(labels: Labels, label: int) -> NDArray[Any]:
-    """Cells from the start to a label's."""
+    """Cells of a label's path, from the start on."""
     count, at = 0, label
     while at >= 0:
         count, at = count + 1, labels.parent[at]

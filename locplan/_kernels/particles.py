@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 BIN = 0.5
 """Edge of the bins in which particles are counted and clustered [m]."""
 BIN_HEADING = 10 * np.pi / 180
-"""And their extent in heading [rad]."""
+"""Extent of the bins in heading [rad]."""
 STILL = 0.01
-"""A movement below this has no bearing [m]."""
+"""Distance below which the direction of a movement is ignored [m]."""
 FREE = -1
 EXTENT = 1 << 20
-"""Bins on either side of zero along each axis."""
+"""Number of bins on either side of zero along each axis."""
 
 
 class Filter(NamedTuple):
@@ -43,10 +43,10 @@ class Filter(NamedTuple):
 
 
 class BeamScores(NamedTuple):
-    """What a beam that ends in a cell adds to a particle's score."""
+    """Scores that a beam adds to a particle, by the cell in which it ends."""
 
-    values: NDArray[np.float32]  # (H + 2) (W + 2), flat: the map in a ring of what lies outside
-    rows: int  # with the ring
+    values: NDArray[np.float32]  # (H + 2) (W + 2), flat: the map in a ring for all outside of it
+    rows: int  # including the ring
     cols: int
     resolution: float
     product: bool  # whether scores are logarithms of factors
@@ -59,12 +59,12 @@ class Histogram(NamedTuple):
     keys: NDArray[np.int64]  # (bins,)
     slots: NDArray[np.int64]  # (bins,)
     cluster: NDArray[np.int64]  # (bins,) FREE or the cluster
-    of_particle: NDArray[np.int64]  # (particles,) its bin
+    of_particle: NDArray[np.int64]  # (particles,) the bin of each
 
 
 @njit(nogil=True, cache=True)
 def make_histogram(most: int) -> Histogram:
-    """An empty one for at most so many particles."""
+    """Empty histogram for at most `most` particles."""
     slots = 4
     while slots < 4 * most:
         slots *= 2
@@ -79,7 +79,7 @@ def make_histogram(most: int) -> Histogram:
 
 @njit(nogil=True, cache=True)
 def slot_of(histogram: Histogram, key: int) -> int:
-    """Where a bin is in the hash table, or would be."""
+    """Slot of a bin in the hash table, or the free slot that it would get."""
     mask = histogram.bin_of.size - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     slot = int(np.int64(mixed >> np.uint64(32))) & mask
@@ -90,7 +90,7 @@ def slot_of(histogram: Histogram, key: int) -> int:
 
 @njit(nogil=True, cache=True)
 def key_of(x: float, y: float, heading: float) -> int:
-    """Of the bin that a pose is in."""
+    """Key of the bin that contains a pose."""
     i = int(np.floor(x / BIN)) + EXTENT
     j = int(np.floor(y / BIN)) + EXTENT
     k = int(np.floor(heading / BIN_HEADING)) + EXTENT
@@ -99,7 +99,7 @@ def key_of(x: float, y: float, heading: float) -> int:
 
 @njit(nogil=True, cache=True)
 def clear(histogram: Histogram, bins: int) -> None:
-    """Empty it of its `bins` bins."""
+    """Empty a histogram that has `bins` bins."""
     for n in range(bins):
         histogram.bin_of[histogram.slots[n]] = FREE
 
@@ -108,7 +108,7 @@ def clear(histogram: Histogram, bins: int) -> None:
 def insert(
     histogram: Histogram, bins: int, particle: int, x: float, y: float, heading: float
 ) -> int:
-    """Put a particle into its bin; the number of bins after that."""
+    """Put a particle into its bin; return the number of bins after that."""
     key = key_of(x, y, heading)
     slot = slot_of(histogram, key)
     if histogram.bin_of[slot] == FREE:
@@ -122,7 +122,7 @@ def insert(
 
 @njit(nogil=True, cache=True)
 def find_clusters(histogram: Histogram, bins: int) -> int:
-    """Label the bins that touch one another, also at corners; how many clusters there are."""
+    """Label clusters of bins that touch, also at corners; return the number of clusters."""
     histogram.cluster[:bins] = FREE
     waiting = np.empty(bins, np.int64)
     clusters = 0
@@ -150,7 +150,7 @@ def find_clusters(histogram: Histogram, bins: int) -> int:
 def heaviest_cluster_mean(
     histogram: Histogram, bins: int, poses: NDArray[np.float64], count: int
 ) -> tuple[float, float, float]:
-    """The mean pose of the cluster with most of the `count` particles, which weigh alike."""
+    """Mean pose of the heaviest cluster: the one with most of the `count` equal particles."""
     sums = np.zeros((find_clusters(histogram, bins), 5))
     for n in range(count):
         x, y, heading = poses[0, n], poses[1, n], poses[2, n]
@@ -166,18 +166,18 @@ def heaviest_cluster_mean(
 
 @njit(nogil=True, cache=True)
 def kld_sample_size(bins: int, settings: Filter) -> int:
-    """How many particles KLD sampling wants for so many occupied bins (Fox, 2003)."""
+    """KLD sample size: the number of particles for `bins` occupied bins (Fox, 2003)."""
     if bins <= 1:
         return settings.max_particles
     share = 2 / (9 * (bins - 1.0))
     root = 1 - share + np.sqrt(share) * settings.pf_z
-    wanted = int(np.ceil((bins - 1) / (2 * settings.pf_err) * root**3))
-    return min(max(wanted, settings.min_particles), settings.max_particles)
+    size = int(np.ceil((bins - 1) / (2 * settings.pf_err) * root**3))
+    return min(max(size, settings.min_particles), settings.max_particles)
 
 
 @njit(nogil=True, cache=True)
 def wrapped(angle: float) -> float:
-    """Into [-pi, pi) [rad]."""
+    """Angle wrapped into [-pi, pi) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -192,15 +192,15 @@ def move(
     heading: float,
     settings: Filter,
 ) -> None:
-    """Move each of `count` particles of (3, n) as odometry says, with noise of its own.
+    """Move each of `count` particles of (3, n) by the reported odometry, with noise of its own.
 
-    AMCL's differential model. `dx`, `dy` [m] and `turn` [rad] are in the axes of odometry, in
-    which the robot's heading was `heading` [rad] before.
+    The model is AMCL's differential one. `dx`, `dy` [m] and `turn` [rad] are in the axes of
+    odometry, in which the robot's heading was `heading` [rad] before.
     """
     way = np.hypot(dx, dy)
     first = wrapped(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
     second = wrapped(turn - first)
-    # Backwards is as good as forwards.
+    # Driving backwards does not count as turning round.
     first_size = min(abs(first), abs(wrapped(first - np.pi)))
     second_size = min(abs(second), abs(wrapped(second - np.pi)))
     first_sd = np.sqrt(settings.alpha1 * first_size**2 + settings.alpha2 * way**2)
@@ -228,13 +228,13 @@ def weigh(
     Parameters
     ----------
     scores : BeamScores
-        Of the map.
+        Scores of beams on the map.
     ends : (beam, 2) array
-        Ahead and to the left of the robot [cells]; NaN, which says nothing, without a return.
+        Ends ahead and to the left of the robot [cells]; NaN, which is ignored, without a return.
     poses : (3, n) array
-        Of the particles, the first `count` of which count.
+        Poses of the particles, of which the first `count` are used.
     weights : (n,) array
-        Scaled so that they add up to 1; if none fits at all they become equal.
+        Weights, changed and scaled to add up to 1; if no particle fits, they become equal.
     """
     returned = ends[~np.isnan(ends[:, 0])]
     last_row, last_col = scores.rows - 1.0, scores.cols - 1.0
@@ -266,12 +266,12 @@ def resample(
     bins: int,
     drawn: NDArray[np.float64],
 ) -> tuple[int, int]:
-    """Draw particles by their weights into ``drawn`` (3, n), as many as KLD sampling wants.
+    """Draw particles by their weights into ``drawn`` (3, n), up to the KLD sample size.
 
     Returns
     -------
     count, bins : int
-        Of what was drawn; the histogram holds that, and no more the `bins` it held.
+        Number of particles drawn, and of their bins, which replace those of the histogram.
     """
     clear(histogram, bins)
     shares = np.cumsum(weights[:count])

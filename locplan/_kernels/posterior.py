@@ -22,14 +22,14 @@ from locplan._kernels.simd import SHORTS, add_shorts, add_shorts_to, lanes_at_mo
 
 STOP, DONE = 0, 1
 BATCH = 65535 // TOP
-"""Beams whose costs fit into sixteen bits."""
+"""Number of beams whose summed costs fit into sixteen bits."""
 CONNECTED = 0.01
-"""The central mode holds together by offsets of at least this share of the centre's probability."""
+"""Least share of the centre's probability of offsets that connect the central mode."""
 WORD = 64
 
 
 class Posteriors(NamedTuple):
-    """What n poses x m views say: moments of (dx, dy, theta) in steps of the lattice."""
+    """Posteriors at n cells x m headings: moments of (dx, dy, theta) in steps of the lattice."""
 
     mean: NDArray[np.float64]  # (n, m, 3)
     covariance: NDArray[np.float64]  # (n, m, 3, 3), about the mean
@@ -48,18 +48,18 @@ def find_starts(
     ys: NDArray[np.float64],
     starts: NDArray[np.int64],
 ) -> None:
-    """Where each turned endpoint's cost at its first offset lies, into `starts`.
+    """Write the index of each turned endpoint's cost at its first offset into `starts`.
 
-    `first_row` and `first_col` of the layout are the robot's own at that offset.
+    `first_row` and `first_col` are the robot's row and column of the layout at that offset.
     """
     step, plane, width = float(field.step), float(field.plane), float(field.width)
     last_row, last_col = float(field.last_row), float(field.last_col)
-    # In floating point, where all of this is exact: vectors have no division of integers.
+    # All of this is exact in floating point; vectors cannot divide integers.
     share = 1.0 / step
     for n in range(xs.size):
         row = np.floor(sin * xs[n] + cos * ys[n] + 0.5) + first_row
         col = np.floor(cos * xs[n] - sin * ys[n] + 0.5) + first_col
-        # Beyond the layout nothing is near at any offset, however far it is.
+        # An endpoint beyond the layout is near no wall at any offset, however far away it is.
         row, col = min(max(row, 0.0), last_row), min(max(col, 0.0), last_col)
         i, j = np.floor((row + 0.5) * share), np.floor((col + 0.5) * share)
         remainders = (row - i * step) * step + (col - j * step)
@@ -77,8 +77,8 @@ def score(
 ) -> None:
     """Add the costs of a scan's endpoints at all offsets to ``costs`` (theta, dy, dx), flat.
 
-    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. What is
-    added where `costs` holds no offset has no meaning.
+    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Values
+    added where `costs` holds no offset have no meaning.
     """
     returned = ~np.isnan(ends[:, 0])
     xs, ys = ends[returned, 0], ends[returned, 1]
@@ -106,7 +106,10 @@ def score(
 
 @njit(nogil=True, cache=True)
 def dilate(bits: NDArray[np.uint64], distance: int, guard: int, to: NDArray[np.uint64]) -> None:
-    """``bits | bits << distance | bits >> distance`` of one long number, but for `guard` words."""
+    """Write ``bits | bits << distance | bits >> distance`` of one long number into `to`.
+
+    The `guard` words at either end are left out.
+    """
     one, left = np.uint64(1), np.uint64(distance % WORD)
     right, words = np.uint64(WORD - 1) - left, np.uint64(distance // WORD)
     for n in range(np.uint64(guard), np.uint64(bits.size - guard)):
@@ -119,10 +122,10 @@ def dilate(bits: NDArray[np.uint64], distance: int, guard: int, to: NDArray[np.u
 def central_mode(
     lattice: Lattice, costs: NDArray[np.uint32], excess: float, bits: NDArray[np.uint64]
 ) -> NDArray[Any]:
-    """The offsets of the central mode, one bit for each of `costs` in words of 64.
+    """Offsets of the central mode, one bit for each of `costs` in words of 64.
 
-    It is what is connected to the zero offset, each to any of 26 neighbours, by offsets that cost
-    at most `excess` more than zero does, and the neighbours of all that: so it has its tails, too.
+    They are connected to the zero offset, each to any of 26 neighbours, and cost at most `excess`
+    more than it; the neighbours of all these belong to the mode, too, so that its tails do.
     ``bits`` (4, words) is scratch space.
     """
     centre = (lattice.cos.size - 1) // 2 * lattice.plane + lattice.half_steps * (lattice.width + 1)
@@ -157,9 +160,9 @@ def sums(
     count: int,
     first_x: int,
 ) -> tuple[float, float, float, float, float]:
-    """Sums over `count` offsets from `at` on, neighbours in x, of their weights w.
+    """Sums over `count` offsets, neighbours in x from `at` on, with weights w.
 
-    These are relative to that of the least cost. Of w, w x, w x^2, w times the cost above the
+    The weight at the least cost is 1. The sums are of w, w x, w x^2, w times the cost above the
     least, and w where `others` has a bit.
     """
     coarse, fine, limit = weights.coarse, weights.fine, np.uint64(weights.limit)
@@ -187,7 +190,7 @@ def moments(
     mean: NDArray[np.float64],
     covariance: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """Mean and covariance, in steps, into the arrays given; the entropy [nat] and the ambiguity.
+    """Write mean and covariance, in steps, into arrays; return entropy [nat] and ambiguity.
 
     Moments are taken about the zero offset: its sums are exact where all weights are equal, and
     nothing cancels where all others vanish.
@@ -262,7 +265,7 @@ def scan_posteriors(
     Parameters
     ----------
     field, lattice
-        Of the map and of the search window.
+        Likelihood field of the map, and offsets of the search window.
     squares : (4, H + 2, W + 2) array of uint8
         The map as `rays.empty_squares`.
     resolution : float
@@ -270,9 +273,9 @@ def scan_posteriors(
     rows, cols : (n,) arrays
         The robot's cells; it stands at their centres.
     headings : (m,) array
-        Of the robot, from the columns' axis towards that of the rows [rad].
+        Headings of the robot, from the columns' axis towards that of the rows [rad].
     lidar : Lidar
-        Its beams and mount.
+        Beams and mount of the lidar.
     temperature : float
         Factor on the log-likelihood.
     control : (2,) array

@@ -2,7 +2,7 @@
 
 A ray passes empty space in leaps. For each of the four quadrants that it may head into, every cell
 knows the largest empty square that has the cell in its corner; the ray leaves that square by one
-of its two far sides, and goes on from the cell behind it. Some six leaps reach the wall.
+of its two far sides, and goes on from the cell behind it. About six leaps reach the wall.
 
 Positions are continuous (row, col) in cells: cell (r, c) covers [r, r + 1) x [c, c + 1).
 """
@@ -16,10 +16,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 TOUCH = 1e-6
-"""A cell crossed by no more than this is only touched, at its corner [cells]."""
+"""Length up to which a line's part in a cell counts as only touching its corner [cells]."""
 
 LONGEST = 255
-"""The longest leap [cells]: what fits a byte."""
+"""Longest leap, the greatest number in a byte [cells]."""
 
 
 @njit(inline="always")
@@ -61,7 +61,7 @@ def segment_cost(
     row_step = columns if drow > 0 else -columns
     col_step = 1 if dcol > 0 else -1
     cell = row * columns + col
-    touched = 0  # where the line runs along an edge between two cells: the other one
+    touched = 0  # offset of the other cell where the line runs along an edge between two
     if not corner_cutting:
         if drow == 0 and row0 == row:
             touched = -columns
@@ -100,9 +100,10 @@ def segment_cost(
 def cells_along(
     positions: NDArray[np.float64],
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The cells that a polyline of (n, 2) positions crosses and its length in each [cells].
+    """Cells that a polyline of (n, 2) positions crosses, and its length in each [cells].
 
-    In order of travel, one entry for every visit. What is only touched goes to the next cell.
+    They are in order of travel, one entry per visit. The length in a cell that is only touched
+    is added to the next cell.
     """
     room = 4
     for n in range(len(positions) - 1):
@@ -144,8 +145,8 @@ def empty_squares(stops: NDArray[np.bool_]) -> NDArray[np.uint8]:
     Returns
     -------
     (4, H + 2, W + 2) array of uint8
-        By quadrant, ``2 * (up the rows) + (up the columns)``; 0 in cells that stop a ray and in a
-        ring around the map, so that no ray has to look for the map's edge.
+        Edges by quadrant, ``2 * (up the rows) + (up the columns)``; 0 in cells that stop a ray and
+        in a ring around the map, so that no ray has to look for the map's edge.
     """
     rows, cols = stops.shape
     squares = np.zeros((4, rows + 2, cols + 2), np.uint8)
@@ -168,7 +169,7 @@ def empty_squares(stops: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 @njit(inline="always")
 def _edge(squares: NDArray[np.uint8], quadrant: int, row: int, col: int) -> int:
-    # Unsigned indices spare numba the question whether they count from the end.
+    # With unsigned indices numba need not check if they count from the end.
     return int(np.int64(squares[np.uintp(quadrant), np.uintp(row + 1), np.uintp(col + 1)]))
 
 
@@ -191,7 +192,7 @@ def cast(
     row0, col0 = _first_cell(row, drow), _first_cell(col, dcol)
     if not (0 <= row0 < rows and 0 <= col0 < cols):
         return np.inf, -1, -1
-    # Counted from the first cell on, in the ray's own sense: up and down are the same.
+    # Cells are counted from the first one in the ray's own direction: up and down are alike.
     up, right = drow >= 0, dcol >= 0
     row_sign, col_sign = 1 if up else -1, 1 if right else -1
     row_pace, col_pace = abs(drow), abs(dcol)

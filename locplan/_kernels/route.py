@@ -19,7 +19,7 @@ from locplan._kernels.rays import TOUCH, segment_cost
 
 @njit(nogil=True, cache=True)
 def cover(inside: NDArray[Any], columns: int, cells: NDArray[Any], reach: float) -> NDArray[Any]:
-    """The cells, in their order, that are not joined within `reach` to one taken before."""
+    """Cells, in their order, that are not connected within `reach` to one taken before."""
     covered = np.zeros(len(inside), np.bool_)
     seen = np.full(len(inside), -1, np.int32)
     queue = np.empty(len(inside), np.int64)
@@ -46,7 +46,7 @@ def cover(inside: NDArray[Any], columns: int, cells: NDArray[Any], reach: float)
 
 @njit(nogil=True, cache=True)
 def owners(inside: NDArray[Any], columns: int, nodes: NDArray[Any]) -> NDArray[Any]:
-    """The node next to each cell by steps of which every other may be diagonal; or -1."""
+    """Node nearest to each cell by steps of which every other may be diagonal, or -1."""
     owner = np.full(len(inside), -1, np.int32)
     queue = np.empty(len(inside), np.int32)
     owner[nodes] = np.arange(len(nodes))
@@ -95,7 +95,7 @@ def line_cost(
 def line_costs(
     half: NDArray[Any], columns: int, frame: tuple[Any, ...], xy: NDArray[Any], pairs: NDArray[Any]
 ) -> NDArray[Any]:
-    """The same for pairs (m, 2) of positions (n, 2)."""
+    """Costs, by `line_cost`, of the lines between pairs (m, 2) of positions (n, 2)."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
         result[n] = line_cost(half, columns, frame, xy[i], xy[j])
@@ -106,7 +106,10 @@ def line_costs(
 def spanner(
     pairs: NDArray[Any], cost: NDArray[Any], count: int, detour: float
 ) -> NDArray[np.bool_]:
-    """Which pairs, the cheapest first, no two kept before replace at `detour` times the cost."""
+    """True for the pairs to keep, of pairs in order of cost.
+
+    A pair is left out if two kept before it replace it at no more than `detour` times its cost.
+    """
     kept = np.zeros(len(pairs), np.bool_)
     last = np.full(count, -1)  # each node's half-edges are a chain; 2 n and 2 n + 1 are pair n's
     before = np.full(2 * len(pairs), -1)
@@ -137,7 +140,7 @@ def spanner(
 def usage(
     order: NDArray[Any], before: NDArray[Any], indptr: NDArray[Any], indices: NDArray[Any]
 ) -> NDArray[Any]:
-    """How many routes that do not end at a node take each of its edges."""
+    """Number of routes over each of a node's edges, without those that end at the node."""
     use = np.zeros(len(indices))
     for nodes, parents in zip(order, before):  # noqa: B905, which numba does not know
         beyond = np.zeros(len(nodes))
@@ -164,7 +167,7 @@ def moved(
     shift: float,
     apart: float,
 ) -> NDArray[Any]:
-    """Positions where the routes through each node cost less, one node after the other.
+    """Positions of nodes, moved one after the other so that the routes through each cost less.
 
     Each stays within `shift` of where it was, and goes no closer to a neighbour than `apart`, both
     in cells. All edges stay free.

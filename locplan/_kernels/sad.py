@@ -26,22 +26,22 @@ from locplan._kernels.templates import Disc, Sight, Template, empty_template, li
 
 STOP, DONE = 0, 1
 GROUP = 3 * LANES
-"""Offsets in y that are counted together."""
+"""Number of offsets in y that are counted together."""
 
 
 class Tile(NamedTuple):
     """Cells whose covariances share one layout of the map."""
 
     window: Window
-    turned: Strips  # of the map at each heading
-    rows: NDArray[np.int64]  # (n,) the cells
+    turned: Strips  # strips of the map at each heading
+    rows: NDArray[np.int64]  # (n,) rows of the cells
     cols: NDArray[np.int64]
-    turned_rows: NDArray[np.int64]  # (n, heading) where they lie in the map turned so
+    turned_rows: NDArray[np.int64]  # (n, heading) rows of the cells in the turned maps
     turned_cols: NDArray[np.int64]
     disc: Disc
-    sight: Sight  # for templates of what is seen, else without headings
+    sight: Sight  # rays for templates of what is visible, else without headings
     levels: NDArray[np.uint8]  # the part of the map that the rays see
-    level_rows: NDArray[np.int64]  # (n,) where the cells lie in it
+    level_rows: NDArray[np.int64]  # (n,) rows of the cells in `levels`
     level_cols: NDArray[np.int64]
     radius: int
     step: int
@@ -56,7 +56,7 @@ def mismatch_counts(
     template: Template,
     masks: NDArray[np.uint64],
 ) -> None:
-    """S / 127 at the tile's n-th cell, into ``counts`` (dx, theta, dy rounded up), flat.
+    """Write S / 127 at the tile's n-th cell into ``counts`` (dx, theta, dy rounded up), flat.
 
     `template` and `masks` are scratch space.
     """
@@ -102,7 +102,7 @@ def mismatch_counts(
     sum_row = p0 * window.unit // window.sum_unit
     sum_col = q0 * window.unit // window.sum_unit
     sum_step = step // window.sum_unit
-    # |T xor M| is |T| - |T and M| + |N and M| where both are listed, with N in what is seen.
+    # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
     factor = 1 if len(masks) else 2
     line_size = counts.size // (offsets * headings)
     free_sums, occupied_sums = np.empty(offsets, np.int64), np.empty(offsets, np.int64)

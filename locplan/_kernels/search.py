@@ -2,7 +2,7 @@
 
 Dijkstra's algorithm with circular buckets (Dial, 1969): with buckets as narrow as the cheapest
 step, every cell in the lowest bucket is final and nothing has to be sorted. Where costs differ so
-much that this would take too many buckets, there is a heap after all.
+much that this would take too many buckets, a heap is used instead.
 
 The kernels work on a flat grid with a blocked border that holds half of each cell's density: a
 step costs its length times the sum of its two cells' halves.
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 MAX_BUCKETS = 1 << 14
 SQRT2 = np.sqrt(2.0)
 _UNUSED, _USED, _WAITING = 0, 1, 2
-"""Of the pool of entries: the first that is free again, how many ever were, how many wait."""
+"""Indices of the pool of entries: first one free again, number ever used, number that wait."""
 
 
 @njit(nogil=True, cache=True)
 def bordered_half(density: NDArray[np.float64], border: int) -> NDArray[Any]:
-    """Half the density with a blocked border of so many cells, flat."""
+    """Half the density with a blocked border of `border` cells, flat."""
     rows, cols = density.shape
     half = np.full((rows + 2 * border, cols + 2 * border), np.inf)
     for row in range(rows):
@@ -42,9 +42,9 @@ def shortest_costs(
     Parameters
     ----------
     half : (n,) array
-        See `bordered_half`.
+        Half the density, see `bordered_half`.
     columns : int
-        Of the bordered grid.
+        Number of columns of the bordered grid.
     start, goal : int
         Flat indices. With `goal` >= 0 the search ends once the goal's cost is final; other costs
         are then upper bounds, infinite where nothing was seen.
@@ -67,7 +67,7 @@ def costs_by_buckets(
     per_cost: float,
     buckets: int,
 ) -> NDArray[Any]:
-    """`shortest_costs` with buckets, so many per cost and in all, as `bucket_scale` says."""
+    """`shortest_costs` with buckets; `per_cost` and `buckets` are those of `bucket_scale`."""
     cost = np.full(half.size, np.inf)
     if half[start] == np.inf:
         return cost
@@ -125,7 +125,7 @@ def trace(
     goal: int,
     corner_cutting: bool,
 ) -> NDArray[Any]:
-    """Cells from the search's start to `goal`, each the cheapest way into the next."""
+    """Cells from the search's start to `goal`; each is on the cheapest way to the next."""
     cells = [goal]
     while cost[cells[-1]] > 0:
         cell, least, before = cells[-1], np.inf, -1
@@ -149,15 +149,15 @@ def trace(
 
 @njit(nogil=True, cache=True)
 def bucket_scale(half: NDArray[np.float64], longest: float) -> tuple[float, int]:
-    """Buckets per cost and a power of two of them, 0 if too many, for steps of 1 to `longest`."""
-    cheapest, dearest = np.inf, 0.0
+    """Buckets per cost, and their number, a power of two (0: too many), for steps to `longest`."""
+    cheapest, costliest = np.inf, 0.0
     for value in half:
         if value < np.inf:
-            cheapest, dearest = min(cheapest, 2 * value), max(dearest, 2 * value)
-    if cheapest * MAX_BUCKETS <= longest * dearest:
+            cheapest, costliest = min(cheapest, 2 * value), max(costliest, 2 * value)
+    if cheapest * MAX_BUCKETS <= longest * costliest:
         return 0.0, 0
     buckets = 2
-    while buckets < longest * dearest / cheapest + 2:
+    while buckets < longest * costliest / cheapest + 2:
         buckets *= 2
     return 1.0 / cheapest, buckets
 
@@ -166,7 +166,7 @@ def bucket_scale(half: NDArray[np.float64], longest: float) -> tuple[float, int]
 def costs_by_heap(
     half: NDArray[np.float64], columns: int, start: int, goal: int, corner_cutting: bool
 ) -> NDArray[Any]:
-    """`shortest_costs` with a binary heap: three times as long, at any contrast."""
+    """`shortest_costs` with a binary heap: three times as slow, but for any ratio of costs."""
     cost = np.full(half.size, np.inf)
     if half[start] == np.inf:
         return cost

@@ -164,7 +164,7 @@ set_lanes = intrinsic(_lanes_where("!=", 0))
 """``set_lanes(octets, at, flip, masks, first)``: one bit for each of the eight words from byte
 `at` on of an array of uint8 for which ``(word ^ flip) & masks[first:]`` is not zero."""
 full_lanes = intrinsic(_lanes_where("==", 2**64 - 1))
-"""As `set_lanes`, for the words for which that is all ones."""
+"""Variant of `set_lanes` with one bit for each word for which that value is all ones."""
 
 
 SHORTS = 32

@@ -1,9 +1,9 @@
-"""What of a template has to be compared: its squares of 8 x 8 cells, sorted by what they hold.
+"""Parts of a template to compare: its squares of 8 x 8 cells, sorted by what they hold.
 
 The kernel needs |T and M| over the disc, for each plane T of a template. Squares in which T has
 no cell add nothing, and a run of squares that are set throughout, one above the other, adds the
-difference of two prefix sums of the map. What remains are the squares along walls and along the
-disc's rim. Where N, the disc less T, leaves fewer of them it is listed instead, since
+difference of two prefix sums of the map. The remaining squares lie along walls and along the
+disc's rim. Where N, the disc without T, leaves fewer of them it is listed instead, since
 |T and M| = |M| - |N and M|.
 """
 
@@ -33,12 +33,12 @@ class Disc(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """For templates of what is seen: rays, and which of them goes to each cell of the disc."""
+    """Rays of templates of what is visible, and the ray that goes to each cell of the disc."""
 
     cos: NDArray[np.float64]  # (ray,)
     sin: NDArray[np.float64]
-    beam: NDArray[np.int32]  # (heading, square, bit); no headings: the whole disc counts
-    distance: NDArray[np.int32]  # (square, bit): squared, in half cells
+    beam: NDArray[np.int32]  # (heading, square, bit); without headings the whole disc counts
+    distance: NDArray[np.int32]  # (square, bit): squared distance, in half cells
     behind: int  # cells seen behind the one that a ray hits
 
 
@@ -58,7 +58,7 @@ class Template(NamedTuple):
 
 
 def disc_squares(mask: NDArray[np.bool_]) -> Disc:
-    """A disc of (2r + 1, 2r + 1) cells in squares."""
+    """Disc of a mask of (2r + 1, 2r + 1) cells, in squares."""
     bits = by_squares(mask.astype(np.uint8))
     words = np.packbits(bits, axis=1, bitorder="little").view(np.uint64)[:, 0]
     cols = -(-len(mask) // SQUARE)
@@ -66,7 +66,7 @@ def disc_squares(mask: NDArray[np.bool_]) -> Disc:
 
 
 def by_squares(values: NDArray[Any]) -> NDArray[Any]:
-    """Values of (2r + 1, 2r + 1) cells in the order of a disc's squares and their bits; else 0."""
+    """Values of (2r + 1, 2r + 1) cells in the order of a disc's squares and bits, padded by 0."""
     size = len(values)
     cols = -(-size // SQUARE)
     rows = -(-cols // LANES) * LANES
@@ -106,8 +106,8 @@ def list_templates(
 ) -> None:
     """List the squares and runs of all headings.
 
-    `masks` (heading, square) are the cells of the disc that count at each heading. Where it is
-    empty all do, and T or N is listed, whichever is less work; otherwise both are.
+    `masks` (heading, square) are the cells of the disc that count at each heading. If it is
+    empty, all cells count, and T or N is listed, whichever is less work; otherwise both are.
 
     `octets` are the strips of the turned maps, flat, and `corners` (heading,) where in them the
     disc's first square begins; the next column is `strip_rows` further on, the next plane
@@ -118,7 +118,7 @@ def list_templates(
     squares, addresses, run_starts, run_ends, bounds, all_ones, signs = template
     cols, rows, masked = disc.cols, disc.rows, len(masks) > 0
     chunks = -(-rows // BITS)
-    partly = np.empty((PLANES, 2, cols * chunks), np.uint64)  # one bit a square of a column
+    partly = np.empty((PLANES, 2, cols * chunks), np.uint64)  # one bit per square of a column
     full = np.empty((PLANES, 2, cols * chunks), np.uint64)
     square = run = 0
     for k in range(corners.size):
@@ -191,7 +191,7 @@ def see(
     disc: Disc,
     masks: NDArray[np.uint64],
 ) -> None:
-    """Write which cells of the disc are seen from a cell of `levels`, turned to each heading."""
+    """Write the cells of the disc seen from a cell of `levels`, turned to each heading, as bits."""
     reach = np.empty(sight.cos.size, np.int64)
     for b in range(reach.size):
         first = 2 * radius

@@ -1,4 +1,4 @@
-"""Simulated localization: drives with a particle filter, and what they say of the fields."""
+"""Simulated localization: drives with a particle filter, and evaluations of fields by them."""
 
 import lazy_loader
 

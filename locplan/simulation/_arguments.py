@@ -1,4 +1,4 @@
-"""What the kernels of a drive take of a map, of AMCL, and of what it is up against."""
+"""Arguments of the drive kernels, made of a map, a lidar, AMCL's parameters and disturbances."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.simulation._settings import Amcl, Disturbances
 
 NEAREST, FARTHEST = 0.5, 2.0
-"""How far from the lidar something may stand before it [m]."""
+"""Least and greatest distance of an object that occludes the lidar [m]."""
 
 
 class Arguments(NamedTuple):
-    """In the order in which `locplan._kernels.drives.drive` takes them."""
+    """Arguments in the order in which `locplan._kernels.drives.drive` takes them."""
 
     scores: Any
     """`particles.BeamScores` of the map."""
     lidar: Any
     """`lidar.Lidar` with the beams that AMCL compares."""
     disturbances: Any
-    """`measured.BeamDisturbances`."""
+    """`measured.BeamDisturbances`: outliers and occlusions."""
     odometry: Any
-    """`drives.Odometry`."""
+    """`drives.Odometry`: errors of the reported odometry."""
     start: Any
-    """`drives.Start`."""
+    """`drives.Start`: standard deviations of the filter's first pose."""
     filter: Any
-    """`particles.Filter`."""
+    """`particles.Filter`: AMCL's parameters."""
 
 
 def arguments_of(
     grid: OccupancyGrid, lidar: Lidar, amcl: Amcl, disturbances: Disturbances
 ) -> Arguments:
-    """The arguments for a map, a lidar, a filter and what it is up against."""
+    """Arguments for a map, a lidar, a filter and the disturbances."""
     from locplan._kernels.drives import Odometry, Start
     from locplan._kernels.lidar import Lidar as Beams
     from locplan._kernels.measured import BeamDisturbances
@@ -82,7 +82,7 @@ def arguments_of(
 
 
 def compared_beams(angles: NDArray[np.float64], amcl: Amcl) -> NDArray[np.float64]:
-    """Those of a scan's beams that AMCL compares; its two models thin them out in two ways."""
+    """Beams of a scan that AMCL compares; its two sensor models thin them out in different ways."""
     if amcl.laser_model_type == "likelihood_field_prob":
         every = math.ceil(len(angles) / amcl.max_beams)
     else:
@@ -91,22 +91,22 @@ def compared_beams(angles: NDArray[np.float64], amcl: Amcl) -> NDArray[np.float6
 
 
 def beam_scores(grid: OccupancyGrid, amcl: Amcl, reach: float) -> NDArray[np.float32]:
-    """What a beam that ends in each cell adds to a particle's score, as AMCL's models have it.
+    """Score that a beam adds to a particle, for each cell where it may end, by AMCL's models.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     amcl : Amcl
-        The filter.
+        Parameters of the filter.
     reach : float
-        Of the beams [m].
+        Greatest range of the beams [m].
 
     Returns
     -------
     (H + 2, W + 2) array of float32
-        In a ring of what lies outside: the cube of the beam's likelihood, or for
-        "likelihood_field_prob" its logarithm.
+        Cube of the beam's likelihood, or its logarithm for "likelihood_field_prob". The ring
+        around the map is for beams that end outside of it.
     """
     import cv2
 

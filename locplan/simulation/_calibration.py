@@ -23,33 +23,33 @@ from locplan.simulation._ranking import spearman
 
 Array = NDArray[np.float64]
 TAUS = tuple(np.geomspace(0.03, 3.0, 13).tolist())
-"""That are tried [m^2]."""
+"""Values of tau that are tried [m^2]."""
 LEVELS = 1e-6, 1e4
-"""Between which the noise level is looked for."""
+"""Least and greatest noise level that are tried."""
 MIN_PLACES = 10
-"""Places that a calibration needs."""
+"""Least number of places that a calibration needs."""
 RESAMPLES = 200
 MIN_VARIANCE = 1e-12
-"""Added, so that no covariance is singular [m^2]."""
+"""Variance that is added so that no covariance is singular [m^2]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """A field's noise level, and tau, that fit the errors, and how well they do.
+    """Noise level (and tau) of a field that fit the errors best, and the quality of the fit.
 
-    How well is measured at the places that they were fitted to.
+    The quality is measured at the places to which they were fitted.
     """
 
     config: FieldConfig
-    """With `noise_level`, and `tau` where it was fitted."""
+    """Settings of the field, with the fitted `noise_level`, and with `tau` where it was fitted."""
     noise_level: Interval
-    """k, with the 95 % interval of a bootstrap over the places, at this tau."""
+    """Noise level k with the 95 % interval of a bootstrap over the places, at this tau."""
     fitted_tau: bool
     factor: float
-    """By which a place's rms error typically differs from Sigma's: exp of the rms difference of
-    their logarithms."""
+    """Factor by which a place's rms error typically differs from Sigma's: exp of the rms
+    difference of their logarithms."""
     factor_before: float
-    """The same as the config was."""
+    """Factor by which the errors differed from Sigma's before the calibration."""
     within_two: float
     """Share of the places whose rms error is within a factor 2 of Sigma's."""
     r_squared: float
@@ -61,11 +61,11 @@ class Calibration:
     """Mean of e' inv(Sigma) e / 2 over all position errors e; 1 where Sigma is neither too small
     nor too large."""
     floor_share: float
-    """Share of the places with errors below what Q alone adds, which no k can reach."""
+    """Share of the places whose errors are below Q alone, which no k can reach."""
     predicted: Array
-    """Rms position deviation of each place, (n,) [m]."""
+    """Rms position deviation of each place by the calibrated Sigma, (n,) [m]."""
     measured: Array
-    """Rms position error of each place, (n,) [m]."""
+    """Rms position error that was measured at each place, (n,) [m]."""
     maps: Sequence[str]
     error: ErrorKind
 
@@ -83,11 +83,11 @@ class Calibration:
 
     @property
     def useful(self) -> bool:
-        """Whether Sigma tells more of the errors than one value for all places would."""
+        """True if Sigma explains the errors better than one value for all places would."""
         return self.r_squared > 0
 
     def summary(self) -> dict[str, Any]:
-        """In numbers, fit for JSON."""
+        """Results in numbers, fit for JSON."""
         numbers = ("factor", "factor_before", "within_two", "r_squared", "spearman")
         about: dict[str, Any] = {
             "error": self.error,
@@ -111,23 +111,24 @@ def calibrate(
 ) -> Calibration:
     """Fit the noise level, and if wanted tau, to errors at places.
 
-    The least squares of the logarithms of the rms position deviation and error, so that no place
-    counts more than another however large its error is. A likelihood of Gaussian errors instead
-    follows the few places where Sigma is far too small, and makes it far too large elsewhere.
+    The fit is by least squares between the logarithms of the rms position deviation and error, so
+    that no place counts more than another however large its error is. A likelihood of Gaussian
+    errors would follow the few places where Sigma is far too small, and make it far too large
+    elsewhere.
 
     Parameters
     ----------
     places : sequence of Places
-        As `locplan.simulation.measure` makes them; those of an evaluation are its `places`.
-    config : FieldConfig, optional
-        What to calibrate.
+        Results of `locplan.simulation.measure`, or the `places` of an evaluation.
+    config : FieldConfig or Estimator, optional
+        Settings of the field to calibrate.
     error : str
-        "tracking" or "match".
+        Kind of error to fit: "tracking" or "match".
     fit_tau : bool
-        Whether tau is free, too, where the weight law is exponential and the estimator "sad". A
-        tau for errors in metres is not one for planning: a large one sees no corridor.
+        Whether to fit tau, too; the estimator must be "sad" with exponential weights. A tau that
+        fits errors in metres is not suited for planning: a large one sees no corridor.
     threads : int, optional
-        All cores by default.
+        Number of threads; all cores by default.
     progress : callable, optional
         Called with (done, total) values of tau.
 
@@ -138,8 +139,8 @@ def calibrate(
     Raises
     ------
     ConfigError
-        If there are too few places with errors, if tau shall be fitted and there is none, or if
-        the errors do not determine k.
+        If there are too few places with errors, if tau is to be fitted but the estimator has
+        none, or if the errors do not determine k.
     """
     config = config_of(config)
     if error not in get_args(ErrorKind):
@@ -185,7 +186,7 @@ def calibrate(
 
 
 def _changed(config: FieldConfig, **settings: object) -> FieldConfig:
-    """The same with other settings of its estimator."""
+    """Copy of a config with some settings of its estimator changed."""
     estimator: Any = config.estimator
     return dataclasses.replace(config, estimator=dataclasses.replace(estimator, **settings))
 
@@ -211,7 +212,7 @@ def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) ->
 
 
 def _q(places: Places, config: FieldConfig) -> Array:
-    """What the config adds to the positions of a map's places, (n, 2, 2) [m^2]."""
+    """Covariance Q that is added to the positions of a map's places, (n, 2, 2) [m^2]."""
     added = np.full((2, 2), 0.0)
     if config.estimator.quantisation:
         window = config.estimator.window.on(places.grid.resolution)
@@ -220,7 +221,7 @@ def _q(places: Places, config: FieldConfig) -> Array:
 
 
 def _rms(covariance: Array) -> Array:
-    """Deviation of positions, (n,) [m]."""
+    """Rms deviation of positions, (n,) [m]."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
 
@@ -230,7 +231,7 @@ def _consistency(covariance: Array, errors: Array) -> float:
 
 
 def _fit(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
-    """The noise level of least loss, and that: the mean squared difference of logarithms."""
+    """Noise level of least loss, and the loss: the mean squared difference of logarithms."""
     from scipy.optimize import minimize_scalar
 
     variance, added = np.trace(bare, axis1=1, axis2=2), np.trace(q, axis1=1, axis2=2)

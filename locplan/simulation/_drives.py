@@ -1,4 +1,4 @@
-"""What came of driving: how far off the filter was along the way, and how often it was lost."""
+"""Results of simulated drives: the filter's errors along the way, and how often it was lost."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.tables import finite
 
 LOST = 1.0
-"""A robot farther off than this, at any time, counts as lost [m]."""
+"""Position error above which, at any time of a drive, the robot counts as lost [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drives:
     """Simulated drives along one line.
 
-    The same drive of two lines has the same world and seed, so that they can be compared in pairs.
+    The n-th drives of two lines have the same world and seed, so that they can be compared in
+    pairs.
     """
 
     poses: NDArray[np.float64]
     """The true poses, (n, 3), in the world [m, m, rad]."""
     errors: NDArray[np.float64]
-    """The filter's pose less the true one, (drives, n, 3), in the world [m, m, rad]."""
+    """The filter's pose minus the true one, (drives, n, 3), in the world [m, m, rad]."""
 
     def __repr__(self) -> str:
         return (
@@ -36,7 +37,7 @@ class Drives:
 
     @property
     def distance(self) -> NDArray[np.float64]:
-        """Driven at each pose, (n,) [m]."""
+        """Distance driven up to each pose, (n,) [m]."""
         steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -52,17 +53,17 @@ class Drives:
 
     @property
     def heading_rmse(self) -> Interval:
-        """The same of the heading [rad]."""
+        """Root mean square of the heading error along the way [rad]."""
         return of_rms((self.errors[..., 2] ** 2).mean(axis=1))
 
     @property
     def mean_squares(self) -> NDArray[np.float64]:
-        """Of the position error, of each drive, (drives,) [m^2]."""
+        """Mean square of each drive's position error, (drives,) [m^2]."""
         return np.asarray((self.position_error**2).mean(axis=1))
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Which drives were lost at any time, (drives,)."""
+        """True for each drive that was lost at any time, (drives,)."""
         return np.asarray(self.position_error.max(axis=1) > LOST)
 
     @property
@@ -76,7 +77,7 @@ class Drives:
         return of_rms(self.position_error[:, -1] ** 2)
 
     def summary(self) -> dict[str, Any]:
-        """All of this in numbers, fit for JSON."""
+        """Length, errors and share of lost drives in numbers, fit for JSON."""
         about: dict[str, Any] = {
             "drives": len(self.errors),
             "length_m": float(self.distance[-1]),
@@ -91,7 +92,7 @@ class Drives:
         return finite(about)
 
     def profile(self) -> NDArray[np.float64]:
-        """Poses and errors along the way, (n, 9), by the names of `PROFILE`."""
+        """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
         error = self.position_error
         low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
         heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
@@ -110,15 +111,15 @@ PROFILE = (
     "error_percentile_90_m",
     "heading_error_rms_rad",
 )
-"""Columns of `Drives.profile`."""
+"""Names of the columns of `Drives.profile`."""
 
 
 def rmse_ratio(drives: Drives, others: Drives) -> Interval:
-    """RMSE of some drives over that of others with the same seeds."""
+    """Ratio of the RMSE of some drives to that of others with the same seeds."""
     return of_rms(drives.mean_squares, others.mean_squares)
 
 
 def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
-    """RMSE of each over that of the first."""
+    """Ratio of the RMSE of each path's drives to that of the first path's."""
     first, *rest = drives
     return {name: rmse_ratio(drives[name], drives[first]) for name in rest}

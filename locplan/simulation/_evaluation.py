@@ -1,4 +1,4 @@
-"""How well the fields predict where a robot is badly localized, on maps of one's own."""
+"""Evaluation of how well the fields predict where a robot is badly localized, on your own maps."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ KIND_LABELS: dict[ErrorKind, str] = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
-    """Errors at places of some maps, and what each predictor says of them."""
+    """Errors at places of some maps, and the values of each predictor there."""
 
     places: Sequence[Places]
-    """One of each map."""
+    """Places and errors of each map."""
     predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
-    """Likewise, (n,) of each predictor."""
+    """Values of each predictor at the places of each map, (n,)."""
     lidar: Lidar
     amcl: Amcl
     disturbances: Disturbances
@@ -51,9 +51,10 @@ class Evaluation:
 
     @cached_property
     def ranks(self) -> dict[tuple[Predictor, ErrorKind], Rank]:
-        """How well each predictor ranks the places by each kind of error.
+        """Rank statistics of each predictor for each kind of error.
 
-        Those of a heading's deviation by the heading's error, all others by that of the position.
+        Deviations of the heading are compared with the heading's error, all others with the
+        position's.
         """
         drawn = Resamples.of([len(places.points) for places in self.places])
         return {
@@ -73,13 +74,13 @@ class Evaluation:
         return places.position_rmse(kind)
 
     def of_map(self, number: int) -> Evaluation:
-        """That of one map by itself."""
+        """Evaluation of one map by itself."""
         return dataclasses.replace(
             self, places=[self.places[number]], predictions=[self.predictions[number]]
         )
 
     def quantiles(self, number: int, kind: ErrorKind) -> list[float]:
-        """Of a map's places, the RMSE of the position at 10, 50 and 90 % of them [m]."""
+        """Percentiles 10, 50 and 90 of the position RMSE over a map's places [m]."""
         quantiles: list[float] = np.quantile(
             self.places[number].position_rmse(kind), (0.1, 0.5, 0.9)
         ).tolist()
@@ -113,15 +114,15 @@ class Evaluation:
         return finite(about)
 
     def rows(self) -> Iterator[tuple[str, NDArray[np.float64]]]:
-        """Map's name, and x, y, then all errors and predictions of each place, as `columns`."""
+        """Name of each map, and a row of `columns` per place: x, y, errors and predictions."""
         for places, found in zip(self.places, self.predictions, strict=True):
             errors = [
                 each
                 for kind in KINDS
                 for each in (places.position_rmse(kind), places.heading_rmse(kind))
             ]
-            said = [np.abs(each) for each in found.values()]  # a count that predicts is negated
-            yield places.grid.name, np.column_stack([places.xy, *errors, *said])
+            values = [np.abs(each) for each in found.values()]  # counts of cells are negated
+            yield places.grid.name, np.column_stack([places.xy, *errors, *values])
 
     @property
     def columns(self) -> list[str]:
@@ -151,21 +152,21 @@ def evaluate(
     Parameters
     ----------
     grids : sequence of OccupancyGrid
-        The maps, or one.
+        One map or several.
     lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and what it is up against; see `Simulator`.
+        The robot's lidar, its filter, and the disturbances; see `Simulator`.
     places : int
-        On each map, at random, at least 1 m apart; as many as there are.
+        Greatest number of random places on each map, which are at least 1 m apart.
     drives, scans : int
-        To each place.
+        Number of drives to each place, and of single scans at each.
     disc : float, optional
         Radius of the templates of "sad" [m]; by default the paper's.
     robot_radius : float
-        Of where drives may go [m].
+        Radius of the robot, which limits where drives may go [m].
     seed : int
-        Of all random numbers; the same gives the same result.
+        Seed of all random numbers; equal seeds give equal results.
     threads : int, optional
-        All cores by default.
+        Number of threads; all cores by default.
     progress : callable, optional
         Called with (done, total) drives, places and fields of all maps.
 
@@ -207,7 +208,7 @@ def evaluate(
 
 
 def best(evaluation: Evaluation, kind: ErrorKind) -> tuple[Predictor, Interval]:
-    """The predictor of positions' errors that ranks best, over all places together."""
+    """Predictor that ranks position errors best over all places, and its rank correlation."""
     return max(
         (
             (predictor, found.spearman)

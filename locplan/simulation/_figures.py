@@ -1,4 +1,4 @@
-"""Figures of simulated drives, of how predictors rank, and of calibrations."""
+"""Figures of simulated drives, of evaluations of predictors, and of calibrations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from locplan.simulation._routes import Routes, Simulation
 
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
-"""Below, errors are drawn alike [m]."""
+"""Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
 MAP_MARKS = (
     ("#0072b2", "o"),
@@ -34,7 +34,7 @@ MAP_MARKS = (
     ("#e69f00", "v"),
     ("#56b4e9", "P"),
 )
-"""Of maps; of more they are drawn alike."""
+"""Colour and marker of each map; where there are more maps, all of them look alike."""
 
 
 def simulation_figure(simulation: Simulation) -> Figure:
@@ -43,7 +43,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     Parameters
     ----------
     simulation : Simulation
-        Of at most four paths, or colours repeat.
+        Drives along at most four paths; with more, colours repeat.
     """
     grid = simulation.grid
     width, height = map_size(grid)
@@ -101,7 +101,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
 
 
 def queries_figure(routes: Routes) -> Figure:
-    """Errors and lost drives of both paths of each query, and lengths."""
+    """RMSE and share of lost drives of both paths of each query, and the mean ratios."""
     figure = Picture(figsize=(9.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     rmse = np.array([each.rmse for each in routes.routes])
@@ -139,7 +139,7 @@ def queries_figure(routes: Routes) -> Figure:
 
 
 def evaluation_figure(evaluation: Evaluation) -> Figure:
-    """How well each predictor ranks places by either kind of error; and two predictors' places."""
+    """Rank correlation of each predictor with both kinds of error, and two predictors' places."""
     predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
     rows = np.arange(len(predictors))[::-1]
     figure = Picture(figsize=(11, 5.2 + 0.24 * len(predictors)), layout="constrained")
@@ -229,13 +229,13 @@ def calibration_figure(calibration: Calibration) -> Figure:
 
 
 def _logarithmic(axis: Any) -> None:
-    """A scale with plain numbers."""
+    """Make an axis logarithmic, with plain numbers."""
     getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
     _plainly(axis)
 
 
 def _plainly(axis: Any) -> None:
-    """Plain numbers on a logarithmic axis."""
+    """Label a logarithmic axis with plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

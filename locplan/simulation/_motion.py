@@ -11,20 +11,20 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import plan_field
 
 SPACING = 0.05
-"""Of the poses, at most [m]."""
+"""Greatest distance between two poses [m]."""
 AHEAD = 0.3
-"""A robot on a path without headings faces what is so far ahead of it [m]."""
+"""Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
 TURN = 0.1
-"""Between poses, at most [rad]."""
+"""Greatest turn between two poses [rad]."""
 BAND = 0.5
-"""Ways that differ by less than this are of one length [m]."""
+"""Difference in length below which two paths count as equally long [m]."""
 
 Poses = NDArray[np.float64]
-"""(n, 3): x, y, heading in the world [m, m, rad]."""
+"""Array of poses (x, y, heading) in the world, (n, 3) [m, m, rad]."""
 
 
 def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
-    """Poses every `SPACING` along a path, in its own headings or facing `AHEAD`.
+    """Poses every `SPACING` along a path, in its own headings or facing the point `AHEAD`.
 
     Raises
     ------
@@ -55,26 +55,26 @@ def approaches(
     length: float,
     random: np.random.Generator,
 ) -> list[Poses]:
-    """Drives that end in a cell, along shortest paths, all with as many poses.
+    """Drives along shortest paths that end in a cell, all with the same number of poses.
 
     Parameters
     ----------
     costs : Costmap
-        Blocked where the robot does not fit, which it does in the cell.
+        Costmap that is blocked where the robot does not fit; the cell must be free.
     cell : (row, col)
-        Where they end.
+        Cell in which the drives end.
     count : int
-        How many. They begin at random where the way to the cell is as long as `length`, or as
-        long as it gets.
+        Number of drives. They begin at random where the path to the cell is as long as `length`,
+        or as long as paths get there.
     length : float
-        [m]
+        Length of the drives [m].
     random : numpy.random.Generator
-        Of the beginnings.
+        Source of the random beginnings.
     """
     near, (row, col) = _cut_out(costs, cell, length)
     to_cell = plan_field(near, near.grid.cell_to_world(row, col))
-    way = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
-    rows, cols = np.nonzero(way >= max(way.max() - BAND, 0.0))
+    distance = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
+    rows, cols = np.nonzero(distance >= max(distance.max() - BAND, 0.0))
     drives = []
     for n in random.choice(len(rows), count, replace=len(rows) < count):
         path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))
@@ -86,7 +86,7 @@ def approaches(
 
 
 def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
-    """Poses at distances along a path, facing what is `AHEAD` of them."""
+    """Poses at distances along a path, each facing the point `AHEAD` of it."""
     here, ahead = (
         np.column_stack([np.interp(where, path.distance, v) for v in path.xy.T])
         for where in (at, np.minimum(at + AHEAD, path.length))
@@ -94,14 +94,14 @@ def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
     dx, dy = (ahead - here).T
     heading = np.arctan2(dy, dx)
     moving = np.flatnonzero(np.hypot(dx, dy) > AHEAD / 10)
-    if moving.size:  # at the end there is nothing ahead: as before
+    if moving.size:  # at the end nothing lies ahead: keep the last heading
         last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
         heading = heading[moving[np.maximum(last, 0)]]
     return np.column_stack([here, np.unwrap(heading)])
 
 
 def _turning(poses: Poses) -> Poses:
-    """With poses in between where the robot turns faster than it could be watched."""
+    """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
     turns = np.abs(np.diff(poses[:, 2]))
     steps = np.maximum(1, np.ceil(turns / TURN)).astype(np.int64)
     at = np.concatenate([[0], np.cumsum(steps)])
@@ -112,7 +112,7 @@ def _turning(poses: Poses) -> Poses:
 def _cut_out(
     costs: Costmap, cell: tuple[int, int], reach: float
 ) -> tuple[Costmap, tuple[int, int]]:
-    """The part of a costmap within `reach` [m] of a cell, and the cell in it."""
+    """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
     cells = int(np.ceil(reach / costs.grid.resolution)) + 1
     (top, left) = (max(0, index - cells) for index in cell)
     part = slice(top, cell[0] + cells + 1), slice(left, cell[1] + cells + 1)

@@ -46,13 +46,13 @@ NO_MATTER = {
     "z_max",
     "z_short",
 }
-"""AMCL's other parameters; for what is simulated most of them do not matter."""
+"""Further parameters of AMCL, most of which do not matter for the simulation."""
 
 
 def read_amcl(path: str | os.PathLike[str]) -> Amcl:
-    """The filter as a file of Nav2's parameters has it; what is not there has its default.
+    """Read AMCL's parameters from a parameter file of Nav2; missing ones have their defaults.
 
-    Warns of what the file sets and is not simulated.
+    Warns of parameters in the file that are not simulated.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
 
 
 def _not_simulated(given: Mapping[str, Any]) -> Iterator[str]:
-    """Of the parameters in `NO_MATTER` those that do matter as they are set."""
+    """Names of parameters in `NO_MATTER` that do matter with the values given."""
     for name in ("recovery_alpha_slow", "recovery_alpha_fast"):
         if given.get(name):
             yield name

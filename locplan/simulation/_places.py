@@ -1,4 +1,4 @@
-"""Places of a map, and how badly a robot is localized there."""
+"""Places of a map, and the localization errors of a robot there."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
 APART = 1.0
 """Least distance between places [m]."""
 PLACES = 100
-"""On each map."""
+"""Number of places on each map."""
 DRIVES, SCANS = 16, 16
-"""To each place, and at each."""
+"""Number of drives to each place, and of scans at each."""
 LENGTH = 10.0
-"""Of a drive to a place [m]."""
+"""Length of a drive to a place [m]."""
 LAST = 0.1
-"""The share of it, at its end, whose error counts."""
+"""Share of each drive, at its end, whose error counts."""
 
 ErrorKind = Literal["tracking", "match"]
 
@@ -38,26 +38,26 @@ ErrorKind = Literal["tracking", "match"]
 class Places:
     """Places of a map and the errors there, as second moments of (x, y, heading).
 
-    "tracking" is that of the particle filter over the last metre of drives of 10 m that end at the
-    place, along shortest paths from all around (on a smaller map over the last tenth of drives as
-    long as there are); "match" that of the most likely pose of single scans. Without drives
-    or scans they are NaN.
+    "tracking" is the error of the particle filter over the last metre of drives of 10 m that end
+    at the place, along shortest paths from all around (on a smaller map over the last tenth of the
+    longest drives possible); "match" is the error of the most likely pose of single scans. Without
+    drives or scans they are NaN.
     """
 
     grid: OccupancyGrid
     points: NDArray[np.int64]
-    """(n, 2): rows and columns of the lattice of a field's default stride."""
+    """Rows and columns on the lattice of a field's default stride, (n, 2)."""
     tracking: NDArray[np.float64]
-    """(n, 3, 3), in the world [m, m, rad]."""
+    """Second moments of the particle filter's errors, (n, 3, 3), in the world [m, m, rad]."""
     match: NDArray[np.float64]
-    """The same."""
+    """Second moments of the matches' errors, (n, 3, 3), in the world [m, m, rad]."""
 
     def __repr__(self) -> str:
         return f"Places({len(self.points)} of {self.grid.name or 'map'})"
 
     @property
     def xy(self) -> NDArray[np.float64]:
-        """Where they are, (n, 2) [m]."""
+        """Positions of the places in the world, (n, 2) [m]."""
         rows, cols = (_cells(self.grid, self.points) + 0.5).T
         return np.column_stack(self.grid.grid_to_world(rows, cols))
 
@@ -66,41 +66,41 @@ class Places:
         return self.tracking if kind == "tracking" else self.match
 
     def position_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
-        """Root mean square of the distance, (n,) [m]."""
+        """RMSE of the position at each place, (n,) [m]."""
         return np.sqrt(self.moments(kind)[:, 0, 0] + self.moments(kind)[:, 1, 1])
 
     def heading_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
-        """And of the heading, (n,) [rad]."""
+        """RMSE of the heading at each place, (n,) [rad]."""
         return np.sqrt(self.moments(kind)[:, 2, 2])
 
 
 def choose_points(
     grid: OccupancyGrid, count: int, *, robot_radius: float, seed: int
 ) -> NDArray[np.int64]:
-    """Lattice points at random where a robot can stand, at least 1 m apart.
+    """Random lattice points where a robot can stand, at least 1 m apart.
 
-    Of the largest part of the map that holds together for a robot of this radius.
+    They lie in the largest part of the map that is connected for a robot of this radius.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     count : int
-        How many at most; as many as there are.
+        Greatest number of points; there are fewer if the map has no more.
     robot_radius : float
-        [m]
+        Radius of the robot [m].
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
     (n, 2) array of int
-        Rows and columns of the lattice of a field's default stride.
+        Rows and columns on the lattice of a field's default stride.
 
     Raises
     ------
     ConfigError
-        If there are fewer than two.
+        If `count` is below 2, or the map has fewer than two such points.
     """
     import cv2
 
@@ -135,13 +135,13 @@ def measure(
     Parameters
     ----------
     simulator : Simulator
-        Of the map.
+        Simulator of the map.
     points : (n, 2) array of int
-        As `choose_points` has them.
+        Places, as returned by `choose_points`.
     robot_radius : float
-        Of where drives may go [m].
+        Radius of the robot, which limits where drives may go [m].
     drives, scans : int
-        To and at each; 0 leaves them out.
+        Number of drives to each place, and of scans at each; 0 leaves them out.
     progress : callable, optional
         Called with (done, total) drives and places.
 
@@ -209,10 +209,10 @@ def _stride(grid: OccupancyGrid) -> int:
 
 
 def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row and column of lattice points."""
+    """Cells (row, col) of lattice points, (n, 2)."""
     return points * _stride(grid)
 
 
 def _moments(errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean outer product of errors (n, k, 3), (n, 3, 3)."""
+    """Second moments, (n, 3, 3), of errors (n, k, 3)."""
     return np.asarray(np.einsum("nki,nkj->nij", errors, errors) / errors.shape[1])

@@ -1,4 +1,4 @@
-"""What may predict where a robot is badly localized: every estimator, and two simple baselines."""
+"""Predictors of where a robot is badly localized: every estimator, and two simple baselines."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from locplan.maps import OCCUPIED, OccupancyGrid
 
 Array = NDArray[np.float64]
 SCALARS = ("e", "position_std", "heading_std")
-"""Of each field."""
+"""Scalars of each field that are tried."""
 FUSED = "fisher+scan"
 CLEARANCE, FEW_WALLS = "clearance", "few occupied cells"
 
 
 class Predictor(NamedTuple):
-    """A source and what is read of it; greater shall mean worse."""
+    """A source and the scalar that is read of it; greater values should mean greater errors."""
 
     source: str
     scalar: str
@@ -38,7 +38,7 @@ class Predictor(NamedTuple):
 
     @property
     def of_heading(self) -> bool:
-        """Whether it predicts the heading's error instead of the position's."""
+        """True if it predicts the heading's error instead of the position's."""
         return self.scalar == "heading_std"
 
     def __str__(self) -> str:
@@ -47,15 +47,15 @@ class Predictor(NamedTuple):
 
     @property
     def column(self) -> str:
-        """What to call it in a table for programs."""
+        """Name of the predictor's column in a CSV file."""
         return "_".join(filter(None, (self.source, self.scalar))).replace(" ", "_")
 
 
 def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
-    """The fields that are tried, by name; those that know a lidar know this one.
+    """Settings of the fields that are tried, by name; "fisher" and "scan" use this lidar.
 
-    "sad" is the default preset, "paper" the paper's, with discs of this radius [m], by default
-    the paper's, or templates of what is visible within it.
+    "sad" is the default preset and "paper" the paper's, with discs of the radius `disc` [m], by
+    default the paper's; "visible" ones have templates of what is visible within that radius.
     """
     radius = Sad().range if disc is None else disc
     default, paper = Sad(range=radius), Sad.paper(range=radius)
@@ -77,18 +77,19 @@ def covariances_at(
     *,
     threads: int | None = None,
 ) -> Array:
-    """Covariances at some points of the default lattice, whatever the config's own, (n, d, d).
+    """Covariances at points of the lattice of the default stride, (n, d, d).
 
-    Of several headings that of the mean information.
+    The config's own stride is ignored. Several headings give the covariance of their mean
+    information.
 
     Parameters
     ----------
     grid, config
         The map, and the field's settings.
     points : (n, 2) array
-        Rows and columns of the lattice of the default stride.
+        Rows and columns on the lattice of the default stride.
     threads : int, optional
-        All cores by default.
+        Number of threads; all cores by default.
     """
     config = dataclasses.replace(config, stride=FieldConfig.stride)
     values = tiles.nothing_known(grid, config)
@@ -105,18 +106,18 @@ def predictions(
     *,
     threads: int | None = None,
 ) -> dict[Predictor, Array]:
-    """What each predictor says at points of the default lattice, (n,).
+    """Values of each predictor at points of the lattice of the default stride, (n,).
 
-    Fisher's and the scan's together are the geometric mean of both.
+    "fisher+scan" is the geometric mean of both.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     fields : mapping of str to FieldConfig
-        As `configs` has them.
+        Settings of the fields by name, as returned by `configs`.
     points, threads
-        As for `covariances_at`.
+        See `covariances_at`.
     """
     found: dict[Predictor, Array] = {}
     for name, config in fields.items():
@@ -135,7 +136,7 @@ def predictions(
 
 
 def occupied_in_range(grid: OccupancyGrid, cells: NDArray[np.int64], reach: float) -> Array:
-    """How many occupied cells lie within `reach` [m] of each cell (n, 2), walls or not, (n,)."""
+    """Number of occupied cells within `reach` [m] of each cell (n, 2), also behind walls, (n,)."""
     from scipy.spatial import cKDTree
 
     occupied = np.argwhere(grid.cells == OCCUPIED)

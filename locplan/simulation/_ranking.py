@@ -1,4 +1,4 @@
-"""How well predictors rank places by their error: Spearman's coefficient and AUC."""
+"""Statistics of how well predictors rank places by their error: Spearman's coefficient and AUC."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ RESAMPLES = 1000
 
 @dataclass(frozen=True)
 class Rank:
-    """How well one predictor ranks.
+    """Rank statistics of one predictor.
 
-    Intervals are percentiles of a bootstrap: of the places or, of several maps, of the maps and
-    then of the places in each. They hold for more places like these.
+    Intervals are percentiles of a bootstrap over the places or, with several maps, over the maps
+    and then the places in each. They hold for more places like these.
     """
 
     spearman: Interval
-    """Over all places together."""
+    """Spearman's coefficient over all places together."""
     within: Interval
-    """Mean over the maps of that within each."""
+    """Mean over the maps of Spearman's coefficient within each."""
     auc: Interval
-    """Probability that of a place among the worst 20 % and one of the others the former ranks
-    higher, over all places together."""
+    """Probability that a place among the worst 20 % ranks higher than one of the others, over all
+    places together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Resamples:
-    """How often each place is drawn in each of `RESAMPLES` bootstraps."""
+    """Numbers of times that places and maps are drawn in each of `RESAMPLES` bootstraps."""
 
     places: Sequence[Array]
-    """Of each map by itself, (RESAMPLES, n)."""
+    """Draws of the places within each map, (RESAMPLES, n) a map."""
     maps: Array
-    """How often each map is drawn, (RESAMPLES, maps)."""
+    """Draws of the maps, (RESAMPLES, maps)."""
 
     @classmethod
     def of(cls, counts: Sequence[int], seed: int = 0) -> Resamples:
-        """Of maps with so many places."""
+        """Resamples of maps with these numbers of places."""
         random = np.random.default_rng(seed)
         places = [_draws(random, count) for count in counts]
         maps = _draws(random, len(counts)) if len(counts) > 1 else np.ones((RESAMPLES, 1))
@@ -52,15 +52,15 @@ class Resamples:
 
 
 def rank(values: Sequence[Array], errors: Sequence[Array], drawn: Resamples) -> Rank:
-    """How well values rank errors.
+    """Statistics of how well values rank errors.
 
     Parameters
     ----------
     values, errors : sequence of (n,) arrays
-        One of each a map; greater values shall mean greater errors. What is the same everywhere
-        ranks nothing: 0.
+        Values and errors of each map; greater values should mean greater errors. Constant values
+        have the coefficient 0.
     drawn : Resamples
-        Of as many maps and places.
+        Resamples of the same numbers of maps and places.
     """
     every, every_error = np.concatenate(values), np.concatenate(errors)
     weights = np.concatenate(
@@ -96,7 +96,7 @@ def auc(values: Array, errors: Array) -> float:
 
 
 def _ranks(values: Array, weights: Array) -> Array:
-    """Mean ranks (m, n) of values of which each is there so often as `weights` (m, n) say."""
+    """Mean ranks, (m, n), of values that each occur as often as `weights` (m, n) say."""
     _, group = np.unique(values, return_inverse=True)
     order = np.argsort(group, kind="stable")
     starts = np.flatnonzero(np.diff(group[order], prepend=-1))
@@ -105,7 +105,7 @@ def _ranks(values: Array, weights: Array) -> Array:
 
 
 def _spearmans(values: Array, errors: Array, weights: Array) -> Array:
-    """For each row of weights (m, n)."""
+    """Spearman's coefficient for each row of weights (m, n), (m,)."""
     total = weights.sum(axis=1, keepdims=True)
     a, b = (_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
     size = np.sqrt((weights * a * a).sum(axis=1) * (weights * b * b).sum(axis=1))
@@ -115,7 +115,7 @@ def _spearmans(values: Array, errors: Array, weights: Array) -> Array:
 
 
 def _aucs(values: Array, errors: Array, weights: Array) -> Array:
-    """For each row of weights (m, n); what counts as bad is the same in all."""
+    """AUC for each row of weights (m, n), (m,); the worst places are the same in all rows."""
     bad = errors >= np.quantile(errors, 1 - WORST, method="higher")
     ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
     count, others = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
@@ -125,7 +125,7 @@ def _aucs(values: Array, errors: Array, weights: Array) -> Array:
 
 
 def _draws(random: np.random.Generator, count: int) -> Array:
-    """How often each of `count` is drawn, (RESAMPLES, count)."""
+    """Number of times that each of `count` items is drawn, (RESAMPLES, count)."""
     return random.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
 
 

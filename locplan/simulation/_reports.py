@@ -1,4 +1,4 @@
-"""What simulations, evaluations and calibrations say: tables for people, and files."""
+"""Reports of simulations, evaluations and calibrations: tables for people, and files."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from locplan.simulation._predictors import CLEARANCE, Predictor
 from locplan.simulation._routes import COLUMNS, Routes, Simulation
 
 FEW_PLACES = 20
-"""Below, nothing is said of predictors."""
+"""Number of places below which predictors are not judged."""
 
 
 def simulation_table(simulation: Simulation) -> str:
-    """The errors along each path, side by side."""
+    """Table of the errors along each path, side by side."""
     drives, ratios = simulation.drives, contrasts(simulation.drives)
     rows = [
         ["length", *(f"{each.distance[-1]:.2f} m" for each in drives.values())],
@@ -50,7 +50,7 @@ def simulation_table(simulation: Simulation) -> str:
 
 
 def routes_table(every: Sequence[Routes]) -> str:
-    """Both paths of many queries, a map a row."""
+    """Table of both paths of many queries, one row per map."""
     rows = [
         [
             routes.grid.name,
@@ -72,7 +72,7 @@ def routes_table(every: Sequence[Routes]) -> str:
 
 
 def evaluation_table(evaluation: Evaluation) -> str:
-    """How well each predictor ranks places, and how large the errors were."""
+    """Tables of how well each predictor ranks places, and of how large the errors were."""
     several = len(evaluation.places) > 1
     columns = ["predictor", "correlation", *(["in a map"] if several else []), "AUC"]
     parts = []
@@ -96,7 +96,7 @@ def evaluation_table(evaluation: Evaluation) -> str:
 
 
 def _verdicts(evaluation: Evaluation) -> list[str]:
-    """Of each error, whether e ranks it better than chance, and what ranks it best."""
+    """One line per kind of error: if e ranks it better than chance, and the best predictor."""
     count = sum(len(each.points) for each in evaluation.places)
     if count < FEW_PLACES:
         return [f"{count} places are too few to tell: take at least {FEW_PLACES}"]
@@ -104,20 +104,20 @@ def _verdicts(evaluation: Evaluation) -> list[str]:
     for kind in KINDS:
         default, simple = Predictor("sad", "e"), Predictor(CLEARANCE, "")
         found = evaluation.ranks[default, kind].spearman
-        said = "better than chance" if found.low > 0 else "no better than chance"
+        verdict = "better than chance" if found.low > 0 else "no better than chance"
         if found.high < 0:
-            said = "WRONG WAY ROUND"
+            verdict = "WRONG WAY ROUND"
         chosen, value = best(evaluation, kind)
         other = evaluation.ranks[simple, kind].spearman.value
         lines.append(
-            f"{kind}: the default field's e {_plain(found.value)}, {said};"
+            f"{kind}: the default field's e {_plain(found.value)}, {verdict};"
             f" best {chosen} {_plain(value.value)}; {simple} {_plain(other)}"
         )
     return lines
 
 
 def _sizes(evaluation: Evaluation) -> list[list[str]]:
-    """Of each map, how large the errors were [m]."""
+    """One row per map: its name, number of places, and percentiles of the errors [m]."""
     return [
         [
             places.grid.name,
@@ -129,7 +129,7 @@ def _sizes(evaluation: Evaluation) -> list[list[str]]:
 
 
 def calibration_table(calibration: Calibration) -> str:
-    """What was fitted, and how well it fits."""
+    """Table of what was fitted, and of how well it fits."""
     rows = [
         ["maps", ", ".join(calibration.maps)],
         ["places", str(len(calibration.measured))],
@@ -205,7 +205,7 @@ def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
-    """Write evaluation.json, evaluation.png, and places.csv with a place a row.
+    """Write evaluation.json, evaluation.png, and places.csv with one row per place.
 
     Raises
     ------
@@ -243,7 +243,7 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
 
 
 def routes_summary(every: Sequence[Routes]) -> dict[str, Any]:
-    """All maps' queries, fit for JSON."""
+    """Summary of all maps' queries, fit for JSON."""
     return {"maps": [routes.summary() for routes in every]}
 
 
@@ -254,7 +254,7 @@ def _write_json(file: Path, about: Mapping[str, Any]) -> None:
 
 
 def _write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Rows of names and numbers, whole or not at all."""
+    """Write rows of names and numbers, as a whole or not at all."""
     with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)

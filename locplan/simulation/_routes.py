@@ -26,9 +26,9 @@ from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator
 
 DRIVES = 100
-"""Along each path."""
+"""Number of drives along each path."""
 SHORTEST, AWARE = "shortest", "localizability-aware"
-"""The names of `locplan.planners.plan_beside_shortest`."""
+"""Names of the paths of `locplan.planners.plan_beside_shortest`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,15 +37,15 @@ class Simulation:
 
     grid: OccupancyGrid
     paths: Mapping[str, Path]
-    """By name; others are compared with the first."""
+    """Paths by name; the others are compared with the first."""
     drives: Mapping[str, Drives]
-    """As many of each, the n-th of all in the same world with the same seed."""
+    """Drives of each path, equally many; the n-th of all have the same world and seed."""
     lidar: Lidar
     amcl: Amcl
     disturbances: Disturbances
     seed: int
     made_of: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """What the paths were planned on, fit for JSON."""
+    """Description of what the paths were planned on, fit for JSON."""
 
     def __repr__(self) -> str:
         driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
@@ -87,18 +87,18 @@ def simulate(
     grid : OccupancyGrid
         The map.
     paths : mapping of str to Path, or to (n, 2) array
-        By name, each within the free cells; the others are compared with the first. Arrays are
-        positions in the world [m].
+        Paths by name, each within the free cells; the others are compared with the first. Arrays
+        are positions in the world [m].
     lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and what it is up against; see `Simulator`.
+        The robot's lidar, its filter, and the disturbances; see `Simulator`.
     drives : int
-        Along each path, at least 2.
+        Number of drives along each path, at least 2.
     seed : int
-        Of all random numbers; the same gives the same result, on any number of threads.
+        Seed of all random numbers; equal seeds give equal results, on any number of threads.
     threads : int, optional
-        All cores by default.
+        Number of threads; all cores by default.
     made_of : mapping, optional
-        What the paths were planned on, for the result's summary.
+        Description of what the paths were planned on, for the result's summary.
     progress : callable, optional
         Called with (done, total) drives.
 
@@ -157,24 +157,24 @@ def _driven(
 
 
 def planned(costs: Costmap, query: Query) -> dict[str, Path]:
-    """The shortest and the aware path of any-angle; nothing if there is no path."""
+    """Shortest and localizability-aware path by any-angle; empty if there is no path."""
     plans = plan_beside_shortest(costs, query.start, query.goal, planner="any-angle")
     return {name: plan.path for name, plan in plans.items() if plan.path is not None}
 
 
 @dataclass(frozen=True)
 class Route:
-    """Both paths of one query, driven."""
+    """Results of drives along both paths of one query."""
 
     query: Query
     lengths: tuple[float, float]
-    """Of the shortest and of the aware path [m]."""
+    """Lengths of the shortest and of the aware path [m]."""
     rmse: tuple[float, float]
-    """Of the position along each [m]."""
+    """RMSE of the position along each path [m]."""
     lost: tuple[float, float]
-    """Share of the drives of each that were lost at any time."""
+    """Share of each path's drives that were lost at any time."""
     summary: Mapping[str, Any]
-    """Of each path's drives, fit for JSON."""
+    """Summary of each path's drives, and the ratio of their RMSE, fit for JSON."""
 
 
 COLUMNS = (
@@ -190,53 +190,53 @@ COLUMNS = (
     "lost_shortest",
     "lost_aware",
 )
-"""Of `Routes.rows`."""
+"""Names of the columns of `Routes.rows`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Routes:
-    """Both paths of many queries on one map, driven. Queries are the samples of all intervals."""
+    """Drives along both paths of many queries on one map; intervals are over the queries."""
 
     grid: OccupancyGrid
     routes: Sequence[Route]
     about: Mapping[str, Any]
-    """Of the costs, the filter and the worlds, fit for JSON."""
+    """Settings of the costs, the filter and the worlds, fit for JSON."""
 
     def __repr__(self) -> str:
         return f"Routes({self.grid.name or 'map'}, {len(self.routes)} queries, {self.verdict})"
 
     @property
     def length_ratio(self) -> Interval:
-        """Length of the aware over that of the shortest path: geometric mean over the queries."""
+        """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
         return of_geometric_mean(
             np.array([each.lengths[1] / each.lengths[0] for each in self.routes])
         )
 
     @property
     def rmse_ratio(self) -> Interval:
-        """The same of the RMSE of the position."""
+        """Ratio of the aware to the shortest path's position RMSE: geometric mean."""
         return of_geometric_mean(np.array([each.rmse[1] / each.rmse[0] for each in self.routes]))
 
     @property
     def rmse(self) -> tuple[float, float]:
-        """Of the shortest and of the aware paths: geometric means over the queries [m]."""
+        """RMSE along the shortest and the aware paths: geometric means over the queries [m]."""
         shortest, aware = np.exp(np.log([each.rmse for each in self.routes]).mean(axis=0)).tolist()
         return shortest, aware
 
     @property
     def lost(self) -> tuple[float, float]:
-        """Share of the drives of the shortest and of the aware paths that were lost."""
+        """Share of lost drives along the shortest and the aware paths: means over the queries."""
         shortest, aware = np.mean([each.lost for each in self.routes], axis=0).tolist()
         return shortest, aware
 
     @property
     def lost_difference(self) -> Interval:
-        """The latter less the former: mean over the queries."""
+        """Difference in the share of lost drives, aware minus shortest: mean over the queries."""
         return of_mean(np.array([each.lost[1] - each.lost[0] for each in self.routes]))
 
     @property
     def verdict(self) -> str:
-        """Whether the RMSE along the aware paths is lower, by its 95 % interval."""
+        """Effect of aware paths by `rmse_ratio`: helps, harms, unclear, or too few queries."""
         ratio = self.rmse_ratio
         if math.isnan(ratio.low):
             return "too few queries"
@@ -245,7 +245,7 @@ class Routes:
         return "harms" if ratio.low > 1 else "unclear"
 
     def rows(self) -> list[list[Any]]:
-        """A row for each query, by the names of `COLUMNS`."""
+        """One row per query, in the columns of `COLUMNS`."""
         return [
             [
                 each.query.name,
@@ -259,7 +259,7 @@ class Routes:
         ]
 
     def summary(self) -> dict[str, Any]:
-        """In numbers, fit for JSON; pairs are of the shortest and of the aware path."""
+        """Results in numbers, fit for JSON; pairs are of the shortest and of the aware path."""
         about: dict[str, Any] = {
             **self.about,
             "verdict": self.verdict,
@@ -298,11 +298,11 @@ def simulate_queries(
     Parameters
     ----------
     costs : Costmap
-        Of a field, with the weight of the aware paths; the planner is any-angle.
+        Costmap of a field, with the weight of the aware paths; the planner is any-angle.
     queries : sequence of Query
-        Those without a path are left out.
+        Queries to drive; those without a path are left out.
     lidar, amcl, disturbances, drives, seed, threads, progress
-        As for `simulate`.
+        See `simulate`.
 
     Returns
     -------
@@ -317,8 +317,8 @@ def simulate_queries(
     simulator = Simulator(
         costs.grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
     )
-    ways = {query: planned(costs, query) for query in queries}
-    found = {query: paths for query, paths in ways.items() if len(paths) == 2}
+    both = {query: planned(costs, query) for query in queries}
+    found = {query: paths for query, paths in both.items() if len(paths) == 2}
     if not found:
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
     callbacks = parts(progress, [2 * drives] * len(found))

@@ -1,4 +1,4 @@
-"""What is simulated: the filter as AMCL is configured, and what it is up against."""
+"""Settings of a simulation: the filter, configured as AMCL is, and the disturbances."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from locplan.field import Lidar
 MODELS = ("likelihood_field", "likelihood_field_prob")
 MIN_BEAMS = 2
 SHORT_LIDAR = Lidar(range=6.0, range_sigma=0.025)
-"""What is simulated where no lidar is named: the range of the paper's disc."""
+"""Lidar that is simulated where none is named; its range is that of the paper's disc."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Amcl:
     """Parameters of Nav2's AMCL, by its names and with its defaults.
 
-    Those of its differential motion model and its likelihood fields; `recovery_alpha_fast` and
-    `_slow` are 0 as there: no particles at random. Unlike here, Nav2 reads its likelihood field
-    half a cell aside, and takes no account of a map's yaw.
+    They are those of its differential motion model and its likelihood fields. As by default in
+    Nav2, `recovery_alpha_fast` and `_slow` are 0: no random particles are added. Unlike here, Nav2
+    reads its likelihood field half a cell aside, and ignores a map's yaw.
 
     Raises
     ------
@@ -38,37 +38,37 @@ class Amcl:
     """
 
     alpha1: float = 0.2
-    """Variance that a turn adds to turns, by its square [1]."""
+    """Variance of a turn per square of the turn [1]."""
     alpha2: float = 0.2
-    """Variance that driving adds to turns, by the square of each update's way [rad^2 / m^2]."""
+    """Variance of a turn per square of the distance driven in an update [rad^2 / m^2]."""
     alpha3: float = 0.2
-    """Variance that driving adds to the way, by its square [1]."""
+    """Variance of the distance per square of the distance [1]."""
     alpha4: float = 0.2
-    """Variance that a turn adds to the way, by its square [m^2 / rad^2]."""
+    """Variance of the distance per square of the turn [m^2 / rad^2]."""
     laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = "likelihood_field"
-    """How beams combine: 1 plus the sum of their cubes, or their product."""
+    """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
     laser_likelihood_max_dist: float = 2.0
-    """Beyond, all distances from a wall are this [m]."""
+    """Greatest distance of a beam's end from a wall; larger ones count as this [m]."""
     laser_max_range: float = 100.0
-    """Longer beams say nothing, as those without a return [m]; 0 or less is the sensor's own."""
+    """Range above which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
     max_beams: int = 60
-    """About so many of a scan's beams, evenly spaced, are compared."""
+    """Approximate number of a scan's beams, evenly spaced, that are compared."""
     max_particles: int = 2000
-    """Equal to `min_particles`: always so many."""
+    """Greatest number of particles; if equal to `min_particles`, the number is constant."""
     min_particles: int = 500
-    """KLD sampling takes at least so many."""
+    """Least number of particles."""
     pf_err: float = 0.05
-    """KLD sampling's greatest error: less takes more particles."""
+    """Greatest error that KLD sampling allows; a smaller one takes more particles."""
     pf_z: float = 0.99
-    """Its quantile of the normal distribution, as AMCL takes it: not the probability."""
+    """Quantile of the normal distribution for KLD sampling, as in AMCL: not the probability."""
     resample_interval: int = 1
-    """Of updates."""
+    """Number of updates per resampling."""
     sigma_hit: float = 0.2
     """Standard deviation of the distance of a beam's end from a wall [m]."""
     update_min_a: float = 0.2
-    """Turn before an update [rad]."""
+    """Turn after which the filter updates [rad]."""
     update_min_d: float = 0.25
-    """Way along x or y before an update [m]."""
+    """Distance along x or y after which the filter updates [m]."""
     z_hit: float = 0.5
     """Weight of beams that end at a wall."""
     z_rand: float = 0.5
@@ -102,9 +102,9 @@ class Amcl:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """What disturbs a robot: noise, wheels that mislead, and a world that is not quite the map.
+    """Disturbances of a robot: noise, errors of odometry, and worlds that differ from the map.
 
-    The defaults were set before anything was measured with them: odometry of a small robot indoors.
+    The defaults are those of a small robot indoors, set before anything was measured with them.
 
     Raises
     ------
@@ -120,29 +120,32 @@ class Disturbances:
     boundary_noise: float = 0.1
     """Share of the cells between free space and walls in which the world differs from the map."""
     worlds: int = 8
-    """How many such worlds there are; drives take them in turn."""
+    """Number of such worlds; drives take them in turn."""
     outliers: float = 0.04
-    """Share of the beams that end anywhere within the range."""
+    """Share of the beams that end at a random distance within the range."""
     occlusion: float = 0.2
-    """Share of the scans in which something stands in view of the lidar, 0.5 to 2 m away."""
+    """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away."""
     occlusion_deg: float = 20.0
-    """How much of the view it takes [deg]."""
+    """Width of this object in the lidar's view [deg]."""
     distance_drift: float = 0.02
-    """Of odometry: standard deviation after a metre, growing with the root of the way [m]."""
+    """Standard deviation of the reported distance after 1 m [m]; it grows with the root of the
+    distance."""
     heading_drift_deg: float = 1.0
-    """The same of the heading [deg]."""
+    """Standard deviation of the reported heading after 1 m [deg]; it grows with the root of the
+    distance."""
     turn_drift_deg: float = 1.0
-    """And of the heading after a turn of 1 rad, growing with the root of the turn [deg]."""
+    """Standard deviation of the reported heading after a turn of 1 rad [deg]; it grows with the
+    root of the turn."""
     distance_bias: float = 0.02
-    """Standard deviation, from drive to drive, of the factor on distances."""
+    """Standard deviation, from drive to drive, of the factor on reported distances."""
     heading_bias_deg: float = 1.0
-    """The same of a bend to one side [deg/m]."""
+    """Standard deviation, from drive to drive, of a reported bend to one side [deg/m]."""
     turn_bias: float = 0.02
-    """The same of the factor on turns."""
+    """Standard deviation, from drive to drive, of the factor on reported turns."""
     start_sigma: float = 0.1
-    """How well the filter knows where it begins: standard deviation in x and y [m]."""
+    """Standard deviation of the filter's first position in x and y [m]."""
     start_sigma_deg: float = 3.0
-    """And in heading [deg]."""
+    """Standard deviation of the filter's first heading [deg]."""
 
     def __post_init__(self) -> None:
         for name in ("boundary_noise", "outliers", "occlusion"):
@@ -160,7 +163,7 @@ class Disturbances:
 def changed(
     amcl: Amcl, disturbances: Disturbances, changes: Mapping[str, Any]
 ) -> tuple[Amcl, Disturbances]:
-    """Both with some of their fields changed, by name.
+    """Copies of the filter's parameters and the disturbances with some fields changed by name.
 
     Raises
     ------

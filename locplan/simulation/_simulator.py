@@ -1,4 +1,4 @@
-"""A map, worlds that differ from it, and robots in them: drives with a filter, and single scans."""
+"""Simulator of robots in worlds that differ from their map: drives with a filter, single scans."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 MATCH_WINDOW = 2.0
 """Half width of the window in which single scans are matched [m]."""
 MATCH_STEP = 0.05
-"""Spacing of its offsets [m], rounded to whole cells."""
+"""Spacing of the window's offsets [m], rounded to whole cells."""
 MATCH_ROTATIONS = 61
-"""Headings of the window, over 120 deg."""
+"""Number of headings in the window, over 120 deg."""
 MATCH_SIGMA, MATCH_Z_RAND = 0.1, 0.05
-"""Of the likelihood field on which they are matched: sigma_hit [m] and z_rand."""
+"""Parameters sigma_hit [m] and z_rand of the likelihood field on which scans are matched."""
 
 
 DRIVE, MATCH, WORLD, POINTS, APPROACH = range(5)
@@ -36,22 +36,22 @@ DRIVE, MATCH, WORLD, POINTS, APPROACH = range(5)
 
 
 class Simulator:
-    """Drives and scans on one map.
+    """Simulator of drives and scans on one map.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        The map that the robot has. Worlds are made of it with `Disturbances.boundary_noise`.
+        The robot's map. Worlds are made of it with `Disturbances.boundary_noise`.
     lidar : Lidar, optional
         The robot's lidar; by default one of 6 m that sees all round.
     amcl : Amcl, optional
-        The filter.
+        Parameters of the filter.
     disturbances : Disturbances, optional
-        What it is up against.
+        Noise, errors of odometry, and how the worlds differ from the map.
     seed : int
-        Of all random numbers. Drive n has the same ones whatever is driven beside it.
+        Seed of all random numbers. Drive n has the same ones whatever else is driven.
     threads : int, optional
-        All cores by default. The results do not depend on it.
+        Number of threads; all cores by default. The results do not depend on it.
 
     Raises
     ------
@@ -83,7 +83,7 @@ class Simulator:
 
     @cached_property
     def worlds(self) -> list[NDArray[np.uint8]]:
-        """What rays meet in each world, as `locplan._kernels.rays.empty_squares`."""
+        """Empty squares of each world for its rays, see `locplan._kernels.rays.empty_squares`."""
         from locplan._kernels.rays import empty_squares
 
         noise = self.disturbances.boundary_noise
@@ -102,22 +102,21 @@ class Simulator:
         stream: int = 0,
         progress: ProgressCallback | None = None,
     ) -> NDArray[np.float64]:
-        """Drive each line once, all with as many poses.
+        """Drive each line once; all lines have the same number of poses.
 
         Parameters
         ----------
         lines : sequence of (n, 3) arrays
-            True poses in the world [m, m, rad]; the k-th is driven in the k-th world, and over
-            again.
+            True poses in the world [m, m, rad]; the lines take the worlds in turn.
         stream : int
-            Of random numbers: those of another one are independent.
+            Number of the stream of random numbers; different streams are independent.
         progress : callable, optional
             Called with (done, total) drives.
 
         Returns
         -------
         (lines, n, 3) array
-            The filter's pose less the true one, in the world [m, m, rad].
+            The filter's pose minus the true one, in the world [m, m, rad].
         """
         from locplan._kernels import drives as kernel
 
@@ -144,7 +143,7 @@ class Simulator:
         stream: int = 0,
         progress: ProgressCallback | None = None,
     ) -> Drives:
-        """Drive one line so many times; see `drive`."""
+        """Drive one line `drives` times; see `drive`."""
         return Drives(poses, self.drive([poses] * drives, stream=stream, progress=progress))
 
     def match(
@@ -156,22 +155,22 @@ class Simulator:
     ) -> NDArray[np.float64]:
         """Match single scans on the map, by correlation over a window of +-2 m and +-60 deg.
 
-        Of each scan as many beams are compared as AMCL does, on a likelihood field of its own.
+        AMCL's number of beams of each scan is compared, on a likelihood field for matching alone.
 
         Parameters
         ----------
         cells : (n, 2) array
             Row and column of each place; the robot stands and heads anywhere in the cell.
         scans : int
-            How many at each.
+            Number of scans at each place.
         progress : callable, optional
             Called with (done, total) places.
 
         Returns
         -------
         (n, scans, 3) array
-            The most likely pose less the true one, in the world [m, m, rad]. Offsets are whole
-            cells of about 0.05 m, and headings 2 deg apart.
+            The most likely pose minus the true one, in the world [m, m, rad]. Offsets are whole
+            cells, about 0.05 m apart, and headings 2 deg apart.
         """
         from locplan._kernels.matches import match
         from locplan._kernels.offsets import make_lattice
@@ -214,7 +213,7 @@ class Simulator:
         return _turned(errors, self.grid.origin[2])
 
     def _on_grid(self, poses: Poses) -> Poses:
-        """In the map's own axes [m, m, rad]."""
+        """Poses in the map's own axes [m, m, rad]."""
         rows, cols = self.grid.world_to_grid(*poses[:, :2].T)
         heading = poses[:, 2] - self.grid.origin[2]
         return np.column_stack([cols * self.grid.resolution, rows * self.grid.resolution, heading])
@@ -224,7 +223,7 @@ class Simulator:
 
     @cached_property
     def arguments(self) -> Arguments:
-        """What the kernels take of the map, the filter and what it is up against."""
+        """Arguments of the kernels for the map, the lidar, the filter and the disturbances."""
         return arguments_of(self.grid, self.lidar, self.amcl, self.disturbances)
 
     def _in_threads(
@@ -248,7 +247,7 @@ def random_of(seed: int, *stream: int) -> np.random.Generator:
 
 
 def _turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """From the map's own axes into the world's."""
+    """Errors turned from the map's own axes into the world's."""
     if not yaw:
         return errors
     cos, sin = math.cos(yaw), math.sin(yaw)
