@@ -20,8 +20,8 @@ def main(folder: str = "comparison", seconds: float = 1.0, *maps: str) -> None:
         seeds=[1, 2],
         time_limit=seconds,
         configs={  # what if the lidar saw further?
-            "6 m": locplan.FieldConfig(locplan.Sad(range=6.0)),
-            "8 m": locplan.FieldConfig(locplan.Sad(range=8.0)),
+            "6 m": locplan.Sad(range=6.0),
+            "8 m": locplan.Sad(range=8.0),
         },
     )
     print(result.table())

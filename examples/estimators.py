@@ -17,17 +17,17 @@ def main(folder: str = "estimators", *maps: str) -> None:
         locplan.maps.environments.make(name, resolution=0.1) for name in ("places", "warehouse")
     ]
     lidar = locplan.Lidar(range=30.0)
-    configs = {
-        "sad, 6 m": locplan.FieldConfig(),
-        "fisher, 30 m": locplan.FieldConfig(locplan.Fisher(lidar)),
-        "scan, 30 m": locplan.FieldConfig(locplan.Scan(lidar)),
+    estimators = {
+        "sad, 6 m": locplan.Sad(),
+        "fisher, 30 m": locplan.Fisher(lidar),
+        "scan, 30 m": locplan.Scan(lidar),
     }
     rows = []
     for grid in grids:
         rows.append({})
-        for label, config in configs.items():
+        for label, estimator in estimators.items():
             began = time.perf_counter()
-            field = locplan.covariance_field(grid, config)
+            field = locplan.covariance_field(grid, estimator)
             took = f"{time.perf_counter() - began:.1f} s, {field.saturated_share:.0%} saturated"
             print(f"{grid.name}, {label}: {took}")
             rows[-1][f"{grid.name}: {label}\n{took}"] = field

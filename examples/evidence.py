@@ -69,7 +69,9 @@ def predictors(evaluations: dict[str, Evaluation]) -> str:
         cells = [f"{predictor}{' (of heading)' if predictor.of_heading else ''}"]
         for evaluation, kind in columns.values():
             found = evaluation.ranks[predictor, kind]
-            cells.append(f"{told(found.spearman)}, {found.within.value:.2f}, {found.auc.value:.2f}")
+            cells.append(
+                f"{text_of(found.spearman)}, {found.within.value:.2f}, {found.auc.value:.2f}"
+            )
         rows.append(cells)
     return markdown(["predictor", *columns], rows)
 
@@ -100,13 +102,13 @@ def paths(routes: dict[str, list[Routes]]) -> str:
         cells = [every[0].grid.name, f"{100 * (every[0].length_ratio.value - 1):+.1f} %"]
         for each in every:
             lost = f"{each.lost[0]:.0%} → {each.lost[1]:.0%}"
-            cells += [told(each.rmse_ratio), lost, each.verdict]
+            cells += [text_of(each.rmse_ratio), lost, each.verdict]
         rows.append(cells)
     heads = [f"{name}: {what}" for name in routes for what in ("RMSE ratio", "lost", "verdict")]
     return markdown(["map", "length", *heads], rows)
 
 
-def told(interval: Interval) -> str:
+def text_of(interval: Interval) -> str:
     return f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
 
 

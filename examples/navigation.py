@@ -16,8 +16,8 @@ def main(folder: str = "navigation", map_file: str | None = None) -> None:
     grid = (
         locplan.load_map(map_file) if map_file else locplan.maps.environments.make("two_corridors")
     )
-    field = locplan.load_or_compute(grid, locplan.FieldConfig())
-    costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+    field = locplan.load_or_compute(grid, locplan.Sad())
+    costs = locplan.Costmap.from_field(grid, field)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
 
@@ -30,7 +30,7 @@ def main(folder: str = "navigation", map_file: str | None = None) -> None:
 
     paths = {}
     if map_file is None:
-        plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0), planner="any-angle")
+        plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0))
         if plan.path is not None:
             paths["aware"] = plan.path
             export.path(target / "aware.yaml", plan.path)  # a nav_msgs/Path

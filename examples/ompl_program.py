@@ -11,7 +11,7 @@ from pathlib import Path
 from ompl import base, geometric, tools, util
 
 import locplan
-from locplan.planners import ompl as sampling
+from locplan.planners import ompl
 
 
 def main(folder: str = "ompl_program") -> None:
@@ -19,12 +19,12 @@ def main(folder: str = "ompl_program") -> None:
     grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     ends = locplan.maps.environments.landmarks("two_corridors")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
-    costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
-    motions = sampling.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car
+    costs = locplan.Costmap.from_field(grid, field)
+    motions = ompl.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car
 
     # A planner by hand: the space information checks states and motions, the problem has J.
-    information = sampling.space_information(motions)
-    problem = sampling.problem_definition(information, motions, ends["start"], ends["goal"])
+    information = ompl.space_information(motions)
+    problem = ompl.problem_definition(information, motions, ends["start"], ends["goal"])
     planner = geometric.InformedRRTstar(information)
     planner.setProblemDefinition(problem)
     planner.setRewireFactor(0.25)
@@ -37,11 +37,9 @@ def main(folder: str = "ompl_program") -> None:
     # Or everything in OMPL's own set-up, here to compare planners with its Benchmark. (That keeps
     # its set-up to the end of the program, where nanobind complains of a leak: a flaw of OMPL.)
     setup = geometric.SimpleSetup(information)
-    start, goal = (
-        sampling.state_of(information, motions, ends[name]) for name in ("start", "goal")
-    )
+    start, goal = (ompl.state_of(information, motions, ends[name]) for name in ("start", "goal"))
     setup.setStartAndGoalStates(start, goal)
-    setup.setOptimizationObjective(sampling.CostObjective(information, motions))
+    setup.setOptimizationObjective(ompl.CostObjective(information, motions))
     benchmark = tools.Benchmark(setup, "two_corridors")
     for kind in (geometric.RRTstar, geometric.BITstar):
         benchmark.addPlanner(kind(information))

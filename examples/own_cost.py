@@ -17,7 +17,7 @@ def main(folder: str = "own_cost") -> None:
     grid = locplan.maps.environments.make("office", resolution=0.1)
     ends = locplan.maps.environments.landmarks("office")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
-    aware = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+    aware = locplan.Costmap.from_field(grid, field)
     near_walls = np.clip(1.0 - grid.clearance / 0.8, 0.0, 1.0)
     both = locplan.Costmap.from_density(grid, aware.density + 3.0 * near_walls, robot_radius=0.25)
     for label, costs in (("localizability", aware), ("and clearance", both)):
@@ -26,7 +26,7 @@ def main(folder: str = "own_cost") -> None:
         print(f"{label:>15}: {metrics.length:.1f} m, at least {metrics.clearance:.2f} m from walls")
         target = Path(folder) / f"{label.replace(' ', '_')}.csv"
         target.parent.mkdir(parents=True, exist_ok=True)
-        np.savetxt(target, plan.path.xy, "%.3f", delimiter=",", header="x_m,y_m", comments="")
+        plan.path.save(target)
 
 
 if __name__ == "__main__":

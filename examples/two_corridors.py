@@ -15,8 +15,8 @@ MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
 
 def main(folder: str = "two_corridors") -> None:
     grid = locplan.load_map(MAP)
-    field = locplan.load_or_compute(grid, locplan.FieldConfig())
-    costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+    field = locplan.load_or_compute(grid, locplan.Sad())
+    costs = locplan.Costmap.from_field(grid, field)
     start, goal = (2.0, 3.0), (38.0, 3.0)
     plans = {"shortest": locplan.plan(costs.with_weight(0.0), start, goal).measured_on(costs)}
     for weight in (1.0, 4.0):
