@@ -68,9 +68,13 @@ def simulate(
     from locplan import planners
     from locplan._util.files import check_folder
     from locplan._util.progress import progress_bar
-    from locplan.costs import Costmap, about_costs
+    from locplan.costs import Costmap
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _reports as reports, _routes as routes
+    from locplan.simulation import (
+        _reports as reports,
+        _routes as routes,
+        simulate as simulate_paths,
+    )
 
     random, start, goal = driven.random, driven.start, driven.goal
     ends = start is not None, goal is not None
@@ -115,19 +119,19 @@ def simulate(
             say_written(*written)
             return
         if driven.path:
-            paths, made_of = read_paths(driven.path), {}
+            paths, costmap = read_paths(driven.path), None
         else:
             assert start is not None
             assert goal is not None
             query = planners.Query("asked", two_numbers("start", start), two_numbers("goal", goal))
             planners.check_ends(costs.blank(grids[0]), query.start, query.goal)
             costmap = costs.costmap(grids[0], compute(grids[0]))
-            paths, made_of = routes.planned(costmap, query), about_costs(costmap)
+            paths = routes.planned(costmap, query)
     if not paths:
         show(json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
         return
     with progress_bar("simulating", "drives") as progress:
-        result = routes.simulate(
+        result = simulate_paths(
             grids[0],
             paths,
             lidar=lidar,
@@ -136,7 +140,7 @@ def simulate(
             drives=driven.drives,
             seed=simulation.seed,
             threads=computing.threads,
-            made_of=made_of,
+            costs=costmap,
             progress=progress,
         )
     written = reports.write_simulation(output, result) if output else []

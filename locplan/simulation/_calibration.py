@@ -86,10 +86,10 @@ class Calibration:
         """True if Sigma explains the errors better than one value for all places would."""
         return self.r_squared > 0
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
         numbers = ("factor", "factor_before", "within_two", "r_squared", "spearman")
-        about: dict[str, Any] = {
+        about: dict[str, object] = {
             "error": self.error,
             "maps": list(self.maps),
             "places": len(self.measured),

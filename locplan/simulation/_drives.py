@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +75,9 @@ class Drives:
         """Root mean square of the position error where the drive ends [m]."""
         return of_rms(self.position_error[:, -1] ** 2)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Length, errors and share of lost drives in numbers, fit for JSON."""
-        about: dict[str, Any] = {
+        about: dict[str, object] = {
             "drives": len(self.errors),
             "length_m": float(self.distance[-1]),
         }

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +86,9 @@ class Evaluation:
         ).tolist()
         return quantiles
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """All ranks and settings, fit for JSON."""
-        about: dict[str, Any] = {
+        about: dict[str, object] = {
             "maps": [
                 {"name": each.grid.name, "digest": each.grid.digest, "places": len(each.points)}
                 | {f"{kind}_rmse_m_10_50_90": self.quantiles(n, kind) for kind in KINDS}

@@ -20,7 +20,8 @@ from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
 from locplan.simulation._predictors import Predictor
-from locplan.simulation._routes import Routes, Simulation
+from locplan.simulation._routes import Routes
+from locplan.simulation._simulate import Simulation
 
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02

@@ -7,7 +7,6 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from locplan.errors import LocplanError
 from locplan.maps._ros_parameters import read_parameters
@@ -74,7 +73,7 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     return amcl
 
 
-def _not_simulated(given: Mapping[str, Any]) -> Iterator[str]:
+def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
     """Names of parameters in `NO_MATTER` that do matter with the values given."""
     for name in ("recovery_alpha_slow", "recovery_alpha_fast"):
         if given.get(name):

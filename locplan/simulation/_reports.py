@@ -19,7 +19,8 @@ from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import PROFILE, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
 from locplan.simulation._predictors import CLEARANCE, Predictor
-from locplan.simulation._routes import COLUMNS, Routes, Simulation
+from locplan.simulation._routes import COLUMNS, Routes
+from locplan.simulation._simulate import Simulation
 
 FEW_PLACES = 20
 """Number of places below which predictors are not judged."""
@@ -247,7 +248,7 @@ def routes_summary(every: Sequence[Routes]) -> dict[str, Any]:
     return {"maps": [routes.summary() for routes in every]}
 
 
-def _write_json(file: Path, about: Mapping[str, Any]) -> None:
+def _write_json(file: Path, about: Mapping[str, object]) -> None:
     with replacing(file) as temporary:
         text = json.dumps({"locplan": __version__, **about}, indent=2)
         temporary.write_text(text + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Simulated drives along the shortest and the aware path, of one query or of many."""
+"""Simulated drives along the shortest and the localizability-aware path of many queries."""
 
 from __future__ import annotations
 
@@ -6,154 +6,25 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
 from locplan.simulation._drives import Drives, contrasts
-from locplan.simulation._motion import poses_along
 from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
 
-DRIVES = 100
-"""Number of drives along each path."""
 SHORTEST, AWARE = "shortest", "localizability-aware"
 """Names of the paths of `locplan.planners.plan_beside_shortest`."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Simulation:
-    """Drives along some paths on one map."""
-
-    grid: OccupancyGrid
-    paths: Mapping[str, Path]
-    """Paths by name; the others are compared with the first."""
-    drives: Mapping[str, Drives]
-    """Drives of each path, equally many; the n-th of all have the same world and seed."""
-    lidar: Lidar
-    amcl: Amcl
-    disturbances: Disturbances
-    seed: int
-    made_of: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """Description of what the paths were planned on, fit for JSON."""
-
-    def __repr__(self) -> str:
-        driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
-        return f"Simulation({self.grid.name or 'map'}, {driven})"
-
-    def summary(self) -> dict[str, Any]:
-        """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
-        about: dict[str, Any] = {
-            **(self.made_of or {"map": {"name": self.grid.name, "digest": self.grid.digest}}),
-            "paths": {name: each.summary() for name, each in self.drives.items()},
-            "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
-            "seed": self.seed,
-            "lidar": dataclasses.asdict(self.lidar),
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
-        }
-        return finite(about)
-
-
-def simulate(
-    grid: OccupancyGrid,
-    paths: Mapping[str, Path | ArrayLike],
-    *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
-    drives: int = DRIVES,
-    seed: int = 1,
-    threads: int | None = None,
-    made_of: Mapping[str, Any] | None = None,
-    progress: ProgressCallback | None = None,
-) -> Simulation:
-    """Drive some paths of one map with a particle filter.
-
-    The robot follows the path exactly, whatever the filter thinks.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    paths : mapping of str to Path, or to (n, 2) array
-        Paths by name, each within the free cells; the others are compared with the first. Arrays
-        are positions in the world [m].
-    lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and the disturbances; see `Simulator`.
-    drives : int
-        Number of drives along each path, at least 2.
-    seed : int
-        Seed of all random numbers; equal seeds give equal results, on any number of threads.
-    threads : int, optional
-        Number of threads; all cores by default.
-    made_of : mapping, optional
-        Description of what the paths were planned on, for the result's summary.
-    progress : callable, optional
-        Called with (done, total) drives.
-
-    Returns
-    -------
-    Simulation
-
-    Raises
-    ------
-    LocplanError
-        If there is no path, one leaves the free cells, or a number is out of its range.
-
-    Examples
-    --------
-    >>> import locplan
-    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> straight = Path(np.array([[2.0, 3.0], [6.0, 3.0]]))
-    >>> result = simulate(grid, {"straight": straight}, drives=4)
-    >>> result.drives["straight"].lost_rate.value
-    0.0
-    """
-    whole("drives", drives, 2)
-    if not paths:
-        raise ConfigError("there must be at least one path to drive")
-    simulator = Simulator(
-        grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
-    )
-    routes = {
-        name: path if isinstance(path, Path) else Path(np.asarray(path))
-        for name, path in paths.items()
-    }
-    driven = _driven(simulator, routes, drives, 0, progress)
-    settings = simulator.lidar, simulator.amcl, simulator.disturbances
-    return Simulation(grid, routes, driven, *settings, seed, dict(made_of or {}))
-
-
-def _driven(
-    simulator: Simulator,
-    paths: Mapping[str, Path],
-    drives: int,
-    stream: int,
-    progress: ProgressCallback | None,
-) -> dict[str, Drives]:
-    """Drives of each path, the n-th of all with the same random numbers."""
-    lines = {}
-    for name, path in paths.items():
-        try:
-            lines[name] = poses_along(path, simulator.grid)
-        except LocplanError as error:
-            raise LocplanError(f"path {name}: {error}") from None
-    callbacks = parts(progress, [drives] * len(lines))
-    return {
-        name: simulator.drive_along(poses, drives, stream=stream, progress=part)
-        for (name, poses), part in zip(lines.items(), callbacks, strict=True)
-    }
 
 
 def planned(costs: Costmap, query: Query) -> dict[str, Path]:
@@ -173,7 +44,7 @@ class Route:
     """RMSE of the position along each path [m]."""
     lost: tuple[float, float]
     """Share of each path's drives that were lost at any time."""
-    summary: Mapping[str, Any]
+    summary: Mapping[str, object]
     """Summary of each path's drives, and the ratio of their RMSE, fit for JSON."""
 
 
@@ -199,7 +70,7 @@ class Routes:
 
     grid: OccupancyGrid
     routes: Sequence[Route]
-    about: Mapping[str, Any]
+    about: Mapping[str, object]
     """Settings of the costs, the filter and the worlds, fit for JSON."""
 
     def __repr__(self) -> str:
@@ -244,7 +115,7 @@ class Routes:
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
 
-    def rows(self) -> list[list[Any]]:
+    def rows(self) -> list[list[object]]:
         """One row per query, in the columns of `COLUMNS`."""
         return [
             [
@@ -258,9 +129,9 @@ class Routes:
             for each in self.routes
         ]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON; pairs are of the shortest and of the aware path."""
-        about: dict[str, Any] = {
+        about: dict[str, object] = {
             **self.about,
             "verdict": self.verdict,
             "length_ratio": list(self.length_ratio),
@@ -323,7 +194,7 @@ def simulate_queries(
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
     callbacks = parts(progress, [2 * drives] * len(found))
     routes = [
-        _route(query, _driven(simulator, paths, drives, n, part))
+        _route(query, drive_paths(simulator, paths, drives, n, part))
         for n, ((query, paths), part) in enumerate(zip(found.items(), callbacks, strict=True))
     ]
     about = {

@@ -161,7 +161,7 @@ class Disturbances:
 
 
 def changed(
-    amcl: Amcl, disturbances: Disturbances, changes: Mapping[str, Any]
+    amcl: Amcl, disturbances: Disturbances, changes: Mapping[str, object]
 ) -> tuple[Amcl, Disturbances]:
     """Copies of the filter's parameters and the disturbances with some fields changed by name.
 
@@ -170,15 +170,13 @@ def changed(
     ConfigError
         If neither has such a field, or a value is out of its range.
     """
-    ours = {each.name for each in dataclasses.fields(amcl)}
-    theirs = {each.name for each in dataclasses.fields(disturbances)}
+    owners: tuple[Any, Any] = amcl, disturbances
+    known = [[each.name for each in dataclasses.fields(owner)] for owner in owners]
     for name in changes:
-        if name not in ours | theirs:
-            raise ConfigError(
-                f"nothing simulated is called {name!r}; there are"
-                f" {', '.join(sorted(ours | theirs))}"
-            )
-    return (
-        dataclasses.replace(amcl, **{k: v for k, v in changes.items() if k in ours}),
-        dataclasses.replace(disturbances, **{k: v for k, v in changes.items() if k in theirs}),
+        if name not in (names := sorted(known[0] + known[1])):
+            raise ConfigError(f"nothing simulated is called {name!r}; there are {', '.join(names)}")
+    one, other = (
+        dataclasses.replace(owner, **{name: changes[name] for name in names if name in changes})
+        for owner, names in zip(owners, known, strict=True)
     )
+    return one, other

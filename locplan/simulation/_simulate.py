@@ -1,0 +1,151 @@
+"""Simulated drives along some paths of one map."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._util.checks import whole
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.tables import finite
+from locplan.costs import Costmap, Path, about_costs
+from locplan.errors import ConfigError, LocplanError
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid
+from locplan.simulation._drives import Drives, contrasts
+from locplan.simulation._motion import poses_along
+from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._simulator import Simulator
+
+DRIVES = 100
+"""Number of drives along each path."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation:
+    """Drives along some paths on one map."""
+
+    grid: OccupancyGrid
+    paths: Mapping[str, Path]
+    """Paths by name; the others are compared with the first."""
+    drives: Mapping[str, Drives]
+    """Drives of each path, equally many; the n-th of all have the same world and seed."""
+    lidar: Lidar
+    amcl: Amcl
+    disturbances: Disturbances
+    seed: int
+    costs: Costmap | None = None
+    """Costmap that the paths were planned on, if that is known."""
+
+    def __repr__(self) -> str:
+        driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
+        return f"Simulation({self.grid.name or 'map'}, {driven})"
+
+    def summary(self) -> dict[str, object]:
+        """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
+        map_of = {"name": self.grid.name, "digest": self.grid.digest}
+        about: dict[str, object] = {
+            **(about_costs(self.costs) if self.costs else {"map": map_of}),
+            "paths": {name: each.summary() for name, each in self.drives.items()},
+            "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
+            "seed": self.seed,
+            "lidar": dataclasses.asdict(self.lidar),
+            "amcl": dataclasses.asdict(self.amcl),
+            "disturbances": dataclasses.asdict(self.disturbances),
+        }
+        return finite(about)
+
+
+def simulate(
+    grid: OccupancyGrid,
+    paths: Mapping[str, Path | ArrayLike],
+    *,
+    lidar: Lidar | None = None,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    drives: int = DRIVES,
+    seed: int = 1,
+    threads: int | None = None,
+    costs: Costmap | None = None,
+    progress: ProgressCallback | None = None,
+) -> Simulation:
+    """Drive some paths of one map with a particle filter.
+
+    The robot follows the path exactly, whatever the filter thinks.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : mapping of str to Path, or to (n, 2) array
+        Paths by name, each within the free cells; the others are compared with the first. Arrays
+        are positions in the world [m].
+    lidar, amcl, disturbances : optional
+        The robot's lidar, its filter, and the disturbances; see `Simulator`.
+    drives : int
+        Number of drives along each path, at least 2.
+    seed : int
+        Seed of all random numbers; equal seeds give equal results, on any number of threads.
+    threads : int, optional
+        Number of threads; all cores by default.
+    costs : Costmap, optional
+        Costmap that the paths were planned on, for the result's summary.
+    progress : callable, optional
+        Called with (done, total) drives.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    LocplanError
+        If there is no path, one leaves the free cells, or a number is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> straight = Path(np.array([[2.0, 3.0], [6.0, 3.0]]))
+    >>> result = simulate(grid, {"straight": straight}, drives=4)
+    >>> result.drives["straight"].lost_rate.value
+    0.0
+    """
+    whole("drives", drives, 2)
+    if not paths:
+        raise ConfigError("there must be at least one path to drive")
+    simulator = Simulator(
+        grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
+    )
+    routes = {
+        name: path if isinstance(path, Path) else Path(np.asarray(path))
+        for name, path in paths.items()
+    }
+    driven = drive_paths(simulator, routes, drives, 0, progress)
+    settings = simulator.lidar, simulator.amcl, simulator.disturbances
+    return Simulation(grid, routes, driven, *settings, seed, costs)
+
+
+def drive_paths(
+    simulator: Simulator,
+    paths: Mapping[str, Path],
+    drives: int,
+    stream: int,
+    progress: ProgressCallback | None,
+) -> dict[str, Drives]:
+    """Drives of each path, the n-th of all with the same random numbers."""
+    lines = {}
+    for name, path in paths.items():
+        try:
+            lines[name] = poses_along(path, simulator.grid)
+        except LocplanError as error:
+            raise LocplanError(f"path {name}: {error}") from None
+    callbacks = parts(progress, [drives] * len(lines))
+    return {
+        name: simulator.drive_along(poses, drives, stream=stream, progress=part)
+        for (name, poses), part in zip(lines.items(), callbacks, strict=True)
+    }
