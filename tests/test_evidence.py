@@ -418,7 +418,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
         ((*ENDS, "--random", "3"), "give one of --path"),
         ((*ENDS, "--set", "alpha9=1"), "nothing simulated is called 'alpha9'; there are alpha1,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
-        ((*ENDS, "--set", "alpha1=often"), "alpha1 must be a number"),
+        ((*ENDS, "--set", "alpha1=often"), "alpha1 must be at least 0"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
         ((*ENDS, "--lidar", "sonar"), "--lidar must be one of rplidar-a1"),
         ((*ENDS, "--params", "none.yaml"), "none.yaml: cannot be read"),
