@@ -107,9 +107,7 @@ def _summed(tensor: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     )
 
 
-def _main_axes(
-    tensors: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _main_axes(tensors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Unit vectors of the axes' doubled angles, (n, 2), and agreement of the slopes, 0..1."""
     length = np.hypot(tensors[:, 0], tensors[:, 1])
     axes = tensors[:, :2] / np.maximum(length, 1.0)[:, None]
