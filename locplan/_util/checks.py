@@ -13,13 +13,7 @@ from locplan.errors import ConfigError, LocplanError, PoseError
 
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a finite number within limits as a float.
-
-    Raises
-    ------
-    ConfigError
-        If the value is no number, or lies outside the limits.
-    """
+    """Return a finite number within limits as a float."""
     if is_number(value) and low <= float(value) <= high:
         return float(value)
     limits = "a number"
@@ -29,13 +23,7 @@ def number(name: str, value: object, low: float = -math.inf, high: float = math.
 
 
 def positive(name: str, value: object, unit: str = "") -> float:
-    """Return a finite number above 0 as a float; `unit` is its unit in the error message.
-
-    Raises
-    ------
-    ConfigError
-        If the value is no such number.
-    """
+    """Return a finite number above 0 as a float; `unit` is its unit in the error message."""
     if not (is_number(value) and value > 0):
         what = f"a positive number of {unit}" if unit else "positive"
         raise ConfigError(f"{name} must be {what}, not {shown(value)}")
@@ -43,13 +31,7 @@ def positive(name: str, value: object, unit: str = "") -> float:
 
 
 def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
-    """Return a whole number within limits as an int.
-
-    Raises
-    ------
-    ConfigError
-        If the value is no whole number, or lies outside the limits.
-    """
+    """Return a whole number within limits as an int."""
     if not is_whole(value) or not low <= value <= high:
         limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
         raise ConfigError(f"{name} must be a whole number {limits}, not {shown(value)}")
@@ -71,13 +53,7 @@ def instance(name: str, value: object, kind: type, remedy: str = "") -> None:
 
 
 def position(x: object, y: object = None, name: str = "a position") -> tuple[float, float]:
-    """Return a position in the world, given as x and y or as (x, y), as two floats [m].
-
-    Raises
-    ------
-    PoseError
-        If it is not two finite numbers.
-    """
+    """Return a position in the world, given as x and y or as (x, y), as two floats [m]."""
     given = x if y is None else (x, y)
     try:
         first, second = (float(value) for value in given)  # type: ignore[attr-defined]

@@ -21,28 +21,17 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
 
     The temporary name keeps the target's suffix, since writers choose the format by it. On an
     exception the temporary file is removed and `target` stays as it was.
-
-    Raises
-    ------
-    LocplanError
-        If the folder does not exist or cannot be written, or the disk is full.
     """
     path = Path(target)
-    try:
-        handle, name = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix
-        )
-    except OSError as error:
-        raise LocplanError(f"{path}: cannot be written ({error.strerror})") from None
-    os.close(handle)
-    try:
-        yield Path(name)
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, path)
-    except OSError as error:
-        raise LocplanError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        Path(name).unlink(missing_ok=True)
+    with _errors_in_one_line(path):
+        handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}-", path.parent)
+        os.close(handle)
+        try:
+            yield Path(name)
+            os.chmod(name, 0o666 & ~_umask())
+            os.replace(name, path)
+        finally:
+            Path(name).unlink(missing_ok=True)
 
 
 @contextmanager
@@ -53,34 +42,23 @@ def replacing_folder(
 
     On an exception the new folder is removed and `target` stays as it was. A folder that is
     replaced is moved aside first and removed last.
-
-    Raises
-    ------
-    LocplanError
-        If `check_folder_target` raises it, or the disk is full.
     """
     check_folder_target(Path(target), suffix, ours)
     path = Path(os.path.realpath(target))
-    try:
-        temporary = Path(
-            tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-        )
-    except OSError as error:
-        raise LocplanError(f"{path}: cannot be written ({error.strerror})") from None
-    aside = temporary.with_name(temporary.name + ".old")
-    try:
-        temporary.chmod(0o777 & ~_umask())
-        yield temporary
-        if path.exists():
-            path.rename(aside)
-        temporary.rename(path)
-    except OSError as error:
-        raise LocplanError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if aside.exists() and not path.exists():
-            aside.rename(path)
-        shutil.rmtree(aside, ignore_errors=True)
+    with _errors_in_one_line(path):
+        temporary = Path(tempfile.mkdtemp(path.suffix, f".{path.stem}-", path.parent))
+        aside = temporary.with_name(temporary.name + ".old")
+        try:
+            temporary.chmod(0o777 & ~_umask())
+            yield temporary
+            if path.exists():
+                path.rename(aside)
+            temporary.rename(path)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+            if aside.exists() and not path.exists():
+                aside.rename(path)
+            shutil.rmtree(aside, ignore_errors=True)
 
 
 def check_target(path: Path, *suffixes: str) -> None:
@@ -120,13 +98,7 @@ def check_folder(folder: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, unless they exist.
-
-    Raises
-    ------
-    LocplanError
-        If that is not possible.
-    """
+    """Make a folder and those above it, unless they exist."""
     if folder.exists() and not folder.is_dir():
         raise LocplanError(f"{folder}: is a file, not a folder")
     try:
@@ -140,6 +112,14 @@ def _check_parent(path: Path) -> None:
         raise LocplanError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise LocplanError(f"{path}: {path.parent} is no folder that can be written")
+
+
+@contextmanager
+def _errors_in_one_line(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise LocplanError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 def _umask() -> int:

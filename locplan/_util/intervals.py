@@ -47,14 +47,8 @@ def of_geometric_mean(values: NDArray[np.float64]) -> Interval:
 def of_rms(squares: NDArray[np.float64], others: NDArray[np.float64] | None = None) -> Interval:
     """95 % interval of a root mean square, or of the ratio of two over the same trials.
 
-    It is Student's interval of the jackknife's pseudo-values of the logarithm.
-
-    Parameters
-    ----------
-    squares : (n,) array
-        Mean square of each trial.
-    others : (n,) array, optional
-        Mean squares of the root mean square to divide by, in the same order.
+    `squares` are the mean squares of the trials, and `others` those of the root mean square to
+    divide by. It is Student's interval of the jackknife's pseudo-values of the logarithm.
     """
     below = np.ones_like(squares) if others is None else others
     total, total_below, count = squares.sum(), below.sum(), squares.size

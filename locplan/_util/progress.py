@@ -19,23 +19,17 @@ def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[Pr
     first run of all compiles the kernels), and vanishes when the work ends. There is no bar if
     standard error is no terminal.
     """
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeRemainingColumn,
-    )
 
     console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-        TextColumn("left"),
+    bar = progress.Progress(
+        "{task.description}",
+        progress.BarColumn(),
+        progress.TaskProgressColumn(),
+        "{task.fields[rate]}",
+        progress.TimeRemainingColumn(),
+        "left",
         console=console,
         transient=True,
         disable=not console.is_terminal,
