@@ -63,6 +63,8 @@ def test_xarray_reads_the_covariance_at_a_position(field, saved):
         assert dataset.covariance.dims[:2] == ("y", "x")
         np.testing.assert_array_equal(dataset.cells, field.grid.cells)
         assert dataset.attrs["resolution"] == 0.1
+        for name in ("x", "y"):
+            np.testing.assert_array_equal(dataset[name], field.to_xarray()[name])
 
 
 def test_fields_without_rotation_and_turned_maps_come_back(tmp_path):

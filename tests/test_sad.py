@@ -15,7 +15,9 @@ from locplan.paper.template_matching import sad_distribution
 
 def compare(cells, rows, cols, radius, window, *, visible=False):
     rows, cols = np.array(rows), np.array(cols)
-    result = sad.sad_distributions(cells, rows, cols, radius, window, visible=visible)
+    part = MapPart.whole(cells, rows, cols, window.resolution)
+    tile = sad.lay_out_tile(part, radius, window, visible=visible)
+    result = sad.LEVEL_STEP * kernel.tile_mismatch_counts(tile).transpose(0, 1, 3, 2)
     for n in range(len(rows)):
         expected = sad_distribution(cells, rows[n], cols[n], radius, window, visible=visible)
         np.testing.assert_array_equal(result[n], expected)
@@ -167,7 +169,7 @@ def test_cells_left_out_when_stopped_are_nan():
     cells = random_rooms((60, 60), seed=3)
     control = np.array([1, 0])
     rows = np.array([30, 34])
-    part = replace(MapPart.whole(cells, rows, rows, 0.05), shared=control)
+    part = replace(MapPart.whole(cells, rows, rows, 0.05), control=control)
     stopped = Sad(range=0.5).covariances(part)
     assert np.isnan(stopped["covariance"]).all()
     assert control.tolist() == [1, 0]

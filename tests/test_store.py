@@ -152,7 +152,7 @@ def test_what_decides_no_value_makes_no_other_field(grid, config, other):
 def test_another_engine_is_another_field(grid, tmp_path, computed, monkeypatch):
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
     once = sum(computed)
-    monkeypatch.setattr(field_files, "ENGINE", field_files.ENGINE + 1)
+    monkeypatch.setattr(tiles, "ENGINE", tiles.ENGINE + 1)
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
     assert sum(computed) == 2 * once
 

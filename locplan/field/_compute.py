@@ -59,5 +59,6 @@ def covariance_field(
     check_grid(grid)
     config = config_of(config)
     values = tiles.nothing_known(grid, config)
-    tiles.complete(values, grid, config, threads, executor, progress)
+    for _ in tiles.finished_chunks(values, grid, config, threads, executor, progress):
+        pass
     return CovarianceField.of(values, grid, config)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -51,7 +50,7 @@ class MapPart:
     """Headings of the robot in the grid's own axes, (k,) [rad]."""
     prepared: Any = None
     """Result of `Estimator.prepare` for these levels, or None."""
-    shared: NDArray[np.int64] | None = None
+    control: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, np.int64))
     """Two numbers shared with other threads: 1 to stop early, and the number of cells done."""
 
     def __repr__(self) -> str:
@@ -68,17 +67,13 @@ class MapPart:
         """Part that is a whole map, with some of its cells; the robot heads along the rows."""
         return cls(cells, rows, cols, resolution, (cells.shape[0], cells.shape[1]))
 
-    @cached_property
-    def control(self) -> NDArray[np.int64]:
-        """`shared`, or a new array of that kind for the kernels."""
-        return np.zeros(2, np.int64) if self.shared is None else self.shared
-
 
 @dataclass(frozen=True, kw_only=True)
 class Estimator(ABC):
     """Base class of the estimators of a pose match's covariance, frozen dataclasses of settings.
 
-    A new estimator is a subclass in a module of its own and a line in `locplan.field._registry`.
+    A setting out of its range is a ConfigError when the estimator is made. A new estimator is a
+    subclass in a module of its own and a line in `locplan.field._registry`.
     """
 
     name: ClassVar[str]

@@ -125,17 +125,13 @@ class CovarianceField(Pictured):
         with_q : bool
             Whether Sigma + Q counts even where the estimator has not added Q.
         """
-        several = self.covariance.ndim == 5
         if name in self.layers:
             values = self.layers[name]
-            if several and headings:
-                return np.asarray(values.mean(axis=2) if headings == "mean" else values.max(axis=2))
-            return values
-        covariance = self.quantised_covariance if with_q else self.covariance
-        if several and headings == "mean":
-            return scalar(self._merged(covariance), name)
-        values = scalar(covariance, name)
-        return values.max(axis=2) if several and headings == "worst" else values
+            values = values.mean(axis=2) if values.ndim == 3 and headings == "mean" else values
+        else:
+            covariance = self.quantised_covariance if with_q else self.covariance
+            values = scalar(self._merged(covariance) if headings == "mean" else covariance, name)
+        return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
 
     @property
     def mean_covariance(self) -> NDArray[np.float64]:
@@ -271,23 +267,16 @@ class CovarianceField(Pictured):
             from xarray import Dataset
         except ImportError:
             raise LocplanError("to_xarray needs xarray: pip install 'locplan[tables]'") from None
-        h, w = self.evaluated.shape
-        steps, (x0, y0, yaw) = self.stride * self.grid.resolution, self.grid.origin
-        half = self.grid.resolution / 2
-        places = ("y", "x") if self.covariance.ndim == 4 else ("y", "x", "heading")
-        coordinates: dict[str, Any] = {
-            "y": ("y", y0 + half + steps * np.arange(h), {"units": "m"}),
-            "x": ("x", x0 + half + steps * np.arange(w), {"units": "m"}),
-        }
-        if len(places) == 3:
-            coordinates["heading"] = ("heading", self.config.heading_angles, {"units": "rad"})
+        coordinates = field_files.coordinates(self.grid, self.config)
+        places = tuple(coordinates)
         arrays: dict[str, Any] = {
             "covariance": ((*places, "pose_row", "pose_col"), self.covariance),
             "e": (places, self.e, {"units": self.e_unit}),
             **{name: (places, layer) for name, layer in self.layers.items()},
         }
-        about = {"map": self.grid.name, "yaw": yaw, "estimator": self.config.estimator.summary}
-        return Dataset(arrays, coordinates, about)
+        estimator, yaw = self.config.estimator.summary, self.grid.origin[2]
+        at = {name: (name, *described) for name, described in coordinates.items()}
+        return Dataset(arrays, at, {"map": self.grid.name, "yaw": yaw, "estimator": estimator})
 
     def update(
         self,
@@ -317,7 +306,8 @@ class CovarianceField(Pictured):
         values = tiles.nothing_known(grid, self.config)
         for name, known in self.values.items():
             values[name][same] = known[same]
-        tiles.complete(values, grid, self.config, threads, executor, progress)
+        for _ in tiles.finished_chunks(values, grid, self.config, threads, executor, progress):
+            pass
         return CovarianceField.of(values, grid, self.config)
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -24,16 +24,7 @@ from numpy.typing import NDArray
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
-from locplan.field import _tiles as tiles, _zarr as field_files
-from locplan.field._cache import (
-    CacheEntry,
-    cache_folder,
-    cache_limit,
-    evict,
-    fields,
-    lock_of,
-    mark_used,
-)
+from locplan.field import _cache as cache, _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
@@ -90,7 +81,7 @@ def load_or_compute(
     """
     check_grid(grid)
     config = config_of(config)
-    limit = cache_limit()
+    limit = cache.cache_limit()
     path = field_path(grid, config, cache_dir)
     found = _Found.at(path, grid, config)
     if lacking := int(found.lacking.sum()):
@@ -108,8 +99,8 @@ def load_or_compute(
                         field_files.write_chunks, path, found.values, [chunk]
                     )
         if cached:
-            evict(path.parent, limit, path)
-    mark_used(path)
+            cache.evict(path.parent, limit, path)
+    cache.mark_used(path)
     return CovarianceField.of(found.values, grid, config)
 
 
@@ -120,7 +111,7 @@ def field_path(
     about = field_files.attributes(grid, config)
     decisive = [about[name] for name in DECISIVE]
     key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
-    return cache_folder(cache_dir) / (key + field_files.SUFFIX)
+    return cache.cache_folder(cache_dir) / (key + field_files.SUFFIX)
 
 
 @dataclass(frozen=True)
@@ -164,13 +155,13 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
 
     lock = None
     try:
-        lock = lock_of(path)
+        lock = cache.lock_of(path)
         while not lock.is_locked:
             try:
                 lock.acquire(timeout=_PATIENCE)
             except Timeout:
                 if progress:
-                    progress(int(lacking * CacheEntry.read(path).share), lacking)
+                    progress(int(lacking * cache.CacheEntry.read(path).share), lacking)
     except (OSError, NotImplementedError) as error:
         lock = None
         _warn(f"the field is not cached: {path.parent} cannot be written ({_reason(error)})")
@@ -188,7 +179,7 @@ def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldCon
         name for name in expected if name not in ("locplan", "map_digest", "map_name", "config")
     ]
     looked_at = 0
-    for folder in fields(path.parent):
+    for folder in cache.fields(path.parent):
         lacking = tiles.missing_points(found.values, grid, config)
         if looked_at == RELATIVES or not lacking.any():
             break

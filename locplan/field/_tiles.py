@@ -6,7 +6,6 @@ import os
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
 from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
@@ -80,20 +79,6 @@ def missing_points(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
     return wanted & ~known_points(values)
 
 
-def complete(
-    values: Values,
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    threads: int | None,
-    executor: Executor | None,
-    progress: ProgressCallback | None,
-    wanted: NDArray[np.bool_] | None = None,
-) -> None:
-    """Run `finished_chunks` to the end, for callers that do not need the chunks."""
-    for _ in finished_chunks(values, grid, config, threads, executor, progress, wanted):
-        pass
-
-
 def finished_chunks(
     values: Values,
     grid: OccupancyGrid,
@@ -109,32 +94,13 @@ def finished_chunks(
     count their cells as they go and stop at once when the caller does; an executor finishes the
     tiles that it has begun.
 
-    Parameters
-    ----------
-    values : dict of arrays
-        Arrays of the shapes `field_shapes`, covariances in the world frame, NaN where unknown;
-        filled in place.
-    grid, config, threads, executor, progress
-        See `locplan.covariance_field`.
-    wanted : (h, w) array of bool, optional
-        The lattice points to compute; all that a field needs by default.
-
-    Yields
-    ------
-    Chunk
-        A chunk of `chunk_edge` lattice points along each axis, or fewer at the edges.
-
-    Raises
-    ------
-    FieldError
-        If the executor fails.
+    `values` are filled in place, covariances in the world frame; NaN marks what is missing.
+    `wanted` (h, w) marks the lattice points to compute; by default all that a field needs.
     """
     if threads is not None and threads < 1:
         raise ConfigError(f"threads must be at least 1, not {threads}")
-    if wanted is None:
-        missing = missing_points(values, grid, config)
-    else:
-        missing = wanted & ~known_points(values)
+    needed = missing_points(values, grid, config)
+    missing = needed if wanted is None else wanted & ~known_points(values)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
     estimator = config.estimator
     if not total:
@@ -145,20 +111,14 @@ def finished_chunks(
     waiting = _tiles(missing, pending, config, grid.resolution)
     pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
     # Threads of this process share what the estimator prepares from the whole map.
-    prepared = None
-    if executor is None:
-        prepared = estimator.prepare(grid.cells, grid.resolution)
+    prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     try:
         while True:
             for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
-                part, control = _whole_map(grid, config, points), np.zeros(2, np.int64)
-                if prepared is None:
-                    part = _cut_out(part, estimator)
-                if executor is None:
-                    part = replace(part, prepared=prepared, shared=control)
+                part = _part(grid, config, points, prepared)
                 with _one_line_errors(executor):
                     tile = pool.submit(compute, ENGINE, estimator, part)
-                running[tile] = chunk, points, control
+                running[tile] = chunk, points, part.control
                 tile.add_done_callback(done.put)
             if not running:
                 break
@@ -185,13 +145,7 @@ def finished_chunks(
 
 
 def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
-    """Compute the values of a tile, on a worker that must have the same engine.
-
-    Raises
-    ------
-    FieldError
-        If the worker has another engine.
-    """
+    """Compute the values of a tile, on a worker that must have the same engine."""
     if engine != ENGINE:
         raise FieldError(
             f"a worker has another locplan (engine {ENGINE}, not {engine}); install the same one"
@@ -218,13 +172,7 @@ def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
 def untouched_points(
     before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
 ) -> NDArray[np.bool_]:
-    """Mask of the second map's lattice points whose covariances are those of the first, (h, w).
-
-    Raises
-    ------
-    FieldError
-        If the maps differ in more than their cells.
-    """
+    """Mask of the second map's lattice points whose covariances are those of the first, (h, w)."""
     import cv2
 
     for name in ("shape", "resolution", "origin"):
@@ -266,22 +214,19 @@ def _tiles(
             yield chunk, tile
 
 
-def _whole_map(grid: OccupancyGrid, config: FieldConfig, points: _Points) -> MapPart:
-    """Cells of some lattice points, with the whole map."""
+def _part(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
+    """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
     stride = stride_cells(config.stride, grid.resolution)
     rows, cols = (index * stride for index in points)
     if config.estimator.casts_rays:
         rows, cols = standing_cells(grid.free, rows, cols, stride)
-    headings = config.heading_angles - grid.origin[2]
-    return MapPart(grid.cells, rows, cols, grid.resolution, grid.shape, headings=headings)
-
-
-def _cut_out(part: MapPart, estimator: Estimator) -> MapPart:
-    """Cells of a part, with only the piece of the map that they depend on."""
-    reach = estimator.halo(part.resolution, part.map_shape)
-    top, left = max(0, int(part.rows.min()) - reach), max(0, int(part.cols.min()) - reach)
-    bottom, right = int(part.rows.max()) + reach + 1, int(part.cols.max()) + reach + 1
-    return replace(part, levels=part.levels[top:bottom, left:right], corner=(top, left))
+    levels, top, left = grid.cells, 0, 0
+    if prepared is None:
+        reach = config.estimator.halo(grid.resolution, grid.shape)
+        top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
+        levels = levels[top : int(rows.max()) + reach + 1, left : int(cols.max()) + reach + 1]
+    headings, at = config.heading_angles - grid.origin[2], (top, left)
+    return MapPart(levels, rows, cols, grid.resolution, grid.shape, at, headings, prepared)
 
 
 def _next(done: SimpleQueue[_Tile]) -> _Tile | None:

@@ -20,22 +20,19 @@ from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan.errors import FieldError, LocplanError
+from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
 from locplan.field._estimator import Values
 from locplan.field._lattice import evaluated_points, stride_cells
-from locplan.field._tiles import (
-    ENGINE,
-    Chunk,
-    chunk_edge,
-    chunks_of,
-    field_shapes,
-    known_points,
-    missing_points,
-)
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 FORMAT = "locplan-field-4"
 SUFFIX = ".zarr"
+METRES: dict[str, Any] = {
+    "long_name": "of the map's own axes, which the origin's yaw turns about the origin",
+    "units": "m",
+}
+"""Attributes of the coordinates y and x."""
 COVARIANCE: dict[str, Any] = {
     "long_name": "covariance of a pose match (x, y, theta), world frame",
     "units": "m2, m rad, rad2",
@@ -47,7 +44,7 @@ def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
     """Attributes of a field's group, which describe the field."""
     return {
         "format": FORMAT,
-        "engine": ENGINE,
+        "engine": tiles.ENGINE,
         "locplan": __version__,
         "map_name": grid.name,
         "map_digest": grid.digest,
@@ -64,13 +61,7 @@ def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:
-    """Read the attributes of a field's group.
-
-    Raises
-    ------
-    FieldError
-        If the folder is missing or holds no covariance field.
-    """
+    """Read the attributes of a field's group."""
     try:
         about: dict[str, Any] = json.loads((folder / "zarr.json").read_text())["attributes"]
         if about["format"] != FORMAT:
@@ -100,18 +91,16 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
-    shapes, edge = field_shapes(grid, config), _edge(grid, config)
-    stride = stride_cells(config.stride, grid.resolution)
-    chunks = sum(1 for _ in chunks_of(evaluated_points(grid.free, stride), edge))
+    edge, stride = _edge(grid, config), stride_cells(config.stride, grid.resolution)
+    chunks = sum(1 for _ in tiles.chunks_of(evaluated_points(grid.free, stride), edge))
     about = attributes(grid, config) | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
-    about_layers: dict[str, dict[str, Any]] = {
-        layer.name: {"long_name": layer.label, "units": layer.unit}
-        for layer in config.estimator.layers
-    }
-    places = ("y", "x") if config.headings == 1 else ("y", "x", "heading")
-    for name, shape in shapes.items():
+    described = {"covariance": COVARIANCE}
+    for layer in config.estimator.layers:
+        described[layer.name] = {"long_name": layer.label, "units": layer.unit}
+    places = coordinates(grid, config)
+    for name, shape in tiles.field_shapes(grid, config).items():
         group.create_array(
             name,
             chunk_key_encoding={"name": "default", "separator": "."},
@@ -121,7 +110,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
             fill_value=np.nan,
             compressors=compressed,
             dimension_names=(*places, "pose_row", "pose_col")[: len(shape)],
-            attributes=about_layers.get(name, COVARIANCE),
+            attributes=described[name],
         )
     group.create_array(
         "cells",
@@ -135,42 +124,41 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
             "flag_meanings": "occupied unknown free",
         },
     )
+    for name, (points, meaning) in places.items():
+        group.create_array(name, data=points, dimension_names=(name,), attributes=meaning)
+
+
+def coordinates(
+    grid: OccupancyGrid, config: FieldConfig
+) -> dict[str, tuple[NDArray[Any], dict[str, Any]]]:
+    """Values and attributes of the coordinates y, x and, if there are several, heading."""
+    stride, (x0, y0, _) = stride_cells(config.stride, grid.resolution), grid.origin
+    found = {
+        name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, METRES)
+        for name, start, size in zip("yx", (y0, x0), grid.shape, strict=True)
+    }
     if config.headings != 1:
-        group.create_array(
-            "heading",
-            data=config.heading_angles,
-            dimension_names=("heading",),
-            attributes={"long_name": "of the robot in the world", "units": "rad"},
-        )
-    points = shapes["covariance"][:2]
-    for name, size, start in zip("yx", points, (grid.origin[1], grid.origin[0]), strict=True):
-        group.create_array(
-            name,
-            data=start + (np.arange(size) * stride + 0.5) * grid.resolution,
-            dimension_names=(name,),
-            attributes={
-                "long_name": "of the map's own axes, which the origin's yaw turns about the origin",
-                "units": "m",
-            },
-        )
+        about = {"long_name": "of the robot in the world", "units": "rad"}
+        found["heading"] = config.heading_angles, about
+    return found
 
 
-def write_chunks(folder: Path, values: Values, chunks: Iterable[Chunk]) -> None:
+def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) -> None:
     """Write finished chunks, each whole or not at all, with its covariances last."""
     import zarr
 
     # A reader takes values as known only where there are covariances.
     names = sorted(values, key="covariance".__eq__)
-    arrays: Any = [(name, zarr.open_array(folder / name, mode="r+")) for name in names]
+    arrays: Any = [(values[name], zarr.open_array(folder / name, mode="r+")) for name in names]
     for chunk in chunks:
-        for name, array in arrays:
-            array[chunk.at] = values[name][chunk.at]
+        for computed, array in arrays:
+            array[chunk.at] = computed[chunk.at]
 
 
 def write(folder: Path, values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Write a whole field."""
     create(folder, grid, config)
-    write_chunks(folder, values, chunks_of(known_points(values), _edge(grid, config)))
+    write_chunks(folder, values, tiles.chunks_of(tiles.known_points(values), _edge(grid, config)))
 
 
 def count_chunks(folder: Path) -> int:
@@ -183,14 +171,8 @@ def count_chunks(folder: Path) -> int:
 
 
 def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple[Values, int]:
-    """Read a field's arrays, NaN where a chunk is absent or damaged, and count damaged chunks.
-
-    Raises
-    ------
-    FieldError
-        If an array's description is missing, damaged, or does not fit the map and the config.
-    """
-    shapes, edge = field_shapes(grid, config), _edge(grid, config)
+    """Read a field's arrays, NaN where a chunk is absent or damaged, and count damaged chunks."""
+    shapes, edge = tiles.field_shapes(grid, config), _edge(grid, config)
     values, damaged = {}, 0
     for name, shape in shapes.items():
         values[name], lost = _read_array(folder, name, shape, edge)
@@ -217,7 +199,7 @@ def _read_array(
         return np.asarray(array[:]), 0
     except Exception:  # find out which chunks are damaged
         values, damaged = np.full(shape, np.nan), 0
-        for chunk in chunks_of(np.ones(shape[:2], bool), edge):
+        for chunk in tiles.chunks_of(np.ones(shape[:2], bool), edge):
             try:
                 values[chunk.at] = array[chunk.at]
             except Exception:
@@ -226,13 +208,7 @@ def _read_array(
 
 
 def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
-    """Read the map that a field belongs to; `about` is what `read_attributes` returned.
-
-    Raises
-    ------
-    FieldError
-        If it is missing or damaged.
-    """
+    """Read the map that a field belongs to; `about` is what `read_attributes` returned."""
     import zarr
 
     try:
@@ -246,13 +222,7 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
 
 
 def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
-    """Read a whole field: its arrays, map and config.
-
-    Raises
-    ------
-    FieldError
-        If it is missing, damaged, or was not finished.
-    """
+    """Read a whole field: its arrays, map and config."""
     about = read_attributes(folder)
     grid = read_grid(folder, about)
     try:
@@ -260,20 +230,17 @@ def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     except (KeyError, TypeError, LocplanError) as error:
         raise FieldError(f"{folder}: its config is damaged ({_in_short(error)})") from None
     values, damaged = read_values(folder, grid, config)
-    lacking = int(missing_points(values, grid, config).sum())
-    if damaged or lacking:
-        why = (
-            f"{damaged} chunks are damaged" if damaged else f"{lacking} points were never computed"
-        )
+    left = int(tiles.missing_points(values, grid, config).sum())
+    if damaged or left:
+        why = f"{damaged} chunks are damaged" if damaged else f"{left} points were never computed"
         raise FieldError(f"{folder}: {why}; compute it anew")
     return values, grid, config
 
 
 def _edge(grid: OccupancyGrid, config: FieldConfig) -> int:
     """Edge length of a chunk [lattice points]."""
-    return min(
-        chunk_edge(config, grid.resolution), max(field_shapes(grid, config)["covariance"][:2])
-    )
+    height, width = tiles.field_shapes(grid, config)["covariance"][:2]
+    return min(tiles.chunk_edge(config, grid.resolution), max(height, width))
 
 
 def _checksum(about: dict[str, Any]) -> str:

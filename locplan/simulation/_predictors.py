@@ -95,7 +95,8 @@ def covariances_at(
     values = tiles.nothing_known(grid, config)
     wanted = np.zeros(values["covariance"].shape[:2], bool)
     wanted[tuple(points.T)] = True
-    tiles.complete(values, grid, config, threads, None, None, wanted)
+    for _ in tiles.finished_chunks(values, grid, config, threads, None, None, wanted):
+        pass
     return np.asarray(CovarianceField.of(values, grid, config).mean_covariance[tuple(points.T)])
 
 

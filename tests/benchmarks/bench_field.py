@@ -91,7 +91,9 @@ def test_kernel_beside_opencv(benchmark, name):
     radius = sad.template_radius(config.estimator.range, window, grid.shape)
     rows, cols = lattice_tile(grid, config, seed=1)
     compared = np.random.default_rng(2).integers(len(rows), size=3)
-    by_kernel = sad.sad_distributions(grid.cells, rows[compared], cols[compared], radius, window)
+    part = MapPart.whole(grid.cells, rows[compared], cols[compared], grid.resolution)
+    counts = kernel.tile_mismatch_counts(sad.lay_out_tile(part, radius, window, visible=False))
+    by_kernel = sad.LEVEL_STEP * counts.transpose(0, 1, 3, 2)
 
     cv2.setNumThreads(1)
     opencv = {}
@@ -124,7 +126,7 @@ def test_kernel_beside_opencv(benchmark, name):
 
 def words_compared(grid, rows, cols, radius, window):
     """Words and prefix sums that the vectors go through at a cell, in the mean of some."""
-    tile = sad._lay_out_tile(
+    tile = sad.lay_out_tile(
         grid.cells, rows, cols, radius, window, (0, 0), grid.shape, visible=False
     )
     offsets, headings = 2 * window.half_steps + 1, len(window.angles)

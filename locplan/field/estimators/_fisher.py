@@ -32,11 +32,6 @@ class Fisher(LidarEstimator):
     """The covariance that the Fisher information of a lidar's beams allows.
 
     It sees corridors and halls, but not repetition: it knows the derivatives at the true pose only.
-
-    Raises
-    ------
-    ConfigError
-        If a value is out of its range.
     """
 
     name: ClassVar[str] = "fisher"
@@ -70,7 +65,6 @@ class Fisher(LidarEstimator):
         return Scene(empty_squares(occupied), surface_normals(occupied))
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """Distance from a cell within which the map decides its covariance [cells]."""
         reach = reach_of_beams(self.lidar, resolution) + REACH
         return min(reach, math.ceil(math.hypot(*map_shape)))
 

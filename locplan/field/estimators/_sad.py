@@ -60,11 +60,6 @@ class Sad(Estimator):
     give weights, and they the covariance. The defaults predict errors of scan matching best;
     `Sad.paper` follows Eq. 8-10 as printed (doi 10.1186/s40648-023-00256-w).
 
-    Raises
-    ------
-    ConfigError
-        If a value is out of its range.
-
     Examples
     --------
     >>> Sad(range=8.0).tau
@@ -96,9 +91,8 @@ class Sad(Estimator):
     @classmethod
     def paper(cls, *, range: float = 6.0, noise_level: float = 1.0) -> Sad:
         """Settings for Eq. 8-10 of the paper as printed: inverse-square weights, no Q."""
-        return cls(
-            range=range, noise_level=noise_level, weights=InverseSquare(), quantisation=False
-        )
+        law = InverseSquare()
+        return cls(range=range, noise_level=noise_level, weights=law, quantisation=False)
 
     @property
     def reach(self) -> float:
@@ -125,7 +119,7 @@ class Sad(Estimator):
         radius = template_radius(self.range, window, part.map_shape)
         counts = np.arange(2 * np.count_nonzero(disc(radius)) + 1)
         weights = self.offset_weights(counts * LEVEL_STEP, part.resolution)
-        tile = _lay_out_tile(part, radius, window, visible=self.template == "visible")
+        tile = lay_out_tile(part, radius, window, visible=self.template == "visible")
         in_steps = sad.tile_covariances(tile, weights, part.control)
         covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
         return {"covariance": self.plus_q(covariance, window)}
@@ -144,7 +138,6 @@ class Sad(Estimator):
         return (floor / np.maximum(area, floor)) ** 2  # a common factor has no effect
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """Distance from a cell within which the map decides its covariance [cells]."""
         window = self.window.on(resolution)
         # A turned cell lies within one cell of its rounded place, and so does its source.
         return template_radius(self.range, window, map_shape) + max(window.reach, 2)
@@ -161,23 +154,6 @@ class Sad(Estimator):
         return thinnest // math.gcd(thinnest, stride)
 
 
-def sad_distributions(
-    levels: NDArray[np.uint8],
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    radius: int,
-    window: OffsetLattice,
-    *,
-    visible: bool = False,
-) -> NDArray[np.int64]:
-    """`template_matching.sad_distribution` at many cells by the kernel, (n, dx, dy, theta)."""
-    from locplan._kernels import sad
-
-    part = MapPart.whole(levels, rows, cols, window.resolution)
-    tile = _lay_out_tile(part, radius, window, visible=visible)
-    return np.asarray(LEVEL_STEP * sad.tile_mismatch_counts(tile).transpose(0, 1, 3, 2))
-
-
 def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, int]) -> int:
     """Radius of the disc in whole cells, at least one, for a range of `reach` metres.
 
@@ -188,7 +164,7 @@ def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, i
     return max(1, min(math.floor(reach / window.resolution + 1e-9), whole_map))
 
 
-def _lay_out_tile(part: MapPart, radius: int, window: OffsetLattice, *, visible: bool) -> Any:
+def lay_out_tile(part: MapPart, radius: int, window: OffsetLattice, *, visible: bool) -> Any:
     """Lay out the map and its turned copies for the kernel, for all cells of a tile at once."""
     from locplan._kernels import bitplanes, sad, templates
 
@@ -256,13 +232,8 @@ def _sight(radius: int, window: OffsetLattice | None) -> Any:
     from locplan._kernels import templates
 
     if window is None:
-        nothing = (
-            np.empty(0),
-            np.empty(0),
-            np.empty((0, 0, 0), np.int32),
-            np.empty((0, 0), np.int32),
-        )
-        return templates.Sight(*nothing, BEHIND)
+        none = np.empty(0), np.empty(0), np.empty((0, 0, 0), np.int32), np.empty((0, 0), np.int32)
+        return templates.Sight(*none, BEHIND)
     angles = 2 * np.pi * np.arange(beam_count(radius)) / beam_count(radius)
     offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
     beams = [beam_of_cell(radius, theta).astype(np.int32) for theta in window.angles]

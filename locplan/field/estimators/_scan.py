@@ -34,11 +34,6 @@ class Scan(LidarEstimator):
     """The covariance of the posterior of a simulated scan over the search window.
 
     It sees corridors, halls, repetition and several modes: correlative scan matching.
-
-    Raises
-    ------
-    ConfigError
-        If a value is out of its range.
     """
 
     name: ClassVar[str] = "scan"
@@ -47,12 +42,7 @@ class Scan(LidarEstimator):
     )
     layers: ClassVar[tuple[Layer, ...]] = (
         Layer("ambiguity", "probability outside the central mode", "1", lambda _: (0.0, 1.0)),
-        Layer(
-            "entropy",
-            "entropy of the posterior",
-            "nat",
-            lambda window: (0.0, math.log(window.size)),
-        ),
+        Layer("entropy", "entropy of the posterior", "nat", lambda on: (0.0, math.log(on.size))),
     )
 
     sigma_hit: float = field(default=0.1, kw_only=True)
@@ -112,19 +102,13 @@ class Scan(LidarEstimator):
         """Empty squares and the likelihood field of a map or a part of it."""
         from locplan._kernels.rays import empty_squares
 
-        window = self.window.on(resolution)
+        window, law = self.window.on(resolution), (self.sigma_hit, self.z_rand)
         likelihood = likelihood_field(
-            levels,
-            resolution,
-            window.step_cells,
-            window.half_steps,
-            sigma_hit=self.sigma_hit,
-            z_rand=self.z_rand,
+            levels, resolution, window.step_cells, window.half_steps, *law
         )
         return Scene(empty_squares(levels == OCCUPIED), likelihood)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """Distance from a cell within which the map decides its covariance [cells]."""
         from locplan._kernels.likelihood import likelihood_reach
 
         around = likelihood_reach(resolution, self.sigma_hit, self.z_rand) + 2
@@ -138,25 +122,13 @@ def likelihood_field(
     resolution: float,
     step: int,
     half_steps: int,
-    *,
     sigma_hit: float = 0.1,
     z_rand: float = 0.05,
 ) -> Any:
-    """Likelihood field of a map, or of a part of it.
+    """Likelihood field of a map, or of a part of it, for offsets `step` cells apart.
 
-    Parameters
-    ----------
-    levels : (H, W) array of uint8
-        Levels of the map. Only occupied cells matter, and there are none beyond the edges. A part
-        must reach as far beyond every end of a beam, at every offset, as the likelihood does.
-    resolution : float
-        Edge of a cell [m].
-    step, half_steps : int
-        Spacing of the search window's offsets [cells], and their number on either side of zero.
-    sigma_hit : float
-        Standard deviation of an endpoint [m].
-    z_rand : float
-        Share of the beams that end anywhere, above 0 and below 1.
+    Only occupied cells matter, and there are none beyond the edges. A part must reach as far beyond
+    every end of a beam, at every offset, as the likelihood does.
     """
     from locplan._kernels import likelihood as kernel
     from locplan._kernels.simd import SHORTS
