@@ -67,13 +67,7 @@ class CacheEntry:
 
 
 def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
-    """The folder of cached fields: the argument, LOCPLAN_CACHE, or the user's cache folder.
-
-    Raises
-    ------
-    ConfigError
-        If it begins with ~ and the name of a user that does not exist.
-    """
+    """The folder of cached fields: the argument, LOCPLAN_CACHE, or the user's cache folder."""
     from platformdirs import user_cache_path
 
     chosen = cache_dir or os.environ.get("LOCPLAN_CACHE")
@@ -86,13 +80,7 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
 
 
 def cache_limit() -> int:
-    """Greatest size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB.
-
-    Raises
-    ------
-    ConfigError
-        If LOCPLAN_CACHE_SIZE is no size.
-    """
+    """Greatest size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB."""
     text = os.environ.get("LOCPLAN_CACHE_SIZE") or LIMIT
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
@@ -125,13 +113,7 @@ def lock_of(field: Path) -> BaseFileLock:
 
 
 def remove(field: Path) -> bool:
-    """Remove a cached field unless a process holds its lock; return whether it is gone.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be written.
-    """
+    """Remove a cached field unless a process holds its lock; return whether it is gone."""
     from filelock import Timeout
 
     try:

@@ -24,11 +24,6 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
     """Yield an executor on the cluster of a scheduler, such as ``tcp://192.168.1.2:8786``.
 
     If a worker dies, other workers compute its tiles. The workers need locplan.
-
-    Raises
-    ------
-    LocplanError
-        If dask.distributed is not installed, or the scheduler does not answer.
     """
     try:
         from distributed import Client

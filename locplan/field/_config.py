@@ -71,8 +71,7 @@ class FieldConfig:
 
     def to_json(self) -> dict[str, object]:
         """All settings, fit for JSON."""
-        settings: dict[str, object] = settings_of(self)
-        return settings
+        return settings_of(self)
 
     @classmethod
     def from_json(cls, settings: Mapping[str, object]) -> FieldConfig:
@@ -92,13 +91,7 @@ class FieldConfig:
 
 
 def config_of(settings: FieldConfig | Estimator | None) -> FieldConfig:
-    """Config of a field from a config, from an estimator alone, or from None (the default).
-
-    Raises
-    ------
-    ConfigError
-        If the argument is something else.
-    """
+    """Config of a field from a config, from an estimator alone, or from None (the default)."""
     if settings is None or isinstance(settings, Estimator):
         return FieldConfig() if settings is None else FieldConfig(settings)
     remedy = "give an estimator, such as locplan.Sad(range=6.0), or a FieldConfig of one"

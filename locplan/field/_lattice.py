@@ -21,12 +21,11 @@ def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
     """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
     wanted = free[::stride, ::stride].copy()
     covered = interpolate(wanted.astype(float), free.shape, stride) > 0
-    rows, cols = np.nonzero(free & ~covered)
-    nearest = [
+    nearest = (
         np.minimum((index + stride // 2) // stride, size - 1)
-        for index, size in zip((rows, cols), wanted.shape, strict=True)
-    ]
-    wanted[nearest[0], nearest[1]] = True
+        for index, size in zip(np.nonzero(free & ~covered), wanted.shape, strict=True)
+    )
+    wanted[tuple(nearest)] = True
     return wanted
 
 
@@ -76,12 +75,6 @@ def well_spaced(
     xy: NDArray[np.float64], priority: NDArray[np.float64], spacing: float
 ) -> NDArray[np.int64]:
     """Indices of positions at least `spacing` apart that leave no gap, high priority first.
-
-    Parameters
-    ----------
-    xy : (n, 2) array
-    priority : (n,) array
-    spacing : float
 
     Examples
     --------

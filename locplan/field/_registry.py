@@ -19,13 +19,7 @@ ESTIMATORS: dict[str, str] = {
 
 
 def estimator_class(name: str) -> type[Estimator]:
-    """The class of an estimator.
-
-    Raises
-    ------
-    ConfigError
-        If no estimator has this name.
-    """
+    """Class of an estimator; a ConfigError if none has this name."""
     one_of("estimator", name, ESTIMATORS)
     module, _, attribute = ESTIMATORS[name].partition(":")
     found: type[Estimator] = getattr(import_module(module), attribute)

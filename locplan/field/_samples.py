@@ -16,22 +16,14 @@ MIN_CLEARANCE = 0.15
 def sampled(
     field: CovarianceField, spacing: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions at least `spacing` [m] apart, chosen far from walls first, and their covariances.
+    """Choose positions (n, 2) at least `spacing` apart [m], far from walls first.
 
-    Returns
-    -------
-    xy : (n, 2) array
-        Positions of lattice points of the field [m].
-    covariance : (n, d, d) array
-        Covariances there; for several headings, those of the mean information.
+    Their covariances (n, d, d) come with them; for several headings, of the mean information.
     """
     stride = field.stride
     clearance = field.grid.clearance[::stride, ::stride]
     i, j = np.nonzero(field.evaluated & (clearance >= MIN_CLEARANCE))
-    clearance = clearance[i, j]
-    x, y = field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5)
-    xy = np.stack([x, y], axis=1)
-    chosen = well_spaced(xy, clearance, spacing)
+    xy = np.stack(field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5), axis=1)
+    chosen = well_spaced(xy, clearance[i, j], spacing)
     covariance = field.covariance[i[chosen], j[chosen]]
-    several = covariance.ndim == 4
-    return xy[chosen], mean_information(covariance) if several else covariance
+    return xy[chosen], mean_information(covariance) if covariance.ndim == 4 else covariance

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -42,22 +41,13 @@ class FieldSummary:
     def of(cls, field: CovarianceField) -> FieldSummary:
         """The summary of a field."""
         e = field.e[field.evaluated]
-        low, median, high = np.percentile(e, (10, 50, 90)) if e.size else (math.nan,) * 3
-        return cls(
-            field.grid.name,
-            field.config,
-            int(field.evaluated.sum()),
-            float(low),
-            float(median),
-            float(high),
-            field.saturated_share,
-            field.e_unit,
-        )
+        low, mid, high = np.percentile(e, (10, 50, 90)).tolist() if e.size else [math.nan] * 3
+        name, count, saturated = field.grid.name, int(field.evaluated.sum()), field.saturated_share
+        return cls(name, field.config, count, low, mid, high, saturated, field.e_unit)
 
     def to_json(self) -> dict[str, Any]:
         """The summary, fit for JSON."""
-        numbers = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        del numbers["e_unit"]
+        numbers = {name: value for name, value in vars(self).items() if name != "e_unit"}
         return {**finite(numbers), "config": self.config.to_json()}
 
     def table(self) -> str:

@@ -34,16 +34,8 @@ def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     slanting walls turn a narrow window's axis by degrees, so that a bare slanting corridor would
     seem to fix the position along it. A wide window alone would smooth away real door frames.
 
-    Parameters
-    ----------
-    occupied : (H, W) array of bool
-        Mask of the cells that have a surface. Cells at the map's edge are repeated outside. A part
-        of a map gives the same normals at `REACH` or more cells from its edges.
-
-    Returns
-    -------
-    (H, W, 2) array of float32
-        Components (row, col); zero where a cell is not occupied or has no direction.
+    The components are (row, col), (H, W, 2), zero where a cell is not occupied or has no direction.
+    A part of a map gives the same normals at `REACH` or more cells from its edges.
     """
     rows = len(occupied)
     normals = np.zeros((*occupied.shape, 2), np.float32)
@@ -69,17 +61,10 @@ def _normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
 
     edge: Any = {"borderType": cv2.BORDER_REPLICATE}
     soft = cv2.GaussianBlur(occupied.astype(np.uint8) * LEVELS, (0, 0), BLUR, **edge)
-    slope_row = cv2.Scharr(soft, cv2.CV_64F, 0, 1, **edge)
-    slope_col = cv2.Scharr(soft, cv2.CV_64F, 1, 0, **edge)
+    # Slopes along the columns (dx) and along the rows (dy).
+    dx, dy = (cv2.Scharr(soft, cv2.CV_64F, *order, **edge) for order in ((1, 0), (0, 1)))
     # The tensor in whole numbers: its main axis as (cos, sin) of the doubled angle, and its trace.
-    tensor = np.stack(
-        [
-            (slope_col - slope_row) * (slope_col + slope_row),
-            2 * slope_col * slope_row,
-            slope_col**2 + slope_row**2,
-        ],
-        axis=-1,
-    )
+    tensor = np.stack([(dx - dy) * (dx + dy), 2 * dx * dy, dx**2 + dy**2], axis=-1)
     tensor = _summed(tensor, WIDTHS[0])
     axis, agreement = _main_axes(tensor[occupied])
     faces = agreement > POST
@@ -101,10 +86,8 @@ def _normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
 def _summed(tensor: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     import cv2
 
-    window: Any = width, width
-    return np.asarray(
-        cv2.boxFilter(tensor, -1, window, normalize=False, borderType=cv2.BORDER_REPLICATE)
-    )
+    edge: Any = {"borderType": cv2.BORDER_REPLICATE}
+    return np.asarray(cv2.boxFilter(tensor, -1, (width, width), normalize=False, **edge))
 
 
 def _main_axes(tensors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -33,11 +33,8 @@ def disc(radius: int) -> NDArray[np.bool_]:
 
 def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDArray[np.uint8]:
     """The square of the map around a cell, (2r + 1, 2r + 1); outside the map is unknown."""
-    return cells_at(
-        cells,
-        np.arange(row - radius, row + radius + 1)[:, None],
-        np.arange(col - radius, col + radius + 1)[None, :],
-    )
+    offset = np.arange(-radius, radius + 1)
+    return cells_at(cells, row + offset[:, None], col + offset)
 
 
 def rotated_template(
@@ -53,8 +50,8 @@ def rotated_template(
     dy, dx = row - centre_row, col - centre_col
     turned_row = math.floor(sin * dx + cos * dy + centre_row + 0.5)
     turned_col = math.floor(cos * dx - sin * dy + centre_col + 0.5)
-    v = np.arange(turned_row - radius, turned_row + radius + 1)[:, None] - centre_row
-    u = np.arange(turned_col - radius, turned_col + radius + 1)[None, :] - centre_col
+    offset = np.arange(-radius, radius + 1)
+    v, u = (turned_row + offset)[:, None] - centre_row, turned_col + offset - centre_col
     source_row = np.floor(cos * v - sin * u + centre_row + 0.5).astype(np.int64)
     source_col = np.floor(sin * v + cos * u + centre_col + 0.5).astype(np.int64)
     return cells_at(cells, source_row, source_col)
