@@ -191,9 +191,7 @@ class Costmap(Pictured):
             e=sealed(e),
             u_of_heading=sealed(own[0][0].astype(np.float32)) if own else None,
             e_of_heading=sealed(own[0][1].astype(np.float32)) if own else None,
-            settings=CostSettings(
-                law, criterion, fuse, headings, tuple(field.config for field in fields)
-            ),
+            settings=CostSettings(law, criterion, fuse, headings, tuple(f.config for f in fields)),
         )
 
     @classmethod
@@ -220,15 +218,8 @@ class Costmap(Pictured):
                 f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
             )
         values[~grid.free] = np.inf
-        nothing = sealed(np.full(grid.shape, np.nan))
-        return cls(
-            grid=grid,
-            density=_blocked(values, grid, robot_radius),
-            weight=math.nan,
-            robot_radius=float(robot_radius),
-            u=nothing,
-            e=nothing,
-        )
+        density, nothing = _blocked(values, grid, robot_radius), sealed(np.full(grid.shape, np.nan))
+        return cls(grid, density, math.nan, float(robot_radius), u=nothing, e=nothing)
 
     @classmethod
     def blank(cls, grid: OccupancyGrid, *, robot_radius: float = ROBOT_RADIUS) -> Costmap:
@@ -294,13 +285,11 @@ class Costmap(Pictured):
         fault = self._fault(row, col)
         if fault is None:
             return row, col
-        nearest = self._nearest_free(x, y)
-        decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
-        remedy = (
-            f"the nearest free position is {nearest[0]:.{decimals}f},{nearest[1]:.{decimals}f}"
-            if nearest
-            else f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
-        )
+        remedy = f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
+        if nearest := self._nearest_free(x, y):
+            decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
+            shown = ",".join(f"{v:.{decimals}f}" for v in nearest)
+            remedy = f"the nearest free position is {shown}"
         raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}")
 
     def _fault(self, row: int, col: int) -> str | None:
@@ -311,11 +300,10 @@ class Costmap(Pictured):
         level = self.grid.cells[row, col]
         if level in (OCCUPIED, UNKNOWN):
             return "lies in a wall" if level == OCCUPIED else "lies in unknown space"
-        clearance = self.grid.clearance[row, col]
-        if clearance < self.robot_radius:
+        clearance, radius = self.grid.clearance[row, col], self.robot_radius
+        if clearance < radius:
             return (
-                f"is {clearance:.2f} m from a wall, closer than the robot's radius"
-                f" of {self.robot_radius:g} m"
+                f"is {clearance:.2f} m from a wall, closer than the robot's radius of {radius:g} m"
             )
         return "lies in a blocked cell"
 

@@ -51,26 +51,24 @@ def degeneracy(
     headings: Literal["mean", "worst"] | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """u and e of all fields together, (H, W), or without `headings` of each one, (n, H, W)."""
-    us, es, values, anchors = [], [], [], []
-    for field in fields:
-        least, greatest = _anchors(field, criterion)
+    us, es, values = [], [], []
+    anchors = [_anchors(field, criterion) for field in fields]
+    for field, (least, greatest) in zip(fields, anchors, strict=True):
         layer = criterion in field.layers
         found = field.scalar(criterion, headings=headings, with_q=True)
         found = _headings_first(field.on_map(found, logarithmic=not layer), headings)
         values.append(found)
-        anchors.append((least, greatest))
         us.append(_degeneracy_of(found, least, greatest, "layer" if layer else law))
         e = field.on_map(field.scalar("e", headings=headings))
         es.append(_headings_first(e, headings))
     if len(fields) == 1:
         return us[0], es[0]
-    e = np.exp(_mean([_log(one) for one in es])) if fuse == "mean" else _largest(es)
     if fuse == "max":
-        return _largest(us), e
+        return functools.reduce(np.maximum, us), functools.reduce(np.maximum, es)
     if criterion in fields[0].layers:
-        return _mean(us), e
+        return _mean(us), _geometric_mean(es)
     least, greatest = np.exp(np.log(anchors).mean(axis=0))
-    return _degeneracy_of(np.exp(_mean([_log(one) for one in values])), least, greatest, law), e
+    return _degeneracy_of(_geometric_mean(values), least, greatest, law), _geometric_mean(es)
 
 
 def _anchors(field: CovarianceField, criterion: str) -> tuple[float, float]:
@@ -92,12 +90,8 @@ def _mean(arrays: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
     return sum(arrays[1:], arrays[0]) / len(arrays)
 
 
-def _log(values: NDArray[Any]) -> NDArray[np.float64]:
-    return np.asarray(np.log(np.maximum(values, np.finfo(float).tiny)))
-
-
-def _largest(arrays: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
-    return functools.reduce(np.maximum, arrays)
+def _geometric_mean(arrays: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
+    return np.exp(_mean([np.log(np.maximum(one, np.finfo(float).tiny)) for one in arrays]))
 
 
 def _degeneracy_of(values: NDArray[Any], least: float, greatest: float, law: str) -> NDArray[Any]:

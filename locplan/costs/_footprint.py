@@ -39,16 +39,10 @@ class Footprint:
     vertices: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        import cv2
-
-        corners = _corners(self.vertices)
-        hull = np.asarray(cv2.convexHull(corners.astype(np.float32), returnPoints=False))
-        hull = corners[hull.ravel()]
+        hull = _hull(_corners(self.vertices))
         area = np.sum(hull[:, 0] * np.roll(hull[:, 1], -1) - hull[:, 1] * np.roll(hull[:, 0], -1))
         hull = hull if area > 0 else hull[::-1]
-        edges = np.roll(hull, -1, axis=0) - hull
-        outward = np.column_stack([edges[:, 1], -edges[:, 0]])
-        inside = np.sum(outward * hull, axis=1) > 0
+        inside = np.sum(_normals(hull) * hull, axis=1) > 0
         if len(hull) < 3 or not inside.all():
             raise ConfigError("footprint must be a polygon around the robot's centre (0, 0)")
         object.__setattr__(self, "vertices", hull)
@@ -61,9 +55,8 @@ class Footprint:
     @property
     def inscribed_radius(self) -> float:
         """Radius of the largest circle about the centre that the outline holds [m]."""
-        edges = np.roll(self.vertices, -1, axis=0) - self.vertices
-        across = self.vertices[:, 0] * edges[:, 1] - self.vertices[:, 1] * edges[:, 0]
-        return float((across / np.hypot(*edges.T)).min())
+        normals = _normals(self.vertices)
+        return float((np.sum(self.vertices * normals, axis=1) / np.hypot(*normals.T)).min())
 
     def first_collision(self, grid: OccupancyGrid, path: Path) -> tuple[float, float] | None:
         """Position along a path where the outline first meets an occupied cell, or None.
@@ -86,7 +79,8 @@ class Footprint:
                 body = _turned(grown, heading + turn * (part + 0.5) / count)
                 here, there = (xy + (to - xy) * share / count for share in (part, part + 1))
                 if _meets(occupied, _hull(np.vstack([here + body, there + body]))):
-                    return _world(grid, xy)
+                    x, y = grid.grid_to_world(xy[1], xy[0])
+                    return float(x), float(y)
         return None
 
 
@@ -94,16 +88,14 @@ def _moves(
     grid: OccupancyGrid, path: Path
 ) -> Iterator[tuple[NDArray[Any], NDArray[Any], float, float]]:
     """Start and end (col, row), first heading and turn [rad] of each move along a path."""
-    positions = np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1]
+    lines = itertools.pairwise(np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1])
     if path.heading is not None:
-        headings = path.heading - grid.origin[2]
-        for (xy, to), (heading, after) in zip(
-            itertools.pairwise(positions), itertools.pairwise(headings), strict=True
-        ):
+        turns = itertools.pairwise(path.heading - grid.origin[2])
+        for (xy, to), (heading, after) in zip(lines, turns, strict=True):
             yield xy, to, heading, math.remainder(after - heading, 2 * math.pi)
         return
     previous = None
-    for xy, to in itertools.pairwise(positions):
+    for xy, to in lines:
         if np.array_equal(xy, to):
             continue
         heading = math.atan2(to[1] - xy[1], to[0] - xy[0])
@@ -137,6 +129,12 @@ def _hull(corners: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(corners[np.asarray(order).ravel()])
 
 
+def _normals(polygon: NDArray[Any]) -> NDArray[np.float64]:
+    """Outward normals of a polygon's edges, as long as the edges; counter-clockwise corners."""
+    x, y = (np.roll(polygon, -1, axis=0) - polygon).T
+    return np.column_stack([y, -x])
+
+
 def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
     """True if a convex polygon (n, 2) of (col, row) meets an occupied cell, by separating axes."""
     low, high = np.floor(polygon.min(axis=0)).astype(int), np.floor(polygon.max(axis=0)).astype(int)
@@ -145,17 +143,10 @@ def _meets(occupied: NDArray[np.bool_], polygon: NDArray[Any]) -> bool:
     if not rows.size:
         return False
     centres = np.column_stack([cols + left + 0.5, rows + top + 0.5])
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]])
     apart = np.zeros(len(centres), bool)
-    for normal in normals:
+    for normal in _normals(polygon):
         half = np.abs(normal).sum() / 2  # half the width of a cell's projection on the normal
         polygon_shadow, shadow = polygon @ normal, centres @ normal
         apart |= shadow - half >= polygon_shadow.max() - 1e-9
         apart |= shadow + half <= polygon_shadow.min() + 1e-9
     return not bool(apart.all())
-
-
-def _world(grid: OccupancyGrid, xy: NDArray[Any]) -> tuple[float, float]:
-    x, y = grid.grid_to_world(xy[1], xy[0])
-    return float(x), float(y)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,19 +57,13 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
     integrals of e and u are NaN.
     """
-    layers: tuple[NDArray[Any], NDArray[Any], NDArray[Any]] = (
-        costs.e[None],
-        costs.u[None],
-        costs.density[None],
-    )
+    layers: list[Any] = [costs.e[None], costs.u[None], costs.density[None]]
     if path.heading is not None and costs.u_of_heading is not None:
-        assert costs.e_of_heading is not None
-        layers = costs.e_of_heading, costs.u_of_heading, costs.density_of_heading
-    layer, row, col, lengths = _crossed(costs.grid, path, len(layers[0]))
-    at = layer, row, col
-    e, u = _along(layers[0], at, np.nan), _along(layers[1], at, np.nan)
-    density = _along(layers[2], at, np.inf)
-    integrated_e = float(e @ lengths)
+        layers = [costs.e_of_heading, costs.u_of_heading, costs.density_of_heading]
+    *at, lengths = _crossed(costs.grid, path, len(layers[0]))
+    e, u = (_along(layer, at, np.nan) for layer in layers[:2])
+    density, clearance = _along(layers[2], at, np.inf), costs.grid.clearance[None]
+    integrated_e, known = float(e @ lengths), bool(np.isfinite(u).all())
     return PathMetrics(
         length=path.length,
         cost=float(density @ lengths) if np.isfinite(density).all() else np.inf,
@@ -76,9 +71,9 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
         integrated_u=float(u @ lengths),
         mean_e=integrated_e / path.length if path.length else float(e[0]),
         max_e=float(e.max()),
-        degenerate_share=float(_share(u > DEGENERATE, lengths)) if np.isfinite(u).all() else np.nan,
-        longest_degenerate=_longest(u > DEGENERATE, lengths) if np.isfinite(u).all() else np.nan,
-        clearance=float(_along(costs.grid.clearance[None], (0 * row, row, col), 0.0).min()),
+        degenerate_share=_share(u > DEGENERATE, lengths) if known else np.nan,
+        longest_degenerate=_longest(u > DEGENERATE, lengths) if known else np.nan,
+        clearance=float(_along(clearance, [0 * at[0], *at[1:]], 0.0).min()),
     )
 
 
@@ -95,24 +90,17 @@ def profile(
         Value of the layer in each cell; NaN outside the map.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
-    heading, row, col, lengths = _crossed(costs.grid, path, len(layers))
-    values = _along(layers, (heading, row, col), np.nan)
-    return np.concatenate([[0.0], np.cumsum(lengths)]), values
+    *at, lengths = _crossed(costs.grid, path, len(layers))
+    return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layers, at, np.nan)
 
 
-def _crossed(
-    grid: OccupancyGrid, path: Path, headings: int
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+def _crossed(grid: OccupancyGrid, path: Path, headings: int) -> list[NDArray[Any]]:
     """Headings, rows and columns of the cells that a path crosses, and lengths in them [m]."""
-    if headings == 1:
-        row, col, lengths = _crossed_cells(grid, path.xy)
-        return 0 * row, row, col, lengths
     parts = []
-    for heading, xy in path.by_heading(headings):
+    for heading, xy in path.by_heading(headings) if headings > 1 else [(0, path.xy)]:
         row, col, lengths = _crossed_cells(grid, xy)
         parts.append((np.full_like(row, heading), row, col, lengths))
-    joined: list[NDArray[Any]] = [np.concatenate(part) for part in zip(*parts, strict=True)]
-    return joined[0], joined[1], joined[2], joined[3]
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
 def _crossed_cells(
@@ -128,9 +116,8 @@ def _crossed_cells(
     return row, col, lengths * grid.resolution
 
 
-def _along(
-    layers: NDArray[Any], at: tuple[NDArray[Any], NDArray[Any], NDArray[Any]], outside: float
-) -> NDArray[np.float64]:
+def _along(layers: NDArray[Any], at: Sequence[NDArray[Any]], outside: float) -> NDArray[np.float64]:
+    """Values of layers at headings, rows and columns; `outside` outside the map."""
     heading, row, col = at
     rows, cols = layers.shape[1:]
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)

@@ -51,7 +51,7 @@ class Path:
         object.__setattr__(self, "xy", xy)
         if self.heading is not None:
             heading = np.array(self.heading, dtype=np.float64)
-            if heading.shape != (len(xy),) or not np.isfinite(heading).all():
+            if heading.shape != xy.shape[:1] or not np.isfinite(heading).all():
                 raise LocplanError(
                     f"headings must be {len(xy)} finite angles [rad], one a position"
                 )
@@ -84,11 +84,9 @@ class Path:
             If the file cannot be written, or its name does not end in .csv.
         """
         check_target(FilePath(path), ".csv")
-        if self.heading is None:
-            write_csv(FilePath(path), self.xy, "x_m,y_m")
-        else:
-            poses = np.column_stack([self.xy, self.heading])
-            write_csv(FilePath(path), poses, "x_m,y_m,heading_rad")
+        columns = [*self.xy.T] if self.heading is None else [*self.xy.T, self.heading]
+        header = ",".join(("x_m", "y_m", "heading_rad")[: len(columns)])
+        write_csv(FilePath(path), np.column_stack(columns), header)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Path:
