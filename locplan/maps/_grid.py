@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, position
+from locplan._util.checks import instance, keep, position
 from locplan._util.notebook import Pictured
 from locplan.errors import MapError
 
@@ -75,9 +75,7 @@ class OccupancyGrid(Pictured):
             raise MapError(f"origin must be three finite numbers (x, y, yaw), not {self.origin!r}")
         cells = np.array(cells, dtype=np.uint8, order="C")
         cells.setflags(write=False)
-        object.__setattr__(self, "cells", cells)
-        object.__setattr__(self, "resolution", resolution[0])
-        object.__setattr__(self, "origin", origin)
+        keep(self, cells=cells, resolution=resolution[0], origin=origin)
 
     @classmethod
     def from_occupancy(
@@ -150,8 +148,7 @@ class OccupancyGrid(Pictured):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of cells, resolution and origin: equal for equal maps, whatever their names."""
-        content = hashlib.sha256()
-        content.update(repr((self.shape, self.resolution, self.origin)).encode())
+        content = hashlib.sha256(repr((self.shape, self.resolution, self.origin)).encode())
         content.update(self.cells.tobytes())
         return content.hexdigest()
 

@@ -7,14 +7,13 @@ on occupancy grid maps" (ROBOMECH Journal 10, 2023); the plans themselves are dr
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import number, whole
-from locplan.errors import ConfigError
+from locplan._util.checks import number, one_of, whole
 from locplan.maps._drawing import Box, Canvas
 from locplan.maps._grid import FREE, OCCUPIED, OccupancyGrid
 
@@ -165,51 +164,26 @@ def _draw_warehouse(c: Canvas) -> None:
     c.furnish(rng, (29.6, 0, 42, 4), 4, 1.2)
 
 
-@dataclass(frozen=True)
-class _Plan:
-    size: tuple[float, float]
-    draw: Callable[[Canvas], None]
-    landmarks: dict[str, tuple[float, float]]
-
-
-_PLANS = {
-    "places": _Plan(
-        (51, 19.6),
-        _draw_places,
-        {"A": (5.9, 5.4), "B": (25, 5.5), "C": (46.5, 12), "D": (21.6, 18)},
-    ),
-    "hall": _Plan(
-        (43.2, 43.9),
-        _draw_hall,
-        {"E": (21.6, 16.6), "F": (21.6, 36), "start": (3.6, 24), "goal": (39.6, 24)},
-    ),
-    "two_corridors": _Plan(
-        (40, 14.6),
-        _draw_two_corridors,
-        {"start": (2, 3), "goal": (38, 3), "short": (20, 3), "long": (20, 11.4)},
-    ),
-    "office": _Plan(
-        (46, 30),
-        _draw_office,
-        {"start": (7, 7), "goal": (39, 23), "open_plan": (16.1, 14.8), "meeting": (30, 13.2)},
-    ),
-    "warehouse": _Plan(
-        (51.2, 30),
-        _draw_warehouse,
-        {"start": (1.2, 1.5), "goal": (47, 28.6), "aisle": (8.4, 12.6), "floor": (37, 15)},
-    ),
+_PLANS: dict[str, tuple[tuple[float, float], Callable[[Canvas], None]]] = {
+    "places": ((51, 19.6), _draw_places),
+    "hall": ((43.2, 43.9), _draw_hall),
+    "two_corridors": ((40, 14.6), _draw_two_corridors),
+    "office": ((46, 30), _draw_office),
+    "warehouse": ((51.2, 30), _draw_warehouse),
+}
+"""Width and height [m], and the function that draws the plan, by the environment's name."""
+_LANDMARKS: dict[str, dict[str, tuple[float, float]]] = {
+    "places": {"A": (5.9, 5.4), "B": (25, 5.5), "C": (46.5, 12), "D": (21.6, 18)},
+    "hall": {"E": (21.6, 16.6), "F": (21.6, 36), "start": (3.6, 24), "goal": (39.6, 24)},
+    "two_corridors": {"start": (2, 3), "goal": (38, 3), "short": (20, 3), "long": (20, 11.4)},
+    "office": {"start": (7, 7), "goal": (39, 23), "open_plan": (16.1, 14.8), "meeting": (30, 13.2)},
+    "warehouse": {"start": (1.2, 1.5), "goal": (47, 28.6), "aisle": (8.4, 12.6), "floor": (37, 15)},
 }
 
 
 def names() -> tuple[str, ...]:
     """Names of the environments that `make` draws."""
     return tuple(_PLANS)
-
-
-def _plan(name: str) -> _Plan:
-    if name not in _PLANS:
-        raise ConfigError(f"no environment is called {name!r}: choose one of {', '.join(_PLANS)}")
-    return _PLANS[name]
 
 
 def landmarks(name: str) -> dict[str, tuple[float, float]]:
@@ -231,7 +205,8 @@ def landmarks(name: str) -> dict[str, tuple[float, float]]:
     >>> landmarks("two_corridors")["goal"]
     (38.0, 3.0)
     """
-    return {key: (float(x), float(y)) for key, (x, y) in _plan(name).landmarks.items()}
+    one_of("the environment", name, _PLANS)
+    return {key: (float(x), float(y)) for key, (x, y) in _LANDMARKS[name].items()}
 
 
 def make(
@@ -269,10 +244,11 @@ def make(
     >>> grid.shape, grid.name
     ((158, 412), 'two_corridors')
     """
-    plan = _plan(name)
+    one_of("the environment", name, _PLANS)
     number("resolution", resolution, _FINEST, _COARSEST)
-    canvas = Canvas(plan.size, resolution)
-    plan.draw(canvas)
+    size, draw = _PLANS[name]
+    canvas = Canvas(size, resolution)
+    draw(canvas)
     return with_boundary_noise(canvas.grid(name), boundary_noise, seed=seed)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,12 +135,8 @@ def maps_of_places(
     *, resolution: float = 0.05, boundary_noise: float = 0.0, seed: int = 0
 ) -> dict[str, OccupancyGrid]:
     """Draw the maps that the places lie in, by name; see `environments.make`."""
-    return {
-        name: environments.make(
-            name, resolution=resolution, boundary_noise=boundary_noise, seed=seed
-        )
-        for name in dict.fromkeys(PLACES.values())
-    }
+    make = partial(environments.make, resolution=resolution, boundary_noise=boundary_noise)
+    return {name: make(name, seed=seed) for name in dict.fromkeys(PLACES.values())}
 
 
 def mismatch_at(

@@ -73,12 +73,7 @@ DIFFERENCES = ("SSD", "SAD", "NSSD")
 
 
 def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
-    """Compute all seven models at one pose.
-
-    Parameters
-    ----------
-    template, levels : array
-        Levels of the template and of the map under it, of the same shape.
+    """Compute all seven models from the levels of a template and of the map under it.
 
     Raises
     ------
@@ -100,14 +95,7 @@ def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
 def slid_along_x(
     template: NDArray[np.uint8], cells: NDArray[np.uint8]
 ) -> dict[str, NDArray[np.float64]]:
-    """Compute the seven models for a template slid along a strip of map of its height.
-
-    Parameters
-    ----------
-    template : (h, w) array
-        Levels of the template.
-    cells : (h, W) array
-        Levels of the strip, W >= w.
+    """Compute the seven models for a template (h, w) slid along a strip of map (h, W).
 
     Returns
     -------
@@ -132,9 +120,8 @@ def along_axis(
 
     Parameters
     ----------
-    grid : OccupancyGrid
-    x, y : float
-        The position [m].
+    grid, x, y
+        The map, and the position [m].
     axis : str
         "x", "y" or "theta".
     estimator : Sad
@@ -251,13 +238,7 @@ def sad_distribution(
 def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray[np.float64]:
     """Compute the mismatch area of a position at every offset of the search window.
 
-    Parameters
-    ----------
-    grid : OccupancyGrid
-    x, y : float
-        The position [m].
-    estimator : Sad
-        Estimator that gives the template and the search window.
+    The estimator gives the template and the search window.
 
     Returns
     -------
@@ -271,9 +252,8 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray
     """
     row, col, radius = _disc_at(grid, x, y, estimator)
     window = estimator.window.on(grid.resolution)
-    sums = sad_distribution(
-        grid.cells, row, col, radius, window, visible=estimator.template == "visible"
-    )
+    visible = estimator.template == "visible"
+    sums = sad_distribution(grid.cells, row, col, radius, window, visible=visible)
     return sums * np.float64(grid.resolution**2 / FREE)
 
 
