@@ -6,9 +6,8 @@ import logging
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
-from queue import Empty, SimpleQueue
 from typing import Any
 
 from locplan.errors import LocplanError
@@ -45,23 +44,20 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
 
 def _connected(client: Any, scheduler: str) -> Any:
     """Connect in a thread, since a server that is no scheduler may never finish its answer."""
-    answer: SimpleQueue[Any] = SimpleQueue()
+    answer: Future[Any] = Future()
 
     def connect() -> None:
         try:
-            answer.put(client(scheduler, timeout=PATIENCE, set_as_default=False))
+            answer.set_result(client(scheduler, timeout=PATIENCE, set_as_default=False))
         except Exception as error:  # a wrong server's answer fails in many ways
-            answer.put(error)
+            answer.set_exception(error)
 
     threading.Thread(target=connect, daemon=True).start()
     try:
-        result = answer.get(timeout=PATIENCE + 2)
-    except Empty:
-        result = TimeoutError("it may be no dask scheduler")
-    if isinstance(result, Exception):
-        what = " ".join(str(result).split())[:120]
-        raise LocplanError(f"the scheduler {scheduler} does not answer ({what})")
-    return result
+        return answer.result(timeout=PATIENCE + 2)
+    except Exception as error:
+        what = " ".join(str(error).split())[:120] or "it may be no dask scheduler"
+        raise LocplanError(f"the scheduler {scheduler} does not answer ({what})") from None
 
 
 def _watch(client: Any, executor: Any, over: threading.Event) -> None:

@@ -53,25 +53,22 @@ class FieldSummary:
     def table(self) -> str:
         """The summary for people, and what would resolve a saturated field."""
         values = self.e_percentile_10, self.e_median, self.e_percentile_90
+        estimator, headings = self.config.estimator, self.config.headings
+        several = "" if headings == 1 else f", {headings} headings"
         text = table(
             [],
             [
                 ["map", self.map],
-                ["estimator", _estimator(self.config)],
+                ["estimator", f"{estimator.summary}, range {estimator.reach:g} m{several}"],
                 ["cells evaluated", f"{self.cells_evaluated:,}"],
                 ["e, 10 % / median / 90 %", f"{' / '.join(map(shown, values))} {self.e_unit}"],
                 ["saturated", f"{self.saturated_share:.0%} of the cells: e at its least value"],
             ],
         )
         resolved = self.saturated_share <= SATURATED
-        return text if resolved else f"{text}\n{self.config.estimator.remedy}"
+        return text if resolved else f"{text}\n{estimator.remedy}"
 
 
 def shown(e: float) -> str:
     """A value of e for people, a dash where there is none."""
     return "–" if math.isnan(e) else f"{e:.3g}"
-
-
-def _estimator(config: FieldConfig) -> str:
-    headings = "" if config.headings == 1 else f", {config.headings} headings"
-    return f"{config.estimator.summary}, range {config.estimator.reach:g} m{headings}"

@@ -187,18 +187,10 @@ def names() -> tuple[str, ...]:
 
 
 def landmarks(name: str) -> dict[str, tuple[float, float]]:
-    """Named places of an environment.
+    """World positions x, y [m] of the named places of one of the environments `names`.
 
-    Parameters
-    ----------
-    name : str
-        One of `names`.
-
-    Returns
-    -------
-    dict of str to (x, y)
-        World positions [m] in free space, at least 0.25 m from any wall and all reachable from
-        one another at that clearance.
+    They lie in free space, at least 0.25 m from any wall, and all are reachable from one another at
+    that clearance.
 
     Examples
     --------
@@ -214,6 +206,8 @@ def make(
 ) -> OccupancyGrid:
     """Draw an environment: the same arguments always give the same map.
 
+    Its walls are 0.1 m thick, and everything behind them is unknown.
+
     Parameters
     ----------
     name : str
@@ -227,11 +221,6 @@ def make(
         Fraction of the boundary cells to flip; see `with_boundary_noise`.
     seed : int
         Seed of that noise. The drawing does not depend on it.
-
-    Returns
-    -------
-    OccupancyGrid
-        A map with walls 0.1 m thick, and everything behind them unknown.
 
     Raises
     ------
@@ -258,17 +247,12 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
     Parameters
     ----------
     grid : OccupancyGrid
-        The map to disturb; it is left as it is.
+        The map to disturb; it is left as it is, and the new one has its place and name.
     fraction : float
         Probability with which each boundary cell flips, 0 to 1. A boundary cell is an occupied
         one with a free 4-neighbour (it becomes free) or the reverse (it becomes occupied).
     seed : int
         Seed of the choice, not negative.
-
-    Returns
-    -------
-    OccupancyGrid
-        A map of the same size, place and name.
 
     Raises
     ------

@@ -37,12 +37,9 @@ MIN_SCALE = 1.0
 
 
 def slides_figure(slides: Sequence[Slide]) -> Figure:
-    """Draw the one-dimensional comparison (Figs. 4-11): template and map above seven curves.
+    """Draw slides of `locplan.paper.one_dimensional` side by side (Figs. 4-11).
 
-    Parameters
-    ----------
-    slides : sequence of Slide
-        The slides, drawn side by side; see `locplan.paper.one_dimensional`.
+    Each is a template and a map above the curves of the seven models.
     """
     figure = Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
     rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
