@@ -55,6 +55,7 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
         drives: "Simulation(two_corridors, a: Drives(2 of 2.00 m, RMSE ",
         Simulator(grid): "Simulator(two_corridors, lidar of 6 m, seed 1)",
         locplan.export.roadmap(costs): "RouteGraph(",
+        locplan.Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, 0.0)]): "Footprint(3 corners, radii ",
     }
     for each, beginning in said.items():
         assert repr(each).startswith(beginning), repr(each)

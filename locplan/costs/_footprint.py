@@ -19,7 +19,7 @@ TURN = math.radians(2.0)
 """Step in which turns are checked, with the outline grown to cover the angles between [rad]."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Footprint:
     """A convex outline around the robot's centre.
 
@@ -46,6 +46,10 @@ class Footprint:
         if len(hull) < 3 or not inside.all():
             raise ConfigError("footprint must be a polygon around the robot's centre (0, 0)")
         object.__setattr__(self, "vertices", hull)
+
+    def __repr__(self) -> str:
+        radii = f"radii {self.inscribed_radius:g} and {self.circumscribed_radius:.3g} m"
+        return f"Footprint({len(self.vertices)} corners, {radii})"
 
     @property
     def circumscribed_radius(self) -> float:
