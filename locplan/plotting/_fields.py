@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection
@@ -16,7 +16,7 @@ from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.plotting._captions import how
-from locplan.plotting._maps import draw_cells, draw_field, draw_map, map_size
+from locplan.plotting._maps import draw_cells, draw_field, draw_map, map_axes, map_size
 from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
@@ -40,8 +40,7 @@ def map_figure(grid: OccupancyGrid) -> Figure:
     grid : OccupancyGrid
         The map.
     """
-    figure = Picture(figsize=map_size(grid), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = map_axes(grid)
     draw_map(axes, grid)
     axes.set_title(grid.name or "map", fontsize="medium")
     return figure
@@ -58,16 +57,12 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
         "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
         one of the field's layers. For several headings, that of the mean information is drawn.
     """
-    figure = Picture(figsize=map_size(field.grid), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = map_axes(field.grid)
     image = draw_field(axes, field, name)
     figure.colorbar(image, ax=axes, label=field.quantity(name).axis, shrink=0.9)
-    config = field.config
-    axes.set_title(
-        f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated\n"
-        f"{how(config)}, range {config.estimator.reach:g} m",
-        fontsize="medium",
-    )
+    title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
+    made = f"{how(field.config)}, range {field.config.estimator.reach:g} m"
+    axes.set_title(f"{title}\n{made}", fontsize="medium")
     return figure
 
 
@@ -77,9 +72,9 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
     Parameters
     ----------
     rows : sequence of mappings of str to CovarianceField
-        Fields of each map, by the name to show; all rows alike, e in one unit.
-        name : str
-            Scalar or layer, see `field_figure`.
+        The fields of each map by the title to show; e has one unit in all of them.
+    name : str
+        Scalar or layer, see `field_figure`.
     """
     columns = max(map(len, rows))
     sizes = [map_size(next(iter(fields.values())).grid) for fields in rows]
@@ -103,7 +98,7 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
 def ellipses_figure(
     fields: Mapping[str, CovarianceField], *, spacing: float = 2.0, magnify: float = 1.0
 ) -> Figure:
-    """Draw error ellipses at sampled poses, of several fields side by side (Figs. 29 and 31).
+    """Draw error ellipses of several fields side by side, at sampled poses (Figs. 29 and 31).
 
     Parameters
     ----------
@@ -138,18 +133,10 @@ def draw_ellipses(
         return
     major, minor, direction = position_axes(covariance)
     along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
-    ellipses = EllipseCollection(
-        2 * magnify * major,
-        2 * magnify * minor,
-        np.degrees(direction),
-        units="xy",
-        offsets=xy,
-        offset_transform=axes.transData,
-        facecolors="none",
-        edgecolors=ELLIPSE,
-        linewidths=1.4,
-        zorder=4,
-    )
+    where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": ELLIPSE, "linewidths": 1.4}
+    width, height, angle = 2 * magnify * major, 2 * magnify * minor, np.degrees(direction)
+    ellipses = EllipseCollection(width, height, angle, zorder=4, **where, **style)
     if covariance.shape[-1] == 3:
         half = np.degrees(scalar(covariance, "heading_std"))
         wedges = [
@@ -174,18 +161,16 @@ def e_figure(
     limits : (float, float), optional
         Ends of the colour scale; by default 0 and the 98 % quantile of the free cells' e.
     """
-    maps = {
-        title: field.on_map(field.scalar("e", headings="mean")) for title, field in fields.items()
-    }
+    maps = [field.on_map(field.scalar("e", headings="mean")) for field in fields.values()]
     if limits is None:
-        known = np.concatenate([values[np.isfinite(values)] for values in maps.values()])
+        known = np.concatenate([values[np.isfinite(values)] for values in maps])
         limits = 0.0, float(np.quantile(known, E_QUANTILE)) if known.size else 1.0
     figure, grid_of_axes = _side_by_side(fields)
     image = None
-    for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
+    for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
         draw_map(axes, field.grid)  # sets the axes; the values cover the map
-        values = np.nan_to_num(maps[title], nan=0.0)
-        image = draw_cells(axes, field.grid, values, cmap=E_COLOURS, norm=Normalize(*limits))
+        shown = np.nan_to_num(e, nan=0.0)
+        image = draw_cells(axes, field.grid, shown, cmap=E_COLOURS, norm=Normalize(*limits))
         walls = np.where(field.grid.cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
         draw_cells(axes, field.grid, np.dstack([white, walls]))
@@ -199,8 +184,6 @@ def e_figure(
 def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
     """Figure and Axes for maps of one size, one above the other where that shows them larger."""
     width, height = map_size(next(iter(fields.values())).grid)
-    count = len(fields)
-    shape = (count, 1) if width > 1.4 * height else (1, count)
-    size = width * shape[1], height * shape[0]
-    figure = Picture(figsize=size, layout="constrained")
+    shape = (len(fields), 1) if width > 1.4 * height else (1, len(fields))
+    figure = Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
     return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
+from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,9 +44,9 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
 
 
 def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage:
-    """Draw a scalar of the field over its map, on a logarithmic scale, or a layer on a linear one.
+    """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
-    The scale ends at the anchors, but for scalars without Q at the least and greatest values.
+    The scale ends at the anchors, except for scalars without Q: at their least and greatest values.
     """
     draw_map(axes, field.grid)
     layer = name in field.layers
@@ -85,6 +86,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
 
 
 def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
+    """Draw values of the map's cells in world coordinates."""
     height, width = (size * grid.resolution for size in grid.shape)
     x, y, yaw = grid.origin
     image = axes.imshow(
@@ -103,11 +105,16 @@ def _limit_to(axes: Axes, grid: OccupancyGrid) -> None:
     rows, cols = np.nonzero(grid.cells != UNKNOWN)
     if rows.size == 0:
         rows, cols = np.array([0, grid.shape[0] - 1]), np.array([0, grid.shape[1] - 1])
-    corner_rows = np.array([rows.min(), rows.min(), rows.max() + 1, rows.max() + 1])
-    corner_cols = np.array([cols.min(), cols.max() + 1, cols.min(), cols.max() + 1])
-    x, y = grid.grid_to_world(corner_rows, corner_cols)
+    low, high, left, right = rows.min(), rows.max() + 1, cols.min(), cols.max() + 1
+    x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
     margin = 0.02 * max(np.ptp(x), np.ptp(y)) + grid.resolution
     axes.set(xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin))
+
+
+def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
+    """A figure for one map, and its Axes."""
+    figure = Picture(figsize=map_size(grid), layout="constrained")
+    return figure, figure.add_subplot()
 
 
 def map_size(grid: OccupancyGrid) -> tuple[float, float]:
@@ -121,4 +128,5 @@ def map_size(grid: OccupancyGrid) -> tuple[float, float]:
 
 
 def outline() -> list[Any]:
+    """The white outline of a path, as effects of matplotlib."""
     return [effects.Stroke(linewidth=4, foreground="white"), effects.Normal()]

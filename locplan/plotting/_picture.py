@@ -1,4 +1,4 @@
-"""Figures that a notebook shows without a magic command."""
+"""Figures that a notebook shows by itself."""
 
 from __future__ import annotations
 

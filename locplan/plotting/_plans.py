@@ -10,7 +10,6 @@ from matplotlib import colormaps
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from locplan.costs import Costmap, profile
 from locplan.costs._metrics import DEGENERATE
@@ -24,6 +23,7 @@ from locplan.plotting._maps import (
     draw_field,
     draw_map,
     draw_path,
+    map_axes,
     map_size,
     outline,
 )
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 FRONT_COLOURS = "viridis"
 FRONT_PATHS = 12
-"""Greatest number of a front's paths that are drawn."""
+"""Greatest number of paths of a front that are drawn."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},
     {"color": "#0072b2", "linestyle": "-"},
@@ -66,17 +66,15 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     solved = {label: plan for label, plan in plans.items() if plan.path is not None}
     handles = []
     for (label, plan), style in zip(solved.items(), PATH_STYLES, strict=False):
-        assert plan.path is not None
-        assert plan.metrics is not None
-        metrics = plan.metrics
+        path, metrics = plan.path, plan.metrics
+        assert path is not None
+        assert metrics is not None
         text = (
             f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
             f" ∫e ds = {metrics.integrated_e:.3g} {field.e_unit} m"
         )
-        degeneracy: NDArray[np.floating] = costs.u
-        if plan.path.heading is not None and costs.u_of_heading is not None:
-            degeneracy = costs.u_of_heading
-        distance, u = profile(costs, plan.path, degeneracy)
+        headed = None if path.heading is None else costs.u_of_heading
+        distance, u = profile(costs, path, costs.u if headed is None else headed)
         lower.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
         handles.append(Line2D([], [], path_effects=outline(), linewidth=2, label=text, **style))
     handles += [
@@ -91,71 +89,63 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     for plan in plans.values():
         draw_ends(upper, plan.start, plan.goal)
         if plan.via:
-            upper.plot(
-                *np.transpose([xy[:2] for xy in plan.via]), "s", markersize=6, zorder=4, **END_STYLE
-            )
+            x, y = np.transpose([pose[:2] for pose in plan.via])
+            upper.plot(x, y, "s", markersize=6, zorder=4, **END_STYLE)
     handles += [
         Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
         Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
     ]
     if any(plan.via for plan in plans.values()):
-        square = Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE)
-        handles.append(square)
+        handles.append(Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE))
     lower.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
     lower.margins(x=0.01)
     if not solved:
         lower.text(0.5, 0.25, "no path", transform=lower.transAxes, ha="center", va="center")
         lower.set_xticks([])
-    figure.legend(
-        handles=handles, loc="outside lower center", frameon=False, fontsize="medium", ncols=2
-    )
+    style = {"frameon": False, "fontsize": "medium", "ncols": 2}
+    figure.legend(handles=handles, loc="outside lower center", **style)
     upper.set_title(f"{costs.grid.name or 'map'}: {request(costs, plans)}", fontsize="medium")
     return figure
 
 
 def costmap_figure(costs: Costmap) -> Figure:
-    """The degeneracy u of a costmap over its map; blocked cells show the map.
+    """Draw the degeneracy u of a costmap over its map; blocked cells show the map.
 
     Parameters
     ----------
     costs : Costmap
-        What travel costs.
+        The costmap.
     """
-    figure = Picture(figsize=map_size(costs.grid), layout="constrained")
-    axes = figure.add_subplot()
-    _draw_u(figure, axes, costs)
-    radius = f"robot radius {costs.robot_radius:g} m"
-    axes.set_title(f"{costs.grid.name or 'map'}: {radius}", fontsize="medium")
-    return figure
+    return _u_figure(costs, f"robot radius {costs.robot_radius:g} m")[0]
 
 
 def path_figure(plan: Plan) -> Figure:
-    """A plan's path over the degeneracy u of its costmap.
+    """Draw a plan's path over the degeneracy u of its costmap.
 
     Parameters
     ----------
     plan : Plan
-        What a planner returned; without a path only its ends are shown.
+        The plan; without a path only its ends are shown.
     """
     assert plan.costs is not None
-    figure = Picture(figsize=map_size(plan.costs.grid), layout="constrained")
-    axes = figure.add_subplot()
-    _draw_u(figure, axes, plan.costs)
+    found = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
+    figure, axes = _u_figure(plan.costs, f"{plan.planner}, {found}")
     if plan.path is not None:
         draw_path(axes, plan.path, **PATH_STYLES[1])
     draw_ends(axes, plan.start, plan.goal)
-    found = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
-    axes.set_title(f"{plan.costs.grid.name or 'map'}: {plan.planner}, {found}", fontsize="medium")
     return figure
 
 
-def _draw_u(figure: Figure, axes: Axes, costs: Costmap) -> None:
+def _u_figure(costs: Costmap, title: str) -> tuple[Figure, Axes]:
+    figure, axes = map_axes(costs.grid)
+    axes.set_title(f"{costs.grid.name or 'map'}: {title}", fontsize="medium")
     draw_map(axes, costs.grid)
     u = np.where(np.isfinite(costs.density), costs.u, np.nan)
     if np.isfinite(u).any():
         image = draw_cells(axes, costs.grid, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
         figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)
+    return figure, axes
 
 
 def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
@@ -191,13 +181,11 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     upper.set_title(f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}")
     unit = "m" if front.objective == "u" else f"{e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
-    image = lower.scatter(
-        front.length, front.integral, c=front.length, cmap=FRONT_COLOURS, norm=norm, s=14
-    )
-    label = f"knee, bold above: {front.length[knee]:.1f} m long, {front.integral[knee]:.3g} {unit}"
-    lower.plot(
-        front.length[knee], front.integral[knee], "D", markersize=9, label=label, **END_STYLE
-    )
+    colours: dict[str, Any] = {"c": front.length, "cmap": FRONT_COLOURS, "norm": norm}
+    image = lower.scatter(front.length, front.integral, s=14, **colours)
+    length, integral = front.length[knee], front.integral[knee]
+    label = f"knee, bold above: {length:.1f} m long, {integral:.3g} {unit}"
+    lower.plot(length, integral, "D", markersize=9, label=label, **END_STYLE)
     label = "degenerate, ∫u ds" if front.objective == "u" else "∫e ds"
     lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
     lower.legend(loc="upper right", frameon=False)
@@ -221,9 +209,8 @@ def history_figure(plans: Mapping[str, Plan]) -> Figure:
         seconds, cost = np.transpose(plan.history)
         name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
         axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
-    axes.set(
-        xscale="log", xlabel="time since the search began [s]", ylabel="best cost J so far [m]"
-    )
-    axes.set_title("best cost of each search, as it went on", fontsize="medium")
+    labels = {"xlabel": "time since the search began [s]", "ylabel": "best cost J so far [m]"}
+    axes.set(xscale="log", **labels)
+    axes.set_title("best cost of each search over time", fontsize="medium")
     axes.legend(frameon=False)
     return figure
