@@ -1,4 +1,4 @@
-"""What a report of a comparison tells: the runs, their statistics, and what pictures draw on."""
+"""The contents of a report: the runs, their statistics, and the scenes of its pictures."""
 
 from __future__ import annotations
 
@@ -25,61 +25,60 @@ class Row(TypedDict):
     weight: float
     planner: str
     solved_share: float
-    """0..1"""
+    """The share of runs that were solved, 0..1."""
     measures: Mapping[str, tuple[float, float, float]]
-    """Median, lower and upper quartile of the solved runs, by the names of `runs.MEASURES`."""
+    """Median, lower and upper quartile of the solved runs, by the names of `MEASURES`."""
     ratio: float
-    """Of J to the baseline's; NaN for the baseline itself, or if there is none."""
+    """The ratio of J to the baseline's; NaN if it is unknown."""
     ratio_low: float
-    """Where its 95 % interval begins,"""
+    """The lower end of the ratio's 95 % interval."""
     ratio_high: float
-    """and where it ends."""
+    """The upper end of the ratio's 95 % interval."""
     sentence: str
     """The ratio in words, such as "no significant difference"; may be empty."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A map with one config, as pictures need it."""
+    """A map with one config, for pictures."""
 
     costs: Costmap
     field: CovarianceField
     queries: Mapping[str, Ends]
     """The queries whose paths are drawn, by name."""
     front: ParetoFront | None = None
-    """Of one representative query."""
+    """The Pareto front of one representative query."""
     front_query: str = ""
-    """Which."""
+    """The name of that query."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """Everything that a report tells."""
+    """The contents of a report."""
 
     runs: Sequence[Run]
     rows: Sequence[Row]
-    """In the order to show them in."""
+    """The statistics in the order in which they are shown."""
     scenes: Mapping[Case, Scene]
-    """May lack cases: then these have no paths and no front."""
+    """The scenes to draw; a case without one has no pictures of paths and no front."""
     baseline: str
-    """The planner's label to which J is compared."""
+    """The label of the planner that the others are compared with."""
     answers: Mapping[str, str] = field(default_factory=dict)
-    """One sentence for each map."""
+    """The verdict on each map in words."""
     settings: Mapping[str, str] = field(default_factory=dict)
-    """By what to call them: versions, options, the machine, when."""
+    """Versions, options, the machine and the time, each by its name in the report."""
     command: str = ""
-    """How to repeat it."""
+    """The command that repeats the comparison."""
     title: str = "Planner comparison"
 
     @property
     def e_unit(self) -> str:
-        """Of e: without rotation there is no angle in it."""
-        units = [scene.field.e_unit for scene in self.scenes.values()]
-        return units[0] if units else "m² rad"
+        """The unit of e, which has no angle if the field has no rotation."""
+        return next((scene.field.e_unit for scene in self.scenes.values()), "m² rad")
 
     @property
     def planners(self) -> tuple[str, ...]:
-        """Their labels, in the order of the runs; the place decides colour and dash."""
+        """The planners' labels in the order of the runs, which decides their colours and dashes."""
         return tuple(dict.fromkeys(run.task.planner for run in self.runs))
 
     @property

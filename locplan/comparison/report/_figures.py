@@ -1,4 +1,4 @@
-"""The pictures of a report, as inline SVG in the page's colours; legends are the page's."""
+"""The pictures of a report as inline SVG in the page's colours; legends are parts of the page."""
 
 from __future__ import annotations
 
@@ -27,56 +27,36 @@ from locplan.plotting._picture import Picture
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.image import AxesImage
 
 WIDTH = 3.5
-"""Of every picture [inch]: that of a phone's screen, so that texts are as legible there."""
+"""Width of every picture [inch]: that of a phone's screen, so that texts are legible there."""
 TALLEST = 5.0
+"""Greatest height of a picture [inch]."""
 DPI = 250
-"""Of the maps in pictures."""
+"""Resolution of the maps in pictures [pixels per inch]."""
 INK, MUTED, RULE = "#010203", "#040506", "#070809"
-"""Stand for the page's colours of these names."""
-COLOURS = (
-    "#1b1f24",
-    "#0072b2",
-    "#008a64",
-    "#b8548f",
-    "#c05000",
-    "#2f93d1",
-    "#a07800",
-    "#6a51a3",
-)
-"""Of planners, after Okabe and Ito; the page's --p0, --p1, ... in the light."""
+"""Placeholders that the page's colours of these names replace."""
+COLOURS = ("#1b1f24", "#0072b2", "#008a64", "#b8548f", "#c05000", "#2f93d1", "#a07800", "#6a51a3")
+"""Colours of planners after Okabe and Ito: the page's --p0, --p1, ... in its light scheme."""
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.6, 1.4, 1.6)), (0, (2, 1)))
 MARKERS = "osD^vPX"
 THEME = {INK: "ink", MUTED: "muted", RULE: "rule"} | {c: f"p{n}" for n, c in enumerate(COLOURS)}
 SETTINGS: dict[Any, Any] = {
-    "font.size": 8.5,
-    "axes.labelsize": 8.5,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "locplan",
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": MUTED,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "grid.color": RULE,
-    "grid.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
+    **dict.fromkeys(("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize"), 8.5),
+    **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.labelcolor", "ytick.labelcolor"), INK),
+    **dict.fromkeys(("axes.edgecolor", "xtick.color", "ytick.color"), MUTED),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right"), False),
+    **{"grid.color": RULE, "grid.linewidth": 0.6},
+    **{"svg.fonttype": "none", "svg.hashsalt": "locplan"},
 }
 NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 REACH = 1.3
-"""How far beyond the front, and most planners, runs are still shown."""
+"""Factor on the greatest values of the front and of most planners within which runs are shown."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a planner is drawn: which of the colours, dashes and markers."""
+    """Indices of a planner's colour, dash and marker."""
 
     colour: int
     dash: int
@@ -84,17 +64,18 @@ class Look:
 
     @property
     def line(self) -> dict[str, Any]:
+        """The style of the planner's lines, for matplotlib."""
         return {"color": COLOURS[self.colour], "linestyle": DASHES[self.dash]}
 
 
 def looks_of(planners: Sequence[str]) -> dict[str, Look]:
-    """Of each planner; no two of the first 280 look alike."""
+    """The look of each planner; no two of the first 280 are alike."""
     counts = len(COLOURS), len(DASHES), len(MARKERS)
     return {planner: Look(*(n % count for count in counts)) for n, planner in enumerate(planners)}
 
 
 def marker_sizes(weights: Sequence[float]) -> dict[float, float]:
-    """The greater a weight, the larger its markers."""
+    """The size of the markers of each weight [pt]; it grows with the weight."""
     return dict(zip(weights, np.linspace(4, 9, len(weights)).tolist(), strict=True))
 
 
@@ -103,37 +84,28 @@ def trade_off_picture(
 ) -> tuple[str, int]:
     """Length against the integral of the runs of one query, and its exact front.
 
-    Returns
-    -------
-    svg : str
-        With a line through the medians of each planner's weights.
-    outside : int
-        How many runs lie so far from the front that they are not shown.
+    A line joins the medians of each planner's weights. Returned are the SVG and the number of runs
+    that lie too far from the front to be shown.
     """
     front = scene.front
     assert front is not None
     measure = f"integrated_{front.objective}"
-    points = {
-        planner: np.array(
-            [
-                (run.task.weight, run.measures["length"], run.measures[measure])
-                for run in runs
-                if run.task.planner == planner and run.measures
-            ]
-        ).reshape(-1, 3)
-        for planner in looks
-    }
-    edge = _edge(np.array([front.length, front.integral]).T, list(points.values()))
+    rows: dict[str, list[tuple[float, ...]]] = {planner: [] for planner in looks}
+    for run in runs:
+        values = run.task.weight, run.measures["length"], run.measures[measure]
+        rows[run.task.planner].append(values)
+    points = {planner: np.array(own).reshape(-1, 3) for planner, own in rows.items()}
+    worst = [own[:, 1:].max(axis=0) for own in points.values() if len(own)]
+    usual = np.median(worst, axis=0) if worst else np.zeros(2)
+    edge = REACH * np.maximum((front.length.max(), front.integral.max()), usual)
     sizes = marker_sizes(sorted({run.task.weight for run in runs}))
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         alone = "." if len(front) == 1 else ""
         axes.step(front.length, front.integral, "-", marker=alone, where="post", color=MUTED)
-        for planner, look in looks.items():
-            _draw_trade_offs(
-                axes, points[planner][(points[planner][:, 1:] <= edge).all(1)], look, sizes
-            )
+        for planner, own in points.items():
+            _draw_trade_offs(axes, own[(own[:, 1:] <= edge).all(1)], looks[planner], sizes)
         unit = f"{scene.field.e_unit} m"
         axes.set(xlabel="length [m]", ylabel=f"{MEASURES[measure][0]} [{unit}]")
         axes.margins(0.06)
@@ -141,13 +113,6 @@ def trade_off_picture(
 
     outside = sum(int((own[:, 1:] > edge).any(axis=1).sum()) for own in points.values())
     return _svg(draw, 2.5, alt), outside
-
-
-def _edge(front: NDArray[np.float64], points: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The greatest length and integral to show."""
-    worst = [own[:, 1:].max(axis=0) for own in points if len(own)]
-    usual = np.median(worst, axis=0) if worst else np.zeros(2)
-    return np.asarray(REACH * np.maximum(front.max(axis=0), usual))
 
 
 def _draw_trade_offs(
@@ -158,13 +123,10 @@ def _draw_trade_offs(
     medians = [np.median(group, axis=0) for group in groups.values() if len(group)]
     if medians:
         axes.plot(*np.transpose(medians), **look.line, linewidth=1.0)
-    hollow: dict[str, Any] = {
-        "color": COLOURS[look.colour],
-        "markerfacecolor": "none",
-        "markeredgewidth": 1.2,
-    }
+    hollow: dict[str, Any] = {"markerfacecolor": "none", "markeredgewidth": 1.2}
     for weight, group in groups.items():
-        axes.plot(*group.T, MARKERS[look.marker], markersize=sizes[weight], **hollow)
+        style = {"color": COLOURS[look.colour], "markersize": sizes[weight], **hollow}
+        axes.plot(*group.T, MARKERS[look.marker], **style)
 
 
 def progress_picture(curves: Mapping[str, Convergence], looks: Mapping[str, Look], alt: str) -> str:
@@ -214,28 +176,25 @@ def paths_picture(
             outline = [Stroke(linewidth=width + 1.2, foreground="white"), Normal()]
             draw_path(axes, path, **looks[planner].line, linewidth=width, path_effects=outline)
         draw_ends(axes, *ends)
-        _colour_bar(figure, axes, image, f"{scene.field.quantity().axis}, x and y [m]")
+        label = f"{scene.field.quantity().axis}, x and y [m]"
+        bar = figure.colorbar(image, ax=axes, label=label, location="bottom", aspect=40, pad=0.04)
+        _plain_decades(bar.ax.xaxis)
+        bar.outline.set_linewidth(0.5)
         width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
         figure.set_size_inches(WIDTH, min((WIDTH - 0.35) * height / width + 0.85, TALLEST))
 
     return _svg(draw, TALLEST, alt)
 
 
-def _colour_bar(figure: Figure, axes: Axes, image: AxesImage, label: str) -> None:
-    bar = figure.colorbar(image, ax=axes, label=label, location="bottom", aspect=40, pad=0.04)
-    _plain_decades(bar.ax.xaxis)
-    bar.outline.set_linewidth(0.5)
-
-
 def _plain_decades(axis: Axis) -> None:
-    """Ticks 0.01, 0.1, 1 instead of powers."""
+    """Label the ticks 0.01, 0.1, 1 instead of with powers."""
     axis.set_major_locator(LogLocator(numticks=6))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def _svg(draw: Callable[[Figure], None], height: float, alt: str) -> str:
-    """A picture with its alternative text, in the page's colours, its identifiers its own."""
+    """A picture with alternative text, colours of the page and unique identifiers, as SVG."""
     with mpl.rc_context(SETTINGS):
         figure = Picture(figsize=(WIDTH, height), layout="constrained")
         draw(figure)

@@ -1,6 +1,6 @@
-"""The page around a report: its head, its looks, tables and pictures as HTML.
+"""The page of a report: its head, its style, tables and pictures as HTML.
 
-Whatever comes as `str` is text and is escaped; what is HTML already comes as `Html`.
+Every `str` is text and is escaped, except for an `Html`.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from html import escape
 
 
 class Html(str):
-    """Text that is HTML and stays as it is."""
+    """Text that is HTML already, and is not escaped."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of a table, and what it is sorted by."""
+    """A cell of a table with the key that sorts it."""
 
     content: str
     key: float | None = None
-    """None if it is sorted by its text; NaN comes last."""
+    """The key by which the cell is sorted, NaN last; None sorts it by its text."""
     kind: str = ""
-    """Its CSS classes."""
+    """The cell's CSS classes."""
 
 
 def html(content: str) -> Html:
@@ -40,7 +40,7 @@ def joined(parts: Iterable[str]) -> Html:
 
 
 def element(tag: str, *content: str, **attributes: str) -> Html:
-    """An element; ``kind`` is its class, and underscores of other attributes are hyphens."""
+    """An element; `kind` is its class, and underscores in other names become hyphens."""
     written = "".join(
         f' {name.replace("_", "-")}="{escape(value, quote=True)}"'
         for name, value in ({"class": attributes.pop("kind", "")} | attributes).items()
@@ -55,21 +55,16 @@ def breakable(label: str) -> Html:
 
 
 def table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> Html:
-    """A table in a box of its own that scrolls sideways; its first column stays in view."""
+    """A table in a box that scrolls sideways; its first column stays in view."""
     head = element("tr", *(element("th", text, scope="col") for text in heads))
-    body = [element("tr", *_cells(row)) for row in rows]
+    body = [
+        element("tr", _cell("th", first, scope="row"), *(_cell("td", cell) for cell in others))
+        for first, *others in rows
+    ]
     whole = element(
-        "table",
-        element("caption", caption),
-        element("thead", head),
-        element("tbody", *body),
+        "table", element("caption", caption), element("thead", head), element("tbody", *body)
     )
     return element("div", whole, kind="scroll", tabindex="0", role="region", aria_label=caption)
-
-
-def _cells(row: Sequence[Cell]) -> list[Html]:
-    first, *others = row
-    return [_cell("th", first, scope="row"), *(_cell("td", cell) for cell in others)]
 
 
 def _cell(tag: str, cell: Cell, **attributes: str) -> Html:
@@ -79,24 +74,19 @@ def _cell(tag: str, cell: Cell, **attributes: str) -> Html:
 
 
 def counted(number: int, one: str, many: str = "") -> str:
-    """How many there are of something."""
+    """A number with its noun, in the plural unless it is 1."""
     return f"{number:,} {one if number == 1 else many or one + 's'}"
 
 
 def picture(svg: str, legend: Html, caption: str, kind: str = "") -> Html:
-    """A picture that `report_figures` has made, with its caption above and its legend below."""
+    """A picture with its caption above and its legend below."""
     return element("figure", element("figcaption", caption), Html(svg), legend, kind=kind)
 
 
 def page(title: str, parts: Iterable[str], colours: str) -> str:
-    """A whole document that loads nothing and runs no script but ours.
+    """A whole document that loads nothing and runs no other script.
 
-    Parameters
-    ----------
-    title, parts : str
-        Of the document.
-    colours : str
-        Declarations of CSS, for maps and for everything in the light.
+    `colours` are declarations of CSS for maps, and for everything in the light scheme.
     """
     digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
     style = f":root, .map {{ {colours} }}\n{STYLE}"

@@ -11,7 +11,7 @@ from locplan.comparison.report._html import Html, breakable, element
 
 WIDTH, HEIGHT = 120, 14
 MAX_RATIO = 0.1
-"""How far from 1 a scale goes at most, so that one bad planner does not hide the others."""
+"""Greatest distance of a scale's ends from 1, so that one bad planner does not hide the others."""
 SHAPES: Mapping[str, str] = {
     "o": "M4 0 A4 4 0 1 1 -4 0 A4 4 0 1 1 4 0 Z",
     "s": "M-4 -4 H4 V4 H-4 Z",
@@ -24,31 +24,31 @@ SHAPES: Mapping[str, str] = {
     "*": "M0 -7 L1.7 -2.3 L6.6 -2.2 L2.7 0.9 L4.1 5.7 L0 2.9 L-4.1 5.7 L-2.7 0.9 L-6.6 -2.2"
     " L-1.7 -2.3 Z",
 }
-"""matplotlib's markers as paths around 0."""
+"""Paths around 0 for the markers of matplotlib."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """From a ratio to where it is drawn."""
+    """A scale that turns a ratio into its place in a drawing."""
 
     low: float
     high: float
 
     @classmethod
     def of(cls, intervals: Iterable[tuple[float, float]]) -> Scale:
-        """One that shows 1 and, as far as they are near it, these intervals."""
+        """A scale that shows 1 and these intervals, as far as they are near 1."""
         ends = [end for interval in intervals for end in interval if math.isfinite(end)]
         low, high = max(min([*ends, 0.99]), 1 - MAX_RATIO), min(max([*ends, 1.01]), 1 + MAX_RATIO)
         return cls(low, high)
 
     def at(self, ratio: float) -> float:
-        """Pixels from the left, with room for arrows at both ends."""
+        """The distance of a ratio from the left [pixels], with room for arrows at both ends."""
         share = (ratio - self.low) / (self.high - self.low)
         return 8 + (WIDTH - 16) * min(max(share, 0.0), 1.0)
 
 
 def interval(ratio: float, low: float, high: float, scale: Scale) -> Html:
-    """A ratio and its interval beside the line of equal ones, muted if they include it."""
+    """A ratio with its interval and a line at 1; muted if the interval includes 1."""
     middle, equal = HEIGHT / 2, f"{scale.at(1):.1f}"
     colour = "muted" if low <= 1 <= high else "accent"
     ends = f"M{scale.at(low):.1f} {middle} H{scale.at(high):.1f}"
@@ -68,12 +68,12 @@ def line(look: Look) -> Html:
 
 
 def line_and_marker(look: Look) -> Html:
-    """The same with its marker."""
+    """A short line in a planner's colour and dash, with its marker."""
     return swatch(f"p{look.colour}", look.dash, MARKERS[look.marker])
 
 
 def swatch(colour: str, dash: int = 0, marker: str = "", size: float = 6) -> Html:
-    """A line of one of the page's colours, or none if `dash` is -1, and a marker upon it [pt]."""
+    """A line in a colour of the page, or none if `dash` is -1, with a marker of a `size` [pt]."""
     parts = []
     width = 30 if dash >= 0 else 16
     if dash >= 0:
@@ -88,7 +88,7 @@ def swatch(colour: str, dash: int = 0, marker: str = "", size: float = 6) -> Htm
 
 
 def legend(entries: Iterable[tuple[Html, str]]) -> Html:
-    """What lines and markers mean, below a picture."""
+    """The legend of a picture: each mark with its text."""
     items = (element("li", mark, element("span", breakable(text))) for mark, text in entries)
     return element("ul", *items, kind="legend")
 

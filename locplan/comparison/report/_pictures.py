@@ -1,4 +1,4 @@
-"""The pictures of a report with what is said above and below them."""
+"""The pictures of a report with their explanations and legends."""
 
 from __future__ import annotations
 
@@ -20,19 +20,17 @@ from locplan.comparison.report._figures import (
 from locplan.comparison.report._html import Html, counted, element, html, picture
 from locplan.comparison.report._marks import legend, line, line_and_marker, swatch
 from locplan.costs import Path
-from locplan.planners import ParetoFront
 
 
 def trade_offs(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
-    """Length against the integral of e, before the exact front."""
-    yield element(
-        "p",
+    """Length against the integral of e, with the exact front."""
+    note = (
         "Every run of one query: shorter to the left, safer below. Markers grow with the weight,"
         " a line joins the medians of a planner's weights. The grey line is the Pareto front of"
         " paths from cell to cell, exact unless the legend says otherwise; paths that leave its"
-        " eight directions can lie below it.",
-        kind="muted",
+        " eight directions can lie below it."
     )
+    yield element("p", note, kind="muted")
     yield _gallery(
         _trade_off(data, case, looks)
         for case, scene in data.scenes.items()
@@ -46,21 +44,12 @@ def _trade_off(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Html:
     assert front is not None
     runs = [run for run in data.of_case(case) if run.task.query == query and run.measures]
     what, unit = MEASURES[f"integrated_{front.objective}"][0], f"{scene.field.e_unit} m"
-    ends = [
-        f"{length:.1f} m and {integral:.3g} {unit}"
-        for length, integral in zip(front.length[[0, -1]], front.integral[[0, -1]], strict=True)
-    ]
+    ends = [f"{front.length[n]:.1f} m and {front.integral[n]:.3g} {unit}" for n in (0, -1)]
     alt = f"Length against {what} on {_name(case, query)}. The front goes from {' to '.join(ends)}."
     drawn, outside = trade_off_picture(scene, runs, looks, alt)
     caption = _name(case, query)
     if outside:
         caption += f"; {counted(outside, 'run')} too far out to show"
-    return picture(drawn, _legend_of_trade_offs(runs, looks, front), caption)
-
-
-def _legend_of_trade_offs(
-    runs: Sequence[Run], looks: Mapping[str, Look], front: ParetoFront
-) -> Html:
     used = {run.task.planner for run in runs}
     entries = [(line_and_marker(look), name) for name, look in looks.items() if name in used]
     exact = "exact front" if front.epsilon == 0 else f"front within {front.epsilon:.2%}"
@@ -68,25 +57,23 @@ def _legend_of_trade_offs(
     sizes = marker_sizes(sorted({run.task.weight for run in runs}))
     for weight, size in sizes.items():
         entries.append((swatch("muted", -1, MARKERS[0], size), f"weight {weight:g}"))
-    return legend(entries)
+    return picture(drawn, legend(entries), caption)
 
 
 def over_time(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
     """Best J over time of the anytime planners."""
-    yield element(
-        "p",
+    note = (
         f"Best J so far of the anytime planners as a multiple of the J of {data.baseline} for the"
         " same query: the median over queries, of which each is the median over its seeds, and the"
-        " interquartile band. A line begins when half of the queries have a path.",
-        kind="muted",
+        " interquartile band. A line begins when half of the queries have a path."
     )
+    yield element("p", note, kind="muted")
     yield _gallery(part for case in data.cases for part in _over_time(data, case, looks))
 
 
 def _over_time(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Iterator[Html]:
-    curves = [
-        curve for curve in convergence(data.of_case(case), data.baseline) if curve.queries
-    ]  # without a query that the baseline has solved there is nothing to relate to
+    # Without a query that the baseline has solved there is no ratio to draw.
+    curves = [each for each in convergence(data.of_case(case), data.baseline) if each.queries]
     for weight in sorted({curve.setting.weight for curve in curves}):
         own = {curve.planner: curve for curve in curves if curve.setting.weight == weight}
         caption = f"{', '.join(case)}, weight {weight:g}"
@@ -104,18 +91,17 @@ def _course(curve: Convergence) -> str:
 
 def paths(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
     """Paths over the map and its field."""
-    yield element(
-        "p",
+    note = (
         "The darker a place, the less a match there tells where the robot is. Lines that coincide"
-        " lie on one another, ever thinner. Of several seeds the path of median J is drawn.",
-        kind="muted",
+        " lie on one another, ever thinner. Of several seeds the path of median J is drawn."
     )
+    yield element("p", note, kind="muted")
     asked = ((case, query) for case, scene in data.scenes.items() for query in scene.queries)
     yield _gallery((_paths(data, *each, looks) for each in asked), "large")
 
 
 def _paths(data: ReportData, case: Case, query: str, looks: Mapping[str, Look]) -> Html:
-    """The paths at the greatest weight."""
+    """The paths of a query at the greatest weight."""
     asked = [run for run in data.of_case(case) if run.task.query == query]
     weight = max((run.task.weight for run in asked), default=0.0)
     runs = [run for run in asked if run.task.weight == weight and run.xy]
@@ -139,7 +125,7 @@ def _paths(data: ReportData, case: Case, query: str, looks: Mapping[str, Look]) 
 
 
 def _typical(runs: Sequence[Run], planner: str) -> Run | None:
-    """The one of median J."""
+    """The planner's run of median J."""
     own = [run for run in runs if run.task.planner == planner]
     return sorted(own, key=lambda run: run.measures["cost"])[(len(own) - 1) // 2] if own else None
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 from locplan._util.files import replacing
 from locplan.comparison.report._data import ReportData
@@ -21,13 +20,13 @@ def write_report(path: str | os.PathLike[str], data: ReportData) -> None:
     Parameters
     ----------
     path : path
-        Of the HTML file.
+        The HTML file.
     data : ReportData
-        What it tells. Names, labels and notes may hold anything: they are text.
+        The contents. Names, labels and notes may hold any text.
     """
     text = page(data.title, _parts(data), palette())
     with replacing(path) as temporary:
-        Path(temporary).write_text(text, encoding="utf-8", errors="replace")
+        temporary.write_text(text, encoding="utf-8", errors="replace")
 
 
 def _parts(data: ReportData) -> Iterator[Html]:

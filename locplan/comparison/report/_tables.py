@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections import Counter
@@ -27,37 +28,30 @@ HEADS = {"cost": "J [m]", "seconds": "time [ms]"} | {
     name: f"{label} [{unit}]" for name, (label, unit) in MEASURES.items() if name in COLUMNS[2:]
 }
 MAX_GROUPS = 200
-"""Of failures that are told."""
+"""Greatest number of kinds of failures in the table."""
 NO_BREAK = "\u00a0"
 
 
 def results(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
     """Every planner's statistics, a table for each map, config and weight."""
-    yield element(
-        "p",
+    note = (
         f"The mark beside each ratio is its 95{NO_BREAK}% interval, the upright line the J of"
         f" {data.baseline}; grey where the interval includes it, an arrow where it lies outside."
         " The other columns are medians over the queries that all planners have solved, with"
-        " their interquartile ranges below. Bold: the least median J of those that solve most.",
-        kind="muted",
+        " their interquartile ranges below. Bold: the least median J of the planners that solve"
+        " most."
     )
-    cases = itertools.groupby(data.rows, lambda row: (row["map"], row["config"]))
-    for case, in_case in cases:
+    yield element("p", note, kind="muted")
+    measured = HEADS | {"integrated_e": f"{MEASURES['integrated_e'][0]} [{data.e_unit} m]"}
+    heads = ["planner", "J / baseline's J", "solved", *(measured[name] for name in COLUMNS)]
+    for case, in_case in itertools.groupby(data.rows, lambda row: (row["map"], row["config"])):
+        name = ", ".join(case)
         tables = [
-            table(
-                f"{', '.join(case)}, weight {weight:g}",
-                _heads(data.e_unit),
-                _rows(list(rows), data, looks),
-            )
+            table(f"{name}, weight {weight:g}", heads, _rows(list(rows), data, looks))
             for weight, rows in itertools.groupby(in_case, lambda row: row["weight"])
         ]
-        name = element("summary", element("h3", ", ".join(case)))
-        yield element("details", name, *tables, open="open")
-
-
-def _heads(e_unit: str) -> list[str]:
-    heads = HEADS | {"integrated_e": f"{MEASURES['integrated_e'][0]} [{e_unit} m]"}
-    return ["planner", "J / baseline's J", "solved", *(heads[name] for name in COLUMNS)]
+        title = element("summary", element("h3", name))
+        yield element("details", title, *tables, open="open")
 
 
 def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> Iterator[list[Cell]]:
@@ -70,12 +64,10 @@ def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> I
         name = element("span", mark, element("span", breakable(label)), kind="planner")
         costs, *others = (_measure_cell(row, measure) for measure in COLUMNS)
         if share == most and _median(row, "cost") == least < math.inf:
-            costs = Cell(costs.content, costs.key, "best")
-        solved = Cell(
-            f"{share:.0%}".replace("%", f"{NO_BREAK}%"), share, "" if share == 1 else "few"
-        )
-        ratio = _ratio_cell(row, label == data.baseline, scale)
-        yield [Cell(name), ratio, solved, costs, *others]
+            costs = dataclasses.replace(costs, kind="best")
+        percent = f"{share:.0%}".replace("%", f"{NO_BREAK}%")
+        solved = Cell(percent, share, "" if share == 1 else "few")
+        yield [Cell(name), _ratio_cell(row, data.baseline, scale), solved, costs, *others]
 
 
 def _median(row: Row, measure: str) -> float:
@@ -92,21 +84,19 @@ def _measure_cell(row: Row, measure: str) -> Cell:
     return Cell(joined([middle, element("small", f"{low} – {high}")]), quartiles[0])
 
 
-def _ratio_cell(row: Row, is_baseline: bool, scale: Scale) -> Cell:
-    if is_baseline:
-        return Cell(
-            joined(["1", interval(1, 1, 1, scale), element("small", "baseline")]), 1.0, "ratio"
-        )
+def _ratio_cell(row: Row, baseline: str, scale: Scale) -> Cell:
     ratio, low, high = row["ratio"], row["ratio_low"], row["ratio_high"]
+    text, note = f"{ratio:.3f} [{low:.3f}, {high:.3f}]", row["sentence"]
+    if row["planner"] == baseline:
+        ratio, low, high, text, note = 1.0, 1.0, 1.0, "1", "baseline"
     if not math.isfinite(ratio):
         return Cell("–", math.nan)
-    text = f"{ratio:.3f} [{low:.3f}, {high:.3f}]"
     drawn = interval(ratio, low, high, scale)
-    return Cell(joined([text, drawn, element("small", row["sentence"])]), ratio, "ratio")
+    return Cell(joined([text, drawn, element("small", note)]), ratio, "ratio")
 
 
 def _number(value: float) -> str:
-    """Four digits that count above 10, three above 1 and two below."""
+    """Text with four significant digits above 10, three above 1 and two below."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else "–"
     size = math.floor(math.log10(abs(value)))
@@ -116,7 +106,7 @@ def _number(value: float) -> str:
 
 
 def failures(data: ReportData) -> Iterator[Html]:
-    """The runs without a path, those that failed alike in one row."""
+    """The runs without a path, in one row for each kind of failure."""
     groups: dict[tuple[str, ...], list[Run]] = {}
     for run in data.runs:
         if run.status != "solved":
