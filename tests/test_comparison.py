@@ -15,7 +15,7 @@ from locplan.comparison import PlannerSpec
 from locplan.comparison._cases import named_configs
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import FieldConfig, Sad
+from locplan.field import FieldConfig, Fisher, Lidar, Sad
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, Query, options_of
 
@@ -245,10 +245,24 @@ def test_all_files_are_written(compared, tmp_path):
 def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
     grid = rooms()
     own = Costmap.from_density(grid, np.where(grid.free, 2.0, np.inf))
-    found = locplan.compare({"mine": own}, ["grid"], 2, weights=[0.0], least_distance=1.0)
+    found = locplan.compare({"mine": own}, ["grid"], 2, least_distance=1.0)
     assert {run.task.config for run in found.runs} == {"own cost"}
     assert all(math.isnan(run.measures["integrated_e"]) for run in found.runs)
     assert (tmp_path / "out" / "report.html") in found.save(tmp_path / "out")
+
+
+def test_each_estimator_has_its_own_weight_and_criterion(monkeypatch):
+    monkeypatch.setattr(Fisher, "weight", 8.0)
+    monkeypatch.setattr(Fisher, "criterion", "position_std")
+    configs = {"sad": QUICK, "fisher": FieldConfig(Fisher(Lidar(range=1.0)), stride=0.5)}
+    settings = {"configs": configs, "least_distance": 2.0, "robot_radius": 0.1, "workers": 1}
+    found = locplan.compare(rooms(), ["grid", "any-angle"], 1, **settings)
+    assert {(run.task.config, run.task.weight) for run in found.runs} == {("sad", 4), ("fisher", 8)}
+    about = found.to_json()
+    assert about["weights"] == [4.0, 8.0]
+    assert [case["criterion"] for case in about["cases"]] == ["e", "position_std"]
+    assert "At weight 4, sad: grid" in found.answers()["rooms"]
+    assert "At weight 8, fisher: grid" in found.answers()["rooms"]
 
 
 def test_queries_come_in_every_form(tmp_path):

@@ -451,7 +451,8 @@ def test_wrong_input_is_told_before_any_run(tmp_path):
     assert "workers" in refused(workers=0)
     assert "name of its own" in refused(jobs=[job(queries=QUERIES + QUERIES)])
     assert "weight" in refused(weights=[-1.0])
-    assert "no field" in refused(jobs=[job(costs=Costmap.blank(room().grid, robot_radius=0.0))])
+    blank = job(costs=Costmap.blank(room().grid, robot_radius=0.0))
+    assert "no field" in refused(jobs=[blank], weights=[4.0])
     assert "at least one planner" in refused(planners=[])
 
 

@@ -1,14 +1,15 @@
-"""What is compared on: maps with the settings of their fields, and the queries on them."""
+"""The cases of a comparison: maps with the settings of their fields, and the queries on them."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from locplan._util.checks import is_whole
 from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison.report._data import Case, Scene
 from locplan.costs import Costmap
@@ -19,62 +20,66 @@ from locplan.maps import OccupancyGrid, find_maps, load_map
 from locplan.planners import Query, pareto_front, random_queries, read_queries
 
 MAX_SCENARIOS = 100
-"""Of a MovingAI file, evenly over its lengths: some have fifteen thousand."""
+"""Greatest number of queries from a MovingAI file, which may hold fifteen thousand."""
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A map with one kind of field, made anew whenever it is needed: fields are cached."""
+    """A map with one kind of field, which is read from the cache whenever it is needed."""
 
     case: Case
     grid: OccupancyGrid
     config: FieldConfig | None
-    """None for a costmap of one's own."""
+    """The settings of the field; None for a user's own costmap."""
     own: Costmap | None
+    """The user's own costmap, which has no field."""
     robot_radius: float
-    """[m]"""
-    criterion: str
+    """Radius of the robot [m]."""
+    criterion: str | None
+    """The scalar that u is made of; None for a user's own costmap."""
     queries: tuple[Query, ...]
     field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField]
+    """The function that makes or reads a field."""
 
     def to_json(self) -> dict[str, Any]:
-        """All that it is made of but its cells."""
+        """Everything that the case is made of, with a digest of the map's cells."""
         return {
             "map": self.case[0],
             "digest": self.grid.digest,
             "field": self.case[1],
             "config": None if self.config is None else self.config.to_json(),
+            "criterion": self.criterion,
             "robot_radius": self.robot_radius,
             "queries": [dataclasses.asdict(query) for query in self.queries],
         }
 
-    def field(self) -> CovarianceField | None:
-        return None if self.config is None else self.field_of(self.grid, self.config)
-
-    def costmap(self, field: CovarianceField | None = None) -> Costmap:
-        """Of any weight: runs make it one of their own."""
-        if self.own is not None:
-            return self.own
-        field = field or self.field()
-        assert field is not None
-        return Costmap.from_field(
-            self.grid, field, robot_radius=self.robot_radius, criterion=self.criterion
-        )
+    def costmap(self) -> tuple[Costmap, CovarianceField | None]:
+        """The costmap, of the estimator's own weight, and the field that it is made of."""
+        if self.config is None:
+            assert self.own is not None
+            return self.own, None
+        field = self.field_of(self.grid, self.config)
+        radius = self.robot_radius
+        costs = Costmap.from_field(self.grid, field, robot_radius=radius, criterion=self.criterion)
+        return costs, field
 
     def find_queries(
         self, costs: Costmap, wanted: Any, least_distance: float, seed: int, headed: bool
     ) -> tuple[Query, ...]:
-        """What was asked for as queries: see `locplan.compare`."""
-        if isinstance(wanted, int) and not isinstance(wanted, bool):
-            far: dict[str, Any] = {"least_distance": least_distance, "headed": headed}
-            return tuple(random_queries(costs, wanted, seed, **far))
+        """Queries from a number, a file or a sequence, see `locplan.compare`."""
+        if is_whole(wanted):
+            return tuple(
+                random_queries(costs, wanted, seed, least_distance=least_distance, headed=headed)
+            )
         if isinstance(wanted, (str, os.PathLike)):
             if Path(wanted).suffix == ".scen":
                 return tuple(read_scenarios(wanted, self.grid, count=MAX_SCENARIOS))
             return tuple(read_queries(wanted))
         try:
             return tuple(
-                one if isinstance(one, Query) else Query(f"query {n}", *map(_pose, one))
+                one
+                if isinstance(one, Query)
+                else Query(f"query {n}", *(tuple(map(float, pose)) for pose in one))
                 for n, one in enumerate(wanted, 1)
             )
         except (TypeError, ValueError):
@@ -84,11 +89,10 @@ class Source:
             ) from None
 
     def scene(self, paths: int, front_time: float) -> Scene | None:
-        """What pictures need: some queries, and the exact front of the first; None without e."""
-        field = self.field()
+        """The case with some queries and the front of the first, for pictures; None without e."""
+        costs, field = self.costmap()
         if field is None:
             return None
-        costs = self.costmap(field)
         first = self.queries[0]
         ends = first.start[:2], first.goal[:2]
         front = pareto_front(costs, *ends, objective="e", time_limit=front_time)
@@ -102,13 +106,7 @@ class Source:
 
 
 def named_maps(maps: Any) -> dict[str, OccupancyGrid | Costmap]:
-    """Maps by name: of files, folders of them, grids or costmaps.
-
-    Raises
-    ------
-    LocplanError
-        If one cannot be read, is something else, or two have one name.
-    """
+    """Maps by name, from files, folders of them, grids or costmaps."""
     if isinstance(maps, Mapping):
         return {str(name): _map(one) for name, one in maps.items()}
     if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
@@ -132,7 +130,7 @@ def named_maps(maps: Any) -> dict[str, OccupancyGrid | Costmap]:
 def named_configs(
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None,
 ) -> dict[str, FieldConfig]:
-    """Settings by label."""
+    """The settings of fields by label."""
     if configs is None or isinstance(configs, (FieldConfig, Estimator)):
         config = config_of(configs)
         return {f"{config.estimator.name}, {config.estimator.reach:g} m": config}
@@ -147,7 +145,3 @@ def _map(given: Any) -> OccupancyGrid | Costmap:
     if isinstance(given, (str, os.PathLike)):
         return read_movingai_map(given) if Path(given).suffix == ".map" else load_map(given)
     raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {given!r}")
-
-
-def _pose(given: Sequence[float]) -> tuple[float, ...]:
-    return tuple(float(v) for v in given)

@@ -26,23 +26,20 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import AnyPlanner, Planner, Query
 
 BASELINE = "any-angle"
-"""To compare with, unless told otherwise and if it is there."""
+"""The planner that the others are compared with by default, if it is there."""
 PACKAGES = ("numpy", "numba", "scipy", "ompl")
 
 
 def compare(
     maps: Any,
-    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] = (
-        "grid",
-        "any-angle",
-    ),
+    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] = ("grid", "any-angle"),
     queries: Any = 10,
     *,
-    weights: Sequence[float] = (4.0,),
+    weights: Sequence[float] | None = None,
     seeds: Sequence[int] = (1,),
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None = None,
     robot_radius: float = 0.25,
-    criterion: str = "e",
+    criterion: str | None = None,
     time_limit: float | None = None,
     least_distance: float = 5.0,
     query_seed: int = 1,
@@ -57,54 +54,53 @@ def compare(
 ) -> Comparison:
     """Run every planner on every query of every map, in worker processes.
 
-    A run that crashes, hangs or takes too much memory is a failure that is counted; the others go
-    on.
+    A run that crashes, hangs or takes too much memory is counted as a failure; the others go on.
 
     Parameters
     ----------
     maps : map, or sequence or mapping of them
-        Each a map_server YAML, an OccupancyGrid, or a Costmap of one's own; a mapping names them.
+        Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
     planners : sequence, or one of them
-        Names with options, such as "BITstar:time_limit=2"; whatever else `locplan.plan` takes:
-        functions ``f(costs, start, goal, **options)`` that return a `Path`, each with a costmap
-        of its own, or objects such as ``planners.Ompl("BITstar", time_limit=2)``; or
-        `PlannerSpec`.
+        Names with options, such as "BITstar:time_limit=2"; functions ``f(costs, start, goal,
+        **options)`` that return a `Path`, each with a costmap of its own; objects such as
+        ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
     queries : int, path, sequence, or mapping of them by map
-        How many to draw at random; a CSV of name, start_x, start_y, goal_x, goal_y [m], or a
-        MovingAI .scen file (100 of it); or `Query` objects, or (start, goal) pairs.
-    weights : sequence of float
-        Metres of detour accepted per degenerate metre.
+        Number of random queries; a CSV file of name, start_x, start_y, goal_x, goal_y [m], or a
+        MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal) pairs.
+    weights : sequence of float, optional
+        Metres of detour accepted per degenerate metre; each estimator's own by default.
     seeds : sequence of int
-        Of planners with random numbers; the others run once.
+        Seeds of planners with random numbers; the others run once.
     configs : FieldConfig, or mapping of them by label
-        What a robot may see: the same comparison is made for each.
+        Settings of the fields: the comparison is made for each of them.
     robot_radius : float
-        [m]
-    criterion : str
-        What u is made of, see `Costmap.from_field`.
+        Radius of the robot [m].
+    criterion : str, optional
+        Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
     time_limit : float, optional
-        Of OMPL's planners that have none of their own [s].
+        Time limit of OMPL's planners that have none of their own [s].
     least_distance : float
-        Between start and goal of random queries, in a straight line [m].
+        Least straight distance between start and goal of random queries [m].
     query_seed : int
-        Of random queries.
+        Seed of the random queries.
     baseline : str, optional
-        The label of the planner to compare with: any-angle if it is there, else the first.
+        Label of the planner to compare with; by default any-angle if it is there, else the first.
     workers : int, optional
-        Processes at once; as many as there are cores.
+        Number of processes at once; by default the number of cores.
     memory : float, optional
-        What a run may take [bytes], on Linux; by default the workers share 80 % of the machine's.
+        Memory of a run [bytes], on Linux; by default the workers share 80 % of the machine's.
     patience : float
-        How long a planner without a time limit may take [s]. With one it is twice that and 10 s.
+        Time after which a planner without a time limit is ended [s]. A planner with a limit is
+        ended after twice that limit and 10 s.
     journal : path, optional
-        A file that runs are written to as they come.
+        File that every run is written to as soon as it is done.
     resume : bool
-        Whether the journal may hold runs already: those of the same tasks are not made again, but
-        for ones that crashed, hung or took too much memory.
-    progress : callable, optional
-        Called with the number of runs done and of all.
+        Whether the journal may hold runs already. Their tasks are not run again, except for those
+        that crashed, hung or took too much memory.
     field_of : callable
-        Makes or reads the field of a map.
+        Function that makes or reads the field of a map.
+    progress : callable, optional
+        Function that is called with the number of runs done and of all runs.
 
     Returns
     -------
@@ -117,7 +113,7 @@ def compare(
     """
     if isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners):
         planners = [planners]
-    weights = [float(weights)] if isinstance(weights, Real) else list(weights)
+    weights = [float(weights)] if isinstance(weights, Real) else weights
     if not isinstance(seeds, Iterable):
         raise ConfigError(f"seeds must be a sequence of whole numbers, not {seeds!r}")
     specs = [spec.with_time_limit(time_limit) for spec in specs_of(planners)]
@@ -130,18 +126,25 @@ def compare(
     began = datetime.now(UTC).astimezone()
 
     def jobs() -> Iterator[Job]:
+        """One job for each map and settings; a map's queries are the same in all settings."""
         headed = any(spec.planner.space != "R2" for spec in specs)
-        for source, costs in _sources(
-            maps,
-            queries,
-            configs,
-            robot_radius,
-            criterion,
-            field_of,
-            (least_distance, query_seed, headed),
-        ):
-            sources[source.case] = source
-            yield Job(*source.case, costs, source.queries)
+        for name, given in named_maps(maps).items():
+            own, grid = (given, given.grid) if isinstance(given, Costmap) else (None, given)
+            if isinstance(queries, Mapping) and name not in queries:
+                raise ConfigError(f"there are no queries for map {name!r}")
+            wanted = queries[name] if isinstance(queries, Mapping) else queries
+            asked: tuple[Query, ...] = ()
+            radius = robot_radius if own is None else own.robot_radius
+            settings = {"own cost": None} if own else named_configs(configs)
+            for label, config in settings.items():
+                case = name, label
+                scalar = criterion or config.estimator.criterion if config else None
+                source = Source(case, grid, config, own, radius, scalar, asked, field_of)
+                costs, _ = source.costmap()
+                if not asked:
+                    asked = source.find_queries(costs, wanted, least_distance, query_seed, headed)
+                sources[case] = dataclasses.replace(source, queries=asked)
+                yield Job(name, label, costs, asked)
 
     runs = run_all(
         jobs(),
@@ -167,41 +170,12 @@ def compare(
             "workers": workers or usable_cores(),
             "began": began.isoformat(timespec="seconds"),
             "planners": {spec.label: spec.identity() for spec in specs},
-            "weights": [float(weight) for weight in weights],
+            "weights": list(dict.fromkeys(run.task.weight for run in runs)),
             "seeds": list(seeds),
             "time_limit": time_limit,
             "memory": memory,
             "patience": patience,
-            "criterion": criterion,
             "random_queries": {"least_distance": least_distance, "seed": query_seed},
             "cases": [source.to_json() for source in sources.values()],
         },
     )
-
-
-def _sources(
-    maps: Any,
-    queries: Any,
-    configs: Any,
-    robot_radius: float,
-    criterion: str,
-    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField],
-    drawn: tuple[float, int, bool],
-) -> Iterator[tuple[Source, Costmap]]:
-    """One of each map and settings; the queries of a map are the same in all settings."""
-    for name, given in named_maps(maps).items():
-        own = given if isinstance(given, Costmap) else None
-        grid = given.grid if isinstance(given, Costmap) else given
-        if isinstance(queries, Mapping) and name not in queries:
-            raise ConfigError(f"there are no queries for map {name!r}")
-        wanted = queries[name] if isinstance(queries, Mapping) else queries
-        asked: tuple[Query, ...] = ()
-        radius = robot_radius if own is None else own.robot_radius
-        labels = {"own cost": None} if own else named_configs(configs)
-        for label, config in labels.items():
-            source = Source((name, label), grid, config, own, radius, criterion, asked, field_of)
-            costs = source.costmap()
-            if not asked:
-                asked = source.find_queries(costs, wanted, *drawn)
-                source = dataclasses.replace(source, queries=asked)
-            yield source, costs

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,19 +29,19 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.planners import AnyPlanner, Query, check_ends
 
 BY_CHANCE = ("crashed", "hung", "out of memory")
-"""What may end otherwise with more memory or patience, or undisturbed: made anew on resuming."""
+"""Statuses that may differ the next time: a resumed comparison makes these runs again."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A map with a field, and where to go on it."""
+    """A map with a field, and the queries on it."""
 
     map: str
     """The map's name."""
     config: str
-    """The label of the field's settings; once for a map."""
+    """The label of the field's settings, which differs between the jobs of a map."""
     costs: Costmap
-    """For the robot's radius and of any weight: runs make it one of their own."""
+    """The costmap; its weight counts only if no weights are given."""
     queries: Sequence[Query]
 
 
@@ -50,7 +49,7 @@ def run_all(
     jobs: Iterable[Job],
     planners: Sequence[AnyPlanner | PlannerSpec],
     *,
-    weights: Sequence[float] = (4.0,),
+    weights: Sequence[float] | None = None,
     seeds: Sequence[int] = (1,),
     workers: int | None = None,
     memory: float | None = None,
@@ -59,41 +58,10 @@ def run_all(
     resume: bool = False,
     progress: ProgressCallback | None = None,
 ) -> list[Run]:
-    """Run every planner on every query, each run in a process that may fail.
+    """Run every planner on every query in worker processes, see `locplan.compare`.
 
-    Parameters
-    ----------
-    jobs : iterable of Job
-        May make each costmap when it is asked for: they are not kept in memory.
-    planners : sequence of str, function, Planner or PlannerSpec
-        See `PlannerSpec.of`.
-    weights : sequence of float
-        Metres of detour accepted per degenerate metre; 0 for costmaps without a field.
-    seeds : sequence of int
-        For planners with random numbers; the others run once, as seed 0.
-    workers : int, optional
-        Processes at once; as many as there are cores.
-    memory : float, optional
-        What a run may take [bytes], on Linux; by default the workers share 80 % of the machine's.
-    patience : float
-        How long a planner without a time limit may take [s]. With one it is twice that and 10 s.
-    journal : path, optional
-        A file that runs are written to as they come.
-    resume : bool
-        Whether the journal may hold runs already; those of the same tasks are not made again, but
-        for ones that crashed, hung or took too much memory.
-    progress : callable, optional
-        Called with the number of runs done and of all.
-
-    Returns
-    -------
-    list of Run
-        By job, weight, query, planner and seed, in the order given.
-
-    Raises
-    ------
-    LocplanError
-        If anything is wrong with the input, before the first run.
+    `jobs` may make each costmap when it is asked for: they are not kept in memory. The runs are
+    returned by job, weight, query, planner and seed, in the order given.
     """
     check_platform()
     count = usable_cores() if workers is None else workers
@@ -101,10 +69,11 @@ def run_all(
     positive("patience", patience, "s")
     if memory is not None:
         positive("memory", memory, "bytes")
-    weights, seeds = list(weights), [whole("each seed", seed) for seed in seeds]
+    weights = None if weights is None else list(weights)
+    seeds = [whole("each seed", seed) for seed in seeds]
     specs = specs_of(planners)
     for name, values in (("weight", weights), ("seed", seeds)):
-        if not values or len(set(values)) < len(values):
+        if values is not None and (not values or len(set(values)) < len(values)):
             raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
     with ExitStack() as stack:
         book = stack.enter_context(Journal(journal, resume=resume)) if journal else None
@@ -131,32 +100,36 @@ def run_all(
 def _orders(
     jobs: Iterable[Job],
     specs: Sequence[PlannerSpec],
-    weights: Sequence[float],
+    weights: Sequence[float] | None,
     seeds: Sequence[int],
     folder: Path,
 ) -> Iterator[Order]:
-    """All orders, their costmaps shared."""
+    """All orders; their costmaps are written into the folder."""
     labels: set[tuple[str, str]] = set()
     for number, job in enumerate(jobs):
         if (job.map, job.config) in labels:
             raise ConfigError(f"map {job.map!r} is there twice with {job.config!r}; rename one")
         labels.add((job.map, job.config))
-        _check(job, specs, weights)
+        asked = [0.0 if math.isnan(job.costs.weight) else job.costs.weight]
+        asked = asked if weights is None else [float(weight) for weight in weights]
+        _check(job, specs, asked)
         home = folder / str(number)
         shared_costmaps.put(job.costs, home)
         decisive = [__version__, _content(job.costs)]
-        for weight in map(float, weights):
+        for weight in asked:
             for query in job.queries:
                 for n, spec in enumerate(specs):
                     for seed in spec.seeds(seeds):
                         task = Task(job.map, job.config, query.name, weight, spec.label, int(seed))
                         ends = query.start, query.goal
                         about = [*decisive, weight, *ends, spec.identity(), int(seed)]
-                        yield Order(task, home, *ends, n, _digest(about))
+                        text = json.dumps(about, sort_keys=True, default=repr)
+                        digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+                        yield Order(task, home, *ends, n, digest)
 
 
 def _check(job: Job, specs: Sequence[PlannerSpec], weights: Sequence[float]) -> None:
-    """Raise a LocplanError unless all its runs can be begun."""
+    """Raise a LocplanError unless all runs of a job can begin."""
     names = [query.name for query in job.queries]
     if not names or len(set(names)) < len(names):
         raise ConfigError(f"map {job.map!r} needs queries, each with a name of its own")
@@ -176,28 +149,24 @@ def _check(job: Job, specs: Sequence[PlannerSpec], weights: Sequence[float]) -> 
 
 
 def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> list[Order]:
-    """Costmap after costmap, and on each what takes long first: no worker is left with it."""
-    groups = {(order.costs, order.task.weight): None for order in orders}
+    """Sort by costmap, and within each put long runs first, so that none is left at the end."""
+    groups = dict.fromkeys((order.costs, order.task.weight) for order in orders)
     place = {group: n for n, group in enumerate(groups)}
 
     def key(order: Order) -> tuple[int, float]:
-        limit = specs[order.planner].time_limit
-        unknown = float("inf") if specs[order.planner].guarded else 0.0
-        return place[order.costs, order.task.weight], -(unknown if limit is None else limit)
+        spec = specs[order.planner]
+        unknown = math.inf if spec.guarded else 0.0
+        limit = unknown if spec.time_limit is None else spec.time_limit
+        return place[order.costs, order.task.weight], -limit
 
     return sorted(orders, key=key)
 
 
 def _content(costs: Costmap) -> str:
-    """A digest of all in a costmap that paths and measures depend on."""
+    """A digest of everything in a costmap that paths and measures depend on."""
     content = hashlib.blake2b(digest_size=16)
     content.update(repr((costs.grid.digest, costs.robot_radius)).encode())
     for layer in (costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading):
         if layer is not None:
             content.update(np.ascontiguousarray(layer).view(np.uint8).data)
     return content.hexdigest()
-
-
-def _digest(about: Any) -> str:
-    text = json.dumps(about, sort_keys=True, default=repr)
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()

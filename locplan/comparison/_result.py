@@ -1,4 +1,4 @@
-"""A comparison that was made: its runs, its statistics, and the files that tell of it."""
+"""The result of a comparison: its runs, its statistics, and the files that show them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from locplan._util.files import (
     replacing,
 )
 from locplan.comparison._cases import Source
-from locplan.comparison._frames import has_parquet, to_frame, write_table
+from locplan.comparison._frames import to_frame, write_table
 from locplan.comparison._ompl_log import only_logs, write_ompl_logs
 from locplan.comparison._pairs import Contrast, contrasts
 from locplan.comparison._runs import Run
@@ -35,18 +36,18 @@ from locplan.comparison.report import write_report
 from locplan.comparison.report._data import Case, ReportData, Row
 
 MAX_SCENES, PATHS_EACH = 8, 2
-"""Maps and settings that a report draws, and queries whose paths it shows on each."""
+"""Greatest number of cases that a report draws, and of queries whose paths it shows on each."""
 REPORTED = (
     *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers", "began"),
-    *("time_limit", "criterion", "random_queries"),
+    *("time_limit", "random_queries"),
 )
-"""Of `about`, what a report shows."""
+"""The keys of `Comparison.about` that a report shows."""
 FRONT_TIME = 20.0
-"""For the exact front of a query in a report [s]."""
+"""Time limit of the exact front of a query in a report [s]."""
 
 
 def check_result_folder(folder: Path) -> None:
-    """Raise a LocplanError unless results can be written into the folder, there or to be made."""
+    """Raise a LocplanError unless results can be written into the folder, which need not exist."""
     check_folder(folder)
     if folder.exists():
         check_target(folder / "report.html", ".html")
@@ -56,16 +57,16 @@ def check_result_folder(folder: Path) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """All runs of a comparison, and what they say; made by `compare`."""
+    """All runs of a comparison with their statistics; `compare` makes it."""
 
     runs: tuple[Run, ...]
-    """By map, settings, weight, query, planner and seed."""
+    """The runs by map, settings, weight, query, planner and seed."""
     baseline: str
     """The planner that the others are compared with."""
     sources: Mapping[Case, Source]
-    """Where each map and settings come from, with its queries."""
+    """The map, settings and queries of each case."""
     about: Mapping[str, Any] = field(default_factory=dict)
-    """How it was made, fit for JSON: settings, versions, the machine and the time."""
+    """Settings, versions, the machine and the time of the comparison, fit for JSON."""
 
     def __repr__(self) -> str:
         planners = dict.fromkeys(run.task.planner for run in self.runs)
@@ -89,9 +90,9 @@ class Comparison:
         Parameters
         ----------
         folder : path
-            Made if it is not there.
+            Folder of the results, which need not exist.
         command : str
-            How to repeat it, for the report.
+            Command that repeats the comparison, for the report.
 
         Returns
         -------
@@ -106,7 +107,7 @@ class Comparison:
         check_result_folder(target)
         make_folder(target)
         write_report(target / "report.html", self._report(command))
-        tables = ["runs.csv", *(["runs.parquet"] if has_parquet() else [])]
+        tables = ["runs.csv", *(["runs.parquet"] if find_spec("pyarrow") else [])]
         written = [write_table(self.runs, target / name) for name in tables]
         with replacing(target / "comparison.json") as temporary:
             temporary.write_text(json.dumps(self.to_json(), indent=2) + "\n", encoding="utf-8")
@@ -120,12 +121,7 @@ class Comparison:
             memory_limit=size,
             started=datetime.fromisoformat(self.about["began"]),
         )
-        return [
-            target / "report.html",
-            *written,
-            target / "comparison.json",
-            target / "ompl_logs",
-        ]
+        return [target / "report.html", *written, target / "comparison.json", target / "ompl_logs"]
 
     def to_json(self) -> dict[str, Any]:
         """The settings and all statistics, fit for JSON."""
@@ -141,11 +137,11 @@ class Comparison:
         return rows_of(self.runs, self.baseline, self.sources)
 
     def answers(self) -> dict[str, str]:
-        """For each map one sentence: each planner's J beside the baseline's, at the last weight."""
+        """For each map, each planner's J beside the baseline's at the greatest weight, in words."""
         return answers(self.rows(), self.baseline)
 
     def table(self) -> str:
-        """For people, as wide as the terminal."""
+        """The rows as text, as wide as the terminal."""
         return comparison_table(self.rows(), self.baseline)
 
     def _report(self, command: str) -> ReportData:
@@ -154,7 +150,9 @@ class Comparison:
         scenes = {case: scene for case, scene in drawn.items() if scene is not None}
         settings = {key: str(self.about[key]) for key in REPORTED if key in self.about}
         for source in self.sources.values():
-            settings[f"field of {', '.join(source.case)}"] = json.dumps(source.to_json()["config"])
+            config = json.dumps(source.to_json()["config"])
+            made = f"{config}, u of {source.criterion}" if source.criterion else config
+            settings[f"field of {', '.join(source.case)}"] = made
             settings["robot radius"] = f"{source.robot_radius:g} m"
         return ReportData(
             self.runs, self.rows(), scenes, self.baseline, self.answers(), settings, command

@@ -1,59 +1,71 @@
-"""What a comparison says: in rows for tables, in sentences, and fit for JSON."""
+"""The verdicts of a comparison: in rows for tables, in sentences, and fit for JSON."""
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+from locplan._util.intervals import Interval
 from locplan._util.tables import finite, table
 from locplan.comparison._pairs import Contrast, contrasts
 from locplan.comparison._runs import Run
-from locplan.comparison._statistics import Setting, Summary, setting_of, summaries
+from locplan.comparison._statistics import Query, Setting, Summary, query_of, setting_of, summaries
 from locplan.comparison.report._data import Case, Row
 
 
 def rows_of(runs: Sequence[Run], baseline: str, cases: Iterable[Case]) -> list[Row]:
     """Each planner's statistics with its J beside the baseline's, in the order of the cases.
 
-    Medians are over the queries that all planners have solved: one that fails where it is hard
-    would look better than it is.
+    Medians are over the queries that all planners have solved: otherwise a planner that fails at
+    hard queries would look better than it is.
     """
     costs = {(c.setting, c.planner): c for c in contrasts(runs, baseline) if c.measure == "cost"}
     order = {case: n for n, case in enumerate(cases)}
-    shared = {(s.setting, s.planner): s.measures for s in summaries(solved_by_all(runs))}
-    rows = [
-        _row(
-            dataclasses.replace(s, measures=shared.get((s.setting, s.planner), {})),
-            costs.get((s.setting, s.planner)),
+    shared = {(s.setting, s.planner): s.measures for s in summaries(_solved_by_all(runs))}
+    rows = []
+    for summary in summaries(runs):
+        key = summary.setting, summary.planner
+        contrast = costs.get(key)
+        ratio = contrast.estimate if contrast else Interval(math.nan, math.nan, math.nan)
+        row = Row(
+            map=summary.setting.map or "all maps",
+            config=summary.setting.config,
+            weight=summary.setting.weight,
+            planner=summary.planner,
+            solved_share=summary.success.value,
+            measures={name: spread[:3] for name, spread in shared.get(key, {}).items()},
+            ratio=ratio.value,
+            ratio_low=ratio.low,
+            ratio_high=ratio.high,
+            sentence=contrast.sentence if contrast else "",
         )
-        for s in summaries(runs)
-    ]
+        rows.append(row)
     return sorted(rows, key=lambda row: (order[row["map"], row["config"]], row["weight"]))
 
 
-def solved_by_all(runs: Sequence[Run]) -> list[Run]:
-    """The runs of queries that every planner has solved, with any seed: so that medians compare."""
-    solved: dict[tuple[Setting, str], set[str]] = {}
+def _solved_by_all(runs: Sequence[Run]) -> list[Run]:
+    """The runs of those queries that every planner has solved with any of its seeds."""
+    solved: dict[Query, set[str]] = {}
     planners: dict[Setting, set[str]] = {}
     for run in runs:
-        setting = setting_of(run)
-        planners.setdefault(setting, set()).add(run.task.planner)
+        planners.setdefault(setting_of(run), set()).add(run.task.planner)
         if run.status == "solved":
-            solved.setdefault((setting, run.task.query), set()).add(run.task.planner)
-    return [
-        run
-        for run in runs
-        if solved.get((setting_of(run), run.task.query)) == planners[setting_of(run)]
-    ]
+            solved.setdefault(query_of(run), set()).add(run.task.planner)
+    return [run for run in runs if solved.get(query_of(run)) == planners[setting_of(run)]]
 
 
 def answers(rows: Sequence[Row], baseline: str) -> dict[str, str]:
-    """For each map what is to be said of each planner at the greatest weight, by settings."""
-    names = dict.fromkeys(row["map"] for row in rows)
-    return {name: " ".join(_answers(rows, name, baseline)) for name in names}
+    """The verdicts on each map, in one text: a sentence for each settings at its last weight."""
+    texts: dict[str, list[str]] = {}
+    for (name, config), group in itertools.groupby(rows, lambda row: (row["map"], row["config"])):
+        own = list(group)
+        greatest = max(row["weight"] for row in own)
+        parts = (_answer(row, baseline) for row in own if row["weight"] == greatest)
+        text = f"At weight {greatest:g}, {config}: {'; '.join(filter(None, parts))}."
+        texts.setdefault(name, []).append(text)
+    return {name: " ".join(sentences) for name, sentences in texts.items()}
 
 
 def comparison_table(rows: Sequence[Row], baseline: str) -> str:
@@ -62,54 +74,18 @@ def comparison_table(rows: Sequence[Row], baseline: str) -> str:
     groups = itertools.groupby(rows, lambda row: (row["map"], row["config"], row["weight"]))
     for (name, config, weight), group in groups:
         parts.append(f"{name}, {config}, weight {weight:g}")
-        columns = [
-            "planner",
-            "solved",
-            "J [m]",
-            "degenerate [m]",
-            "time [s]",
-            "J beside the baseline's",
-        ]
-        parts.append(table(columns, [_cells(row, baseline) for row in group]))
+        heads = ("planner", "solved", "J [m]", "degenerate [m]", "time [s]")
+        cells = [_cells(row, baseline) for row in group]
+        parts.append(table([*heads, "J beside the baseline's"], cells))
     return "\n".join(parts)
 
 
-def _cells(row: Mapping[str, Any], baseline: str) -> list[str]:
+def _cells(row: Row, baseline: str) -> list[str]:
     names = ("cost", "integrated_u", "seconds")
     medians = [row["measures"].get(name, (math.nan,))[0] for name in names]
     numbers = ["–" if math.isnan(value) else f"{value:.4g}" for value in medians]
     verdict = "the baseline" if row["planner"] == baseline else row["sentence"]
     return [row["planner"], f"{row['solved_share']:.0%}", *numbers, verdict]
-
-
-def _row(summary: Summary, contrast: Contrast | None) -> Row:
-    ratio = contrast.estimate if contrast else (float("nan"),) * 3
-    map_name = summary.setting.map or "all maps"
-    return Row(
-        map=map_name,
-        config=summary.setting.config,
-        weight=summary.setting.weight,
-        planner=summary.planner,
-        solved_share=summary.success.value,
-        measures={name: spread[:3] for name, spread in summary.measures.items()},
-        ratio=ratio[0],
-        ratio_low=ratio[1],
-        ratio_high=ratio[2],
-        sentence=contrast.sentence if contrast else "",
-    )
-
-
-def _answers(rows: Sequence[Row], name: str, baseline: str) -> Iterator[str]:
-    """One sentence for each kind of field."""
-    own = [row for row in rows if row["map"] == name]
-    greatest = max(row["weight"] for row in own)
-    for config in dict.fromkeys(row["config"] for row in own):
-        parts = [
-            _answer(row, baseline)
-            for row in own
-            if (row["config"], row["weight"]) == (config, greatest)
-        ]
-        yield f"At weight {greatest:g}, {config}: {'; '.join(filter(None, parts))}."
 
 
 def _answer(row: Row, baseline: str) -> str:
@@ -120,28 +96,17 @@ def _answer(row: Row, baseline: str) -> str:
 
 
 def summary_json(summary: Summary) -> dict[str, Any]:
-    measures = {name: finite(spread._asdict()) for name, spread in summary.measures.items()}
+    """A planner's statistics, fit for JSON."""
     return {
-        **_setting_json(summary.setting),
-        "planner": summary.planner,
-        "runs": summary.runs,
-        "solved": summary.solved,
+        **summary.setting._asdict(),
+        **{name: getattr(summary, name) for name in ("planner", "runs", "solved")},
         "success": finite(summary.success._asdict()),
-        "measures": measures,
+        "measures": {name: finite(spread._asdict()) for name, spread in summary.measures.items()},
     }
 
 
 def contrast_json(contrast: Contrast) -> dict[str, Any]:
-    return {
-        **_setting_json(contrast.setting),
-        "planner": contrast.planner,
-        "measure": contrast.measure,
-        "kind": contrast.kind,
-        "pairs": contrast.pairs,
-        "sentence": contrast.sentence,
-        **finite(contrast.estimate._asdict()),
-    }
-
-
-def _setting_json(setting: Setting) -> dict[str, Any]:
-    return dict(setting._asdict())
+    """A comparison with the baseline, fit for JSON."""
+    names = ("planner", "measure", "kind", "pairs", "sentence")
+    about = contrast.setting._asdict() | {name: getattr(contrast, name) for name in names}
+    return about | finite(contrast.estimate._asdict())
