@@ -1,4 +1,4 @@
-"""Many planners on many maps, side by side: which planner, at which weight, on which map."""
+"""Comparison of planners: many planners on many maps, at several weights."""
 
 import lazy_loader
 

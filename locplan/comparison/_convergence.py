@@ -1,4 +1,4 @@
-"""How fast anytime planners come near a baseline planner."""
+"""Progress of anytime planners over time, relative to a baseline planner."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, Setting, grouped, query_medians, setting_of
+from locplan.comparison._statistics import Array, Query, Setting, grouped, query_medians, query_of
 
 MOMENTS = 60
-"""On the common grid of times."""
+"""Number of moments on the common grid of times."""
 
 
 @dataclass(frozen=True)
@@ -19,57 +19,53 @@ class Convergence:
     """The best J so far of an anytime planner, in units of the baseline's J of the same query.
 
     The value of a query is the median over its seeds; median and quartiles are over queries.
-    They are infinite as long as that share of the queries has no path yet.
+    They are infinite until that share of the queries has a path.
     """
 
     setting: Setting
     planner: str
     baseline: str
     times: Array
-    """Logarithmic, and common to all planners [s]."""
+    """Logarithmic times, common to all planners [s]."""
     median: Array
+    """The median ratio at each time."""
     lower: Array
+    """The lower quartile, that of the nearest query: nothing lies between a ratio and infinity."""
     upper: Array
-    """The quartiles, each the nearest query's: between a ratio and infinity there is no value."""
+    """The upper quartile, that of the nearest query."""
     solved: Array
-    """The share of runs that have a path by then, also of queries that the baseline failed."""
+    """The share of runs with a path at each time, also for queries that the baseline failed."""
     queries: int
-    """Whose ratio to the baseline is known."""
+    """Number of queries whose ratio to the baseline is known."""
 
 
 def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[Convergence]:
-    """The median best J over time of the planners with a history.
+    """The median best J over time of each planner with a history.
 
-    Parameters
-    ----------
-    runs
-        What came of the comparison.
-    baseline
-        The label of the planner whose J is 1.
-    pooled
-        Take all maps together, each query alike.
-
-    Returns
-    -------
-    list of Convergence
-        Empty if no planner has a history. A planner's runs without one count as without any path
-        until their end.
+    A planner's runs without a history count as without any path until their end.
     """
     known = list(runs)
     references = baseline_costs(known, baseline)
-    times = _times(known)
-    return [
-        _curve(setting, planner, baseline, group, references, times)
-        for (setting, planner), group in grouped(known, pooled).items()
-        if any(run.history for run in group)
-    ]
-
-
-Query = tuple[Setting, str]
-
-
-def query_of(run: Run) -> Query:
-    return setting_of(run), run.task.query
+    moments = [max(time, 1e-4) for run in known if run.history for time, _ in best_so_far(run)]
+    times = np.geomspace(min(moments), max(moments), MOMENTS) if moments else np.empty(0)
+    curves = []
+    for (setting, planner), group in grouped(known, pooled).items():
+        if not any(run.history for run in group):
+            continue
+        costs = np.array([_costs_at(run, times) for run in group])
+        members: dict[Query, list[int]] = {}
+        for index, run in enumerate(group):
+            if references.get(query_of(run), np.nan) > 0:
+                members.setdefault(query_of(run), []).append(index)
+        ratios = [np.median(costs[n], axis=0) / references[query] for query, n in members.items()]
+        median = lower = upper = np.full(len(times), np.nan)
+        if ratios:
+            median = np.median(ratios, axis=0)
+            lower, upper = np.quantile(ratios, (0.25, 0.75), axis=0, method="nearest")
+        solved = np.isfinite(costs).mean(axis=0)
+        bands = median, lower, upper, solved
+        curves.append(Convergence(setting, planner, baseline, times, *bands, len(ratios)))
+    return curves
 
 
 def baseline_costs(runs: Sequence[Run], baseline: str) -> dict[Query, float]:
@@ -83,15 +79,8 @@ def baseline_costs(runs: Sequence[Run], baseline: str) -> dict[Query, float]:
     }
 
 
-def _times(runs: Sequence[Run]) -> Array:
-    moments = [max(time, 1e-4) for run in runs for time, _ in best_so_far(run) if run.history]
-    if not moments:
-        return np.empty(0)
-    return np.geomspace(min(moments), max(moments), MOMENTS)
-
-
 def best_so_far(run: Run) -> list[tuple[float, float]]:
-    """Every moment [s] with the best J until then [m], ending with the path that was returned."""
+    """Every moment [s] with the best J until then [m]; the path returned is the last."""
     points = [(time, cost) for time, cost in run.history if np.isfinite((time, cost)).all()]
     end = run.seconds, run.measures.get("cost", np.nan)
     if run.status == "solved" and np.isfinite(end).all():
@@ -100,33 +89,8 @@ def best_so_far(run: Run) -> list[tuple[float, float]]:
     return [(time, best := min(best, cost)) for time, cost in sorted(points)]
 
 
-def _curve(
-    setting: Setting,
-    planner: str,
-    baseline: str,
-    runs: Sequence[Run],
-    references: dict[Query, float],
-    times: Array,
-) -> Convergence:
-    curves = np.array([_costs_at(run, times) for run in runs])
-    solved = np.isfinite(curves).mean(axis=0)
-    members: dict[Query, list[int]] = {}
-    for index, run in enumerate(runs):
-        if references.get(query_of(run), np.nan) > 0:
-            members.setdefault(query_of(run), []).append(index)
-    ratios = [
-        np.median(curves[each], axis=0) / references[query] for query, each in members.items()
-    ]
-    if not ratios:
-        median = lower = upper = np.full(len(times), np.nan)
-    else:
-        median = np.median(ratios, axis=0)
-        lower, upper = np.quantile(ratios, (0.25, 0.75), axis=0, method="nearest")
-    return Convergence(setting, planner, baseline, times, median, lower, upper, solved, len(ratios))
-
-
 def _costs_at(run: Run, times: Array) -> Array:
-    """The best J at these moments, infinite before the first."""
+    """The best J at these moments, infinite before the first path."""
     points = best_so_far(run)
     if not points:
         return np.full(len(times), np.inf)

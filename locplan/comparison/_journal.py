@@ -1,4 +1,4 @@
-"""The journal: runs are written down as they come, so that a comparison can be taken up again."""
+"""The journal: a file of all runs so far, from which a comparison can be resumed."""
 
 from __future__ import annotations
 
@@ -9,36 +9,24 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from locplan._util.files import make_folder
+from locplan._util.tables import finite
 from locplan.comparison._runs import Run, Task
 from locplan.errors import LocplanError
 
 FORMAT = "locplan comparison 1"
 Key = tuple[Task, str]
-"""A task, and the digest of all that decides its result."""
+"""A task, and the digest of everything that decides its result."""
 
 
 class Journal:
     """A JSON-lines file with one line a run; a context manager.
 
-    Each run has the digest of what decided it beside it. Where maps, settings or planners have
-    changed since, or others were added, only what is the same is taken from the journal.
-
-    Parameters
-    ----------
-    file : path
-        Made if it is not there.
-    resume : bool
-        Whether there may be runs in it.
-
-    Raises
-    ------
-    LocplanError
-        If the file cannot be written, is no journal, holds runs and is not to be resumed, or is
-        in use.
+    Each run stands beside the digest of everything that decided it. Where maps, settings or
+    planners have changed since, or others were added, only unchanged runs are taken from the
+    journal. Unless it is resumed, there may be no runs in it.
     """
 
     def __init__(self, file: str | os.PathLike[str], *, resume: bool = False) -> None:
@@ -63,26 +51,21 @@ class Journal:
     def __enter__(self) -> Journal:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self._file.close()
         if error is not None and not self.runs:  # nothing was run: leave nothing behind
             self.path.unlink(missing_ok=True)
             if self._made_folder:
-                with suppress(OSError):  # somebody else has written into it
+                with suppress(OSError):  # another process has written into it
                     self.path.parent.rmdir()
 
     def add(self, run: Run, digest: str) -> None:
-        """Write a run down."""
-        self._append({"digest": digest, **to_json(run)})
+        """Append a run with its digest; numbers that are not finite become null."""
+        self._append({"digest": digest, **finite(asdict(run))})
         self.runs[run.task, digest] = run
 
     def _read(self) -> dict[Key, Run]:
-        """The runs that are there; what a killed process wrote last is cut off."""
+        """The runs in the file; the torn last line of a killed process is cut off."""
         self._file.seek(0)
         try:
             *lines, torn = self._file.read().split("\n")
@@ -101,7 +84,16 @@ class Journal:
     def _parsed(self, number: int, line: str) -> tuple[Key, Run]:
         try:
             about = json.loads(line)
-            run = from_json(about)
+            run = Run(
+                Task(**about["task"]),
+                about["status"],
+                _number(about["seconds"]),
+                _number(about["wall_seconds"]),
+                {name: _number(value) for name, value in about["measures"].items()},
+                tuple((at, cost) for at, cost in about["history"]),
+                tuple((x, y) for x, y in about["xy"]),
+                about["note"],
+            )
             return (run.task, about["digest"]), run
         except (ValueError, KeyError, TypeError):
             raise LocplanError(
@@ -128,31 +120,6 @@ class Journal:
             ) from None
         except OSError:
             return  # a file system without locks
-
-
-def to_json(run: Run) -> dict[str, Any]:
-    """A run as JSON has it; null where a number is not finite."""
-    about = asdict(run)
-    about["measures"] = {name: _finite(value) for name, value in run.measures.items()}
-    return about | {name: _finite(about[name]) for name in ("seconds", "wall_seconds")}
-
-
-def from_json(about: Mapping[str, Any]) -> Run:
-    """The inverse; NaN where there is null."""
-    return Run(
-        Task(**about["task"]),
-        about["status"],
-        _number(about["seconds"]),
-        _number(about["wall_seconds"]),
-        {name: _number(value) for name, value in about["measures"].items()},
-        tuple((at, cost) for at, cost in about["history"]),
-        tuple((x, y) for x, y in about["xy"]),
-        about["note"],
-    )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _number(value: float | None) -> float:

@@ -17,14 +17,9 @@ PASSABLE = ".GS"
 
 
 def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> OccupancyGrid:
-    """A MovingAI benchmark's map: passable cells are free, all others walls.
+    """The map of a MovingAI benchmark: passable cells are free, all others are walls.
 
-    Its first line is the map's top, the greatest y.
-
-    Raises
-    ------
-    MapError
-        If the file is none.
+    The file's first row of cells is the map's top, which has the greatest y.
     """
     path = Path(file)
     lines = lines_of(path)
@@ -40,21 +35,10 @@ def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> 
 def read_scenarios(
     file: str | os.PathLike[str], grid: OccupancyGrid, *, count: int | None = None
 ) -> list[Query]:
-    """A MovingAI benchmark's scenarios as queries, from cell centre to cell centre.
+    """The scenarios of a MovingAI benchmark as queries, from cell centre to cell centre.
 
-    Parameters
-    ----------
-    file : path
-        In the .scen format, whose rows count from the map's top.
-    grid : OccupancyGrid
-        The map, as `read_movingai_map` reads it.
-    count : int, optional
-        So many at most, evenly over the file, where they are sorted by length.
-
-    Raises
-    ------
-    LocplanError
-        If the file is none, or belongs to a map of another size.
+    The rows of a .scen file count from the map's top. At most `count` queries are taken, evenly
+    over the file, where they are sorted by length.
     """
     path = Path(file)
     lines = lines_of(path)
@@ -73,8 +57,7 @@ def read_scenarios(
 def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
     fields = line.split()
     try:
-        cols, rows, *ends = (int(value) for value in fields[-7:-1])
-        start_col, start_row, goal_col, goal_row = ends
+        cols, rows, start_col, start_row, goal_col, goal_row = map(int, fields[-7:-1])
     except ValueError:
         raise LocplanError(f"{path}: line {number}: is no scenario: {line[:60]!r}") from None
     if (rows, cols) != grid.shape:

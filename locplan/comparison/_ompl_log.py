@@ -1,6 +1,6 @@
 """Runs as OMPL benchmark logs, from which `ompl_benchmark_statistics` makes a database.
 
-The format is that of `ompl::tools::Benchmark::saveResultsToStream` as the script of OMPL 2.0
+The format is that of `ompl::tools::Benchmark::saveResultsToStream`, as the script of OMPL 2.0
 reads it; Planner Arena 1.0 shows the database.
 """
 
@@ -19,9 +19,9 @@ import numpy as np
 
 from locplan import __version__
 from locplan._util.files import replacing_folder
-from locplan.comparison._convergence import baseline_costs, best_so_far, query_of
+from locplan.comparison._convergence import baseline_costs, best_so_far
 from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array
+from locplan.comparison._statistics import Array, query_of
 from locplan.errors import LocplanError
 
 STATUS_NUMBERS: Mapping[str, int] = {
@@ -34,7 +34,7 @@ STATUS_NUMBERS: Mapping[str, int] = {
     "hung": 12,
     "out of memory": 13,
 }
-"""Below 10 those of `ompl::base::PlannerStatus`, so that OMPL's own logs may join the database."""
+"""Numbers of the statuses; below 10 they are OMPL's own, so that its logs may join the database."""
 
 STATUS_NAMES = (
     "Unknown status|Invalid start|Invalid goal|Unrecognized goal type|Timeout"
@@ -43,7 +43,7 @@ STATUS_NAMES = (
 )
 
 SAMPLES = 100
-"""Moments at which the best cost of a planner's longest run is told."""
+"""Number of moments at which the best cost is written, over a planner's longest run."""
 
 
 def write_ompl_logs(
@@ -56,38 +56,17 @@ def write_ompl_logs(
     settings: Mapping[str, str] | None = None,
     started: datetime | None = None,
 ) -> list[Path]:
-    """Write one log for every map, configuration, weight and query.
+    """Write one log for every map, configuration, weight and query into a folder.
 
     J differs between maps, configurations and weights: each of their combinations is one of
     Planner Arena's problems. The query is a parameter of the problem, over which its box plots
     aggregate, or which they take apart. Where a problem has a single query it is no parameter:
     Planner Arena's progress page fails on parameters with one value.
 
-    Parameters
-    ----------
-    runs
-        What came of the comparison.
-    folder
-        Made, or replaced if nothing but logs is in it. ``ompl_benchmark_statistics -d arena.db
-        FOLDER/*.log`` makes the database, and replaces an `arena.db` that is there.
-    baseline
-        The planner whose J of the same query the relative cost is told of; none without it.
-    time_limit, memory_limit
-        For a run [s, MB]; unknown if NaN.
-    settings
-        Of a planner by its label.
-    started
-        When the comparison began; now if None.
-
-    Returns
-    -------
-    list of Path
-        The logs, by map, configuration, weight and query.
-
-    Raises
-    ------
-    LocplanError
-        If there are no runs, or the folder cannot be written or replaced.
+    A folder with nothing but logs is replaced. ``ompl_benchmark_statistics -d arena.db
+    FOLDER/*.log`` makes the database, and replaces an `arena.db` that is there. The relative cost
+    is J divided by the `baseline` planner's of the same query. The limits of a run [s, MB] are
+    unknown if NaN. `settings` are texts by the planner's label.
     """
     ordered = sorted(runs, key=lambda run: run.task)
     if not ordered:
@@ -101,7 +80,7 @@ def write_ompl_logs(
 
 
 def only_logs(folder: Path) -> bool:
-    """Whether a folder may be replaced: nothing but logs is in it."""
+    """Return whether a path is a folder with nothing but logs, which may be replaced."""
     return folder.is_dir() and all(path.suffix == ".log" for path in folder.iterdir())
 
 
@@ -128,7 +107,7 @@ def _logs(
 def _preamble(
     runs: Sequence[Run], query: str | None, moment: str, limits: tuple[float, float]
 ) -> list[str]:
-    """All lines that the format calls optional are there: the script stumbles without them."""
+    """The head of a log, with all optional lines, since the script fails without them."""
     task = runs[0].task
     name = _word(f"{task.map}, {task.config}, weight {task.weight:g}")
     parameters = [] if query is None else [f"query TEXT = {_parameter(query)}"]
@@ -163,24 +142,15 @@ def _planners(runs: Sequence[Run], reference: float, settings: Mapping[str, str]
         planner = group[0].task.planner
         common = [f"settings = {_line(settings[planner])}"] if planner in settings else []
         lines += [_line(planner), f"{len(common)} common properties", *common]
-        lines += _table([_properties(run, reference) for run in group])
+        records = [_properties(run, reference) for run in group]
+        lines += [f"{len(records[0])} properties for each run", *records[0], f"{len(group)} runs"]
+        lines += ["".join(f"{_number(v)}; " for v in record.values()) for record in records]
         lines += [*_progress(group, reference), "."]
     return lines
 
 
-def _table(records: Sequence[Mapping[str, float]]) -> list[str]:
-    heads = list(records[0])
-    rows = ["".join(f"{_number(value)}; " for value in record.values()) for record in records]
-    return [
-        f"{len(heads)} properties for each run",
-        *heads,
-        f"{len(rows)} runs",
-        *rows,
-    ]
-
-
 def _properties(run: Run, reference: float) -> dict[str, float]:
-    """Planner Arena's views need time and solved; "status" is the one enum it can draw."""
+    """The values of a run; Planner Arena needs time and solved, and draws no enum but status."""
     values = {
         "time REAL": run.seconds,
         "solved BOOLEAN": int(run.status == "solved"),
@@ -196,7 +166,7 @@ def _properties(run: Run, reference: float) -> dict[str, float]:
 
 
 def _progress(runs: Sequence[Run], reference: float) -> list[str]:
-    """The best cost at equal steps, as OMPL samples it; nothing for planners without a history."""
+    """The best cost at equal steps, as OMPL samples it; no lines for runs without a history."""
     if not any(run.history and best_so_far(run) for run in runs):
         return []
     points = [best_so_far(run) for run in runs]
@@ -213,7 +183,7 @@ def _progress(runs: Sequence[Run], reference: float) -> list[str]:
 
 
 def _samples(points: Sequence[tuple[float, float]], moments: Array, reference: float) -> str:
-    """One line: from the first path to the end of the run, empty without a path."""
+    """The samples of a run in one line, from its first path to its end; empty without a path."""
     if not points:
         return ""
     times, best = np.array(points).T
@@ -227,7 +197,7 @@ def _samples(points: Sequence[tuple[float, float]], moments: Array, reference: f
 
 
 def _number(value: float) -> str:
-    """Empty, which becomes NULL, if it is not finite: "-inf" would become a text."""
+    """Text of a number; empty, which becomes NULL, if not finite: "-inf" would become a text."""
     return repr(value) if math.isfinite(value) else ""
 
 
@@ -236,12 +206,12 @@ def _line(text: str) -> str:
 
 
 def _word(text: str) -> str:
-    """Of the names of experiments and hosts the script takes the last word."""
+    """The text as one word: of an experiment's or host's name the script takes the last word."""
     return "_".join(text.split()) or "unnamed"
 
 
 def _parameter(text: str) -> str:
-    """Planner Arena cannot choose a text that reads as a number, nor the script one with " = "."""
+    """The text as Planner Arena can choose it, no number, and as the script reads it, no " = "."""
     label = _line(text).replace(" = ", "=")
     try:
         float(label)

@@ -1,12 +1,11 @@
-"""Planners beside a baseline planner on the same queries.
+"""Comparison of planners with a baseline planner on the same queries.
 
-Queries are the samples, as `locplan.comparison._statistics` says: with seeds for samples, 95 %
-intervals held the truth in 78 % of simulated cases.
+Queries are the samples, see `locplan.comparison._statistics`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.special import stdtrit
 
 from locplan._util.intervals import Interval
 from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, Medians, Setting, query_medians
+from locplan.comparison._statistics import Array, Setting, query_medians
 from locplan.errors import LocplanError
 
 RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
@@ -25,18 +24,18 @@ KINDS: Mapping[str, str] = {
     **dict.fromkeys(("length", "cost", "seconds"), RATIO),
     "degenerate_share": DIFFERENCE,
 }
-"""How a measure is compared with the baseline's.
+"""Kind of the comparison with the baseline, by measure.
 
-What is never 0 has ratios: their geometric mean counts every query alike. The others may be 0,
-and a ratio undefined: the ratio of sums is defined if any query has some, and one with a tenth of
-a metre counts as little as it matters. A share is compared by the mean difference.
+Measures that are never 0 have ratios: their geometric mean counts every query alike. The others
+may be 0, where a ratio is undefined: a ratio of sums is defined if any query is above 0, and a
+query with a tenth of a metre counts as little as it matters. Shares have the mean difference.
 """
 
 MIN_PAIRS = 5
-"""Below, nothing is said: with 5 pairs, 95 % intervals held the truth in 80-95 % of simulations."""
+"""Least number of pairs for a verdict; at 5, 95 % intervals held the truth in 80-95 % of trials."""
 
 ROUNDING = 1e-6
-"""Of ratios and differences: an interval so close to equality contains it."""
+"""Tolerance of ratios and differences: an interval this close to equality contains it."""
 
 _WORDS: Mapping[str, tuple[str, str]] = {
     "length": ("shorter", "longer"),
@@ -54,21 +53,22 @@ _WORDS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Contrast:
-    """One measure of a planner beside the baseline's, over the queries that both solved."""
+    """One measure of a planner compared with the baseline's, over the queries that both solved."""
 
     setting: Setting
     planner: str
     baseline: str
     measure: str
     kind: str
-    """One of `KINDS`' values: ratios are without a unit, differences in the measure's."""
+    """Kind of the comparison; ratios have no unit, a difference has the measure's unit."""
     estimate: Interval
+    """The ratio or difference with its 95 % interval."""
     pairs: int
-    """Queries."""
+    """Number of queries that both planners solved."""
 
     @property
     def sentence(self) -> str:
-        """What can be said of it; nothing of the baseline itself."""
+        """The verdict in words; empty for the baseline itself."""
         if self.planner == self.baseline:
             return ""
         if not self.pairs:
@@ -79,16 +79,14 @@ class Contrast:
             wanted = f" of {MIN_PAIRS}" if self.pairs < MIN_PAIRS else ""
             return f"too few queries to tell ({self.pairs}{wanted})"
         value, low, high = self.estimate
-        equal = 0.0 if self.kind == DIFFERENCE else 1.0
+        equal, unit = (0.0, "percentage points") if self.kind == DIFFERENCE else (1.0, "%")
         if low <= equal + ROUNDING and high >= equal - ROUNDING:
             change = self._per_cent(low - equal, high - equal)
-            unit = "percentage points" if self.kind == DIFFERENCE else "%"
             return f"no significant difference from {self.baseline} {change} {unit}"
         if self.kind != DIFFERENCE and value >= 2:
             bounds = f"[{low:.3g}, {high:.3g}]"
             return f"{MEASURES[self.measure][0]} {value:.3g} times {self.baseline}'s {bounds}"
         ends = (equal - high, equal - low) if value < equal else (low - equal, high - equal)
-        unit = "percentage points" if self.kind == DIFFERENCE else "%"
         word = _WORDS[self.measure][value > equal]
         size = f"{100 * abs(value - equal):.3g} {unit} {word}"
         return f"{size} than {self.baseline} {self._per_cent(*ends)}"
@@ -99,74 +97,39 @@ class Contrast:
 
 
 def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[Contrast]:
-    """Every planner and measure beside the baseline's on the same queries.
+    """Every planner and measure compared with the baseline's on the same queries.
 
-    Parameters
-    ----------
-    runs
-        What came of the comparison.
-    baseline
-        The label of the planner to compare with.
-    pooled
-        Take all maps together, each query alike, with the maps as strata.
-
-    Returns
-    -------
-    list of Contrast
-        Intervals are Student's t of the jackknife's pseudo-values [1]_; for geometric means those
-        are the logarithms of the ratios. On simulated pairs they held lognormal ratios more often
-        than percentile and BCa bootstraps did (10 queries: 95 %, those 90 %), and take no random
-        numbers. Where 30 % of the queries take another way all fall short (10 queries: 89 %; BCa
-        91 %). They are of one comparison each: of many, one in twenty misses.
-
-    Raises
-    ------
-    LocplanError
-        If the baseline has no runs at all.
-
-    References
-    ----------
-    .. [1] B. Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", SIAM (1982), ch. 3.
+    `pooled` takes all maps together, each query alike, with the maps as strata. Intervals are
+    Student's t of the jackknife's pseudo-values (B. Efron, "The Jackknife, the Bootstrap and Other
+    Resampling Plans", SIAM 1982, ch. 3); for geometric means those are the logarithms of the
+    ratios. On simulated pairs they held lognormal ratios more often than percentile and BCa
+    bootstraps did (10 queries: 95 %, bootstraps 90 %), and take no random numbers. Where 30 % of
+    the queries take another way all three fall short (10 queries: 89 %; BCa 91 %). Each interval
+    stands for one comparison: of many, one in twenty misses.
     """
     medians = query_medians(runs, pooled)
     planners = sorted({planner for _, planner in medians})
     if baseline not in planners:
         raise LocplanError(f"{baseline}: no runs to compare with; there are {', '.join(planners)}")
-    return [
-        contrast
-        for (setting, planner), ours in medians.items()
-        for contrast in _compared(
-            setting, planner, baseline, ours, medians.get((setting, baseline), {})
-        )
-    ]
-
-
-def _compared(
-    setting: Setting, planner: str, baseline: str, ours: Medians, theirs: Medians
-) -> Iterator[Contrast]:
-    """One comparison for each measure."""
-    shared = [query for query in ours if query in theirs]
-    shape = (len(shared), len(MEASURES))
-    ours_known = np.array([ours[query] for query in shared]).reshape(shape)
-    theirs_known = np.array([theirs[query] for query in shared]).reshape(shape)
-    maps = np.unique([map_name for map_name, _ in shared], return_inverse=True)[1]
-    for column, measure in enumerate(MEASURES):
-        kind = KINDS[measure]
-        pair = ours_known[:, column], theirs_known[:, column]
-        known = _known(kind, *pair)
-        estimate = _estimate(kind, pair[0][known], pair[1][known], maps[known])
-        pairs = int(known.sum())
-        yield Contrast(setting, planner, baseline, measure, kind, estimate, pairs)
-
-
-def _known(kind: str, ours: Array, theirs: Array) -> NDArray[np.bool_]:
-    """Where both values can be compared."""
-    known = np.isfinite(ours) & np.isfinite(theirs)
-    return known & (ours > 0) & (theirs > 0) if kind == RATIO else known
+    found = []
+    for (setting, planner), ours in medians.items():
+        theirs = medians.get((setting, baseline), {})
+        shared = [query for query in ours if query in theirs]
+        maps = np.unique([name for name, _ in shared], return_inverse=True)[1]
+        pairs = np.array([(ours[query], theirs[query]) for query in shared])
+        columns = pairs.reshape(-1, 2, len(MEASURES)).T
+        for (measure, kind), (own, other) in zip(KINDS.items(), columns, strict=True):
+            known = np.isfinite(own) & np.isfinite(other)
+            if kind == RATIO:
+                known &= (own > 0) & (other > 0)
+            estimate = _estimate(kind, own[known], other[known], maps[known])
+            count = int(known.sum())
+            found.append(Contrast(setting, planner, baseline, measure, kind, estimate, count))
+    return found
 
 
 def _estimate(kind: str, ours: Array, theirs: Array, maps: NDArray[np.intp]) -> Interval:
-    """A value and Student's interval of it, with the maps as strata."""
+    """The estimate with Student's interval, the maps as strata."""
     if not ours.size or (kind == SUMS and not theirs.any()):
         return Interval(np.nan, np.nan, np.nan)
     values = _pseudo_values(kind, ours, theirs)
@@ -181,7 +144,7 @@ def _estimate(kind: str, ours: Array, theirs: Array, maps: NDArray[np.intp]) -> 
 
 
 def _pseudo_values(kind: str, ours: Array, theirs: Array) -> Array:
-    """What each query contributes: n times the whole, less n - 1 times what is left without it."""
+    """The jackknife's value of each query: n times the whole less n - 1 times the rest."""
     if kind == RATIO:
         return np.log(ours / theirs)
     if kind == DIFFERENCE:
@@ -192,7 +155,7 @@ def _pseudo_values(kind: str, ours: Array, theirs: Array) -> Array:
 
 
 def _half_width(values: Array, maps: NDArray[np.intp]) -> float:
-    """Of the interval of their mean; the variance is that within maps, taken as equal in all."""
+    """Half the width of the mean's interval; the variance within maps is taken as equal in all."""
     counts = np.bincount(maps)
     freedom = len(values) - np.count_nonzero(counts)
     if not freedom or not np.isfinite(values).all():

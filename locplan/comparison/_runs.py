@@ -1,4 +1,4 @@
-"""What is compared, and what came of it: one record for every run."""
+"""The tasks of a comparison and their runs: one record each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STATUSES = (
     "hung",
     "out of memory",
 )
-"""The first four are a planner's own; the others tell how a run failed."""
+"""Outcomes of a run: the first four are the planner's own, the others are failures."""
 
 MEASURES: Mapping[str, tuple[str, str]] = {
     "length": ("length", "m"),
@@ -30,7 +30,7 @@ MEASURES: Mapping[str, tuple[str, str]] = {
     "turning": ("turning", "rad"),
     "seconds": ("planning time", "s"),
 }
-"""What is told of a solved run: label and unit by the field of `Run`."""
+"""The measures of a solved run: label and unit by name."""
 
 
 @dataclass(frozen=True, order=True)
@@ -40,39 +40,39 @@ class Task:
     map: str
     """The map's name."""
     config: str
-    """The label of the field's settings, such as "6 m" and "8 m"."""
+    """The label of the field's settings, such as "sad, 6 m"."""
     query: str
     """The query's name."""
     weight: float
     """Metres of detour accepted per degenerate metre."""
     planner: str
-    """The label, such as "BITstar:time_limit=2"."""
+    """The planner's label, such as "BITstar:time_limit=2"."""
     seed: int
-    """Of the planner's random numbers; 0 for planners without any."""
+    """Seed of the planner's random numbers; 0 for planners without any."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a task; measures are NaN without a path."""
+    """The outcome of a task; a run without a path has no measures."""
 
     task: Task
     status: str
     """One of `STATUSES`."""
     seconds: float
-    """Planning time, the planner's own where it tells it [s]."""
+    """Planning time, as the planner itself measures it where it does [s]."""
     wall_seconds: float
-    """From handing the task to a worker to having its result [s]."""
+    """Time from the start of the order to its result [s]."""
     measures: Mapping[str, float] = field(default_factory=dict)
-    """By the names of `MEASURES` but "seconds"."""
+    """The measures by their names in `MEASURES`, except "seconds"."""
     history: tuple[tuple[float, float], ...] = ()
-    """Of an anytime planner: seconds since it began, and its best J [m]."""
+    """Times [s] since an anytime planner began, each with its best J until then [m]."""
     xy: tuple[tuple[float, float], ...] = ()
     """The path's positions [m]."""
     note: str = ""
     """Why there is no path."""
 
     def row(self) -> dict[str, Any]:
-        """One flat record, for tables."""
+        """The run as one flat record, for tables; unknown measures are NaN."""
         about = asdict(self.task) | {"status": self.status, "seconds": self.seconds}
         about |= {"wall_seconds": self.wall_seconds, "note": self.note}
         measures = (name for name in MEASURES if name != "seconds")

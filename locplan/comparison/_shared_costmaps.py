@@ -13,13 +13,7 @@ from locplan.errors import LocplanError
 
 
 def put(costs: Costmap, folder: Path) -> None:
-    """Write a costmap into a new folder, its arrays to files of their own.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be written.
-    """
+    """Write a costmap into a new folder, each of its arrays to a file of its own."""
     _ = costs.grid.clearance  # paths are measured with it: computed once for all
     buffers: list[pickle.PickleBuffer] = []
     about = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
@@ -33,8 +27,9 @@ def put(costs: Costmap, folder: Path) -> None:
         raise LocplanError(f"{folder}: cannot be written ({why}); TMPDIR names another") from None
 
 
+@lru_cache(maxsize=1)
 def get(folder: Path) -> Costmap:
-    """The costmap; its pages are shared with all who have it, and read-only."""
+    """Read a costmap, whose read-only arrays all processes share in memory; the last is kept."""
     buffers = []
     for n in range(len(list(folder.glob("*.raw")))):
         with (folder / f"{n}.raw").open("rb") as file:
@@ -45,17 +40,8 @@ def get(folder: Path) -> Costmap:
 
 @lru_cache(maxsize=1)
 def weighted(folder: Path, weight: float) -> Costmap:
-    """The costmap with a weight; the last one is kept."""
-    return with_weight(_latest(folder), weight)
-
-
-def with_weight(costs: Costmap, weight: float) -> Costmap:
-    """The costmap with another weight; of one without a field, itself, whose only weight is 0."""
+    """The costmap with a weight, which is 0 for one without a field; the last one is kept."""
+    costs = get(folder)
     if math.isnan(costs.weight) and weight == 0:
         return costs
     return costs if costs.weight == weight else costs.with_weight(weight)
-
-
-@lru_cache(maxsize=1)
-def _latest(folder: Path) -> Costmap:
-    return get(folder)

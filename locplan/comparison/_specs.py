@@ -1,4 +1,4 @@
-"""Planners as they are named in a comparison: locplan's with options, functions, or objects."""
+"""The planners of a comparison: names with options, functions, or objects."""
 
 from __future__ import annotations
 
@@ -32,18 +32,19 @@ from locplan.planners import (
 
 @dataclass(frozen=True)
 class PlannerSpec:
-    """A planner and what to call it."""
+    """A planner and its label."""
 
     label: str
-    """The planner's name in tables; once in a comparison."""
+    """The planner's name in tables; no two planners of a comparison share it."""
     planner: Planner
     """The planner with its options."""
 
     @classmethod
     def of(cls, planner: AnyPlanner | PlannerSpec) -> PlannerSpec:
-        """From text such as "BITstar:time_limit=2,seed=3", a function or a Planner; checked.
+        """Make a spec from text such as "BITstar:time_limit=2,seed=3", a function or a Planner.
 
-        Values are numbers, true, false or words; OMPL's own settings begin with "settings.".
+        The values of options are numbers, true, false or words; OMPL's own settings begin with
+        "settings.".
 
         Raises
         ------
@@ -70,7 +71,7 @@ class PlannerSpec:
         return cls(f"{made.name}:{options}" if options else made.name, made)
 
     def with_time_limit(self, limit: float | None) -> PlannerSpec:
-        """The same with a limit [s], if it can have one and has none of its own."""
+        """The spec with a time limit [s], if the planner takes one and has none of its own."""
         own = {"time_limit", "iterations"} & set(options_of(self.planner))
         if limit is None or own or not takes(self.planner, "time_limit"):
             return self
@@ -80,12 +81,12 @@ class PlannerSpec:
 
     @property
     def guarded(self) -> bool:
-        """Whether the planner is a user's own, of which nothing is known."""
+        """Whether the planner is a user's own."""
         return isinstance(self.planner, Guarded)
 
     @property
     def time_limit(self) -> float | None:
-        """When it ends by itself [s], if that is known."""
+        """The time after which the planner ends by itself [s], if that is known."""
         planner = innermost(self.planner)
         if isinstance(planner, Ompl):
             return planner.seconds
@@ -93,17 +94,17 @@ class PlannerSpec:
         return None if limit is None else float(limit)
 
     def seeds(self, seeds: Sequence[int]) -> tuple[int, ...]:
-        """Those it is to run with: its own if it has one, 0 if it takes none."""
+        """The seeds that the planner runs with: its own if it has one, 0 if it takes none."""
         own = options_of(self.planner).get("seed")
         if own is not None:
             return (int(own),)
         return tuple(seeds) if takes(self.planner, "seed") else (0,)
 
     def identity(self) -> list[Any]:
-        """What decides its paths, fit for JSON.
+        """Everything that decides the planner's paths, fit for JSON.
 
-        Of a user's planner what it is, with all that it has closed over, and its whole source
-        file.
+        For a user's planner that includes a digest of the object, with all that it has closed
+        over, and of its whole source file.
         """
         options = options_of(self.planner)
         if not isinstance(self.planner, Guarded):
@@ -120,19 +121,19 @@ class PlannerSpec:
         code = own if inspect.isroutine(own) else type(own)
         try:
             source = Path(inspect.getfile(code)).read_bytes()
-        except (OSError, TypeError):  # of a notebook
+        except (OSError, TypeError):  # it was written in a notebook
             source = b""
         content = hashlib.blake2b(cloudpickle.dumps(own) + source, digest_size=16)
-        told = {name: repr(value) for name, value in options.items()}
-        return [getattr(code, "__qualname__", ""), content.hexdigest(), told]
+        texts = {name: repr(value) for name, value in options.items()}
+        return [getattr(code, "__qualname__", ""), content.hexdigest(), texts]
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
-        """One run, measured on the costmap.
+        """Plan once; the path is measured on the costmap.
 
         Raises
         ------
         LocplanError
-            If a user's planner returns what is no path, or one that cannot be driven.
+            If a user's planner returns something else than a path that can be driven.
         """
         planner = self.planner
         if takes(planner, "seed"):
@@ -144,7 +145,13 @@ class PlannerSpec:
 
 
 def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
-    """All of them, checked, each with a label of its own."""
+    """Specs of all planners, checked, each with a label of its own.
+
+    Raises
+    ------
+    ConfigError
+        If there are no planners, two have one label, or one is wrong.
+    """
     specs = [PlannerSpec.of(planner) for planner in planners]
     labels = [spec.label for spec in specs]
     for label in labels:

@@ -1,9 +1,9 @@
-"""How each planner fared by itself: success rates, medians and quartiles.
+"""Statistics of each planner by itself: success rates, medians and quartiles.
 
 Queries are the samples. The seeds of a planner are not independent of each other, since they
 share the query: a planner's runs of a query become one number, their median over seeds, before
-anything is inferred. In simulations, seeds taken for samples gave 95 % intervals that held the
-truth in 78 % of the cases. What is inferred holds for more queries on these maps, not for others.
+anything is inferred. In simulations, 95 % intervals with seeds as samples held the truth in only
+78 % of the cases. Conclusions hold for more queries on these maps, not for other maps.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ Array = NDArray[np.float64]
 
 
 class Setting(NamedTuple):
-    """What is the same for runs that are compared."""
+    """Map, settings of the field and weight: runs are compared only where they share these."""
 
     map: str | None
-    """None for all maps together."""
+    """The map's name; None for all maps together."""
     config: str
     weight: float
 
 
 class Spread(NamedTuple):
-    """Median and quartiles of `known` finite values; NaN of none."""
+    """Median and quartiles of `known` finite values; NaN if there are none."""
 
     median: float
     lower: float
@@ -41,10 +41,7 @@ class Spread(NamedTuple):
 
 @dataclass(frozen=True)
 class Summary:
-    """How a planner fared by itself.
-
-    The runs solved differ between planners: `locplan.comparison._pairs` compares.
-    """
+    """Statistics of one planner by itself; do not compare them: planners solve different runs."""
 
     setting: Setting
     planner: str
@@ -53,30 +50,15 @@ class Summary:
     success: Interval
     """The mean over the queries of the share of seeds that solved them."""
     measures: Mapping[str, Spread]
-    """Over the solved runs, by the names of `MEASURES`."""
+    """Median and quartiles over the solved runs, by the names of `MEASURES`."""
 
 
 def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     """Success, medians and quartiles for every map, configuration, weight and planner.
 
-    Parameters
-    ----------
-    runs
-        What came of the comparison.
-    pooled
-        Take all maps together.
-
-    Returns
-    -------
-    list of Summary
-        In the order of the runs. The interval of the success rate is Wilson's [1]_ for as many
-        trials as there are queries: the seeds of a query mostly succeed or fail together. With
-        runs for trials it held the truth in 77-87 % of simulated cases, so in 97-99 %.
-
-    References
-    ----------
-    .. [1] E. B. Wilson, "Probable inference, the law of succession, and statistical inference",
-       J. Am. Stat. Assoc. 22 (1927).
+    The interval of the success rate is Wilson's (J. Am. Stat. Assoc. 22, 1927) for as many trials
+    as there are queries: the seeds of a query mostly succeed or fail together. With runs as trials
+    it held the truth in 77-87 % of simulated cases, with queries in 97-99 %.
     """
     return [_summary(*key, group) for key, group in grouped(runs, pooled).items()]
 
@@ -99,13 +81,20 @@ def grouped(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list
 
 
 def setting_of(run: Run, pooled: bool = False) -> Setting:
-    """The setting of a run, of all maps if `pooled`."""
-    task = run.task
-    return Setting(None if pooled else task.map, task.config, task.weight)
+    """The setting of a run; with `pooled` it is that of all maps together."""
+    return Setting(None if pooled else run.task.map, run.task.config, run.task.weight)
+
+
+Query = tuple[Setting, str]
+
+
+def query_of(run: Run) -> Query:
+    """The setting and the query of a run."""
+    return setting_of(run), run.task.query
 
 
 def _values(run: Run) -> list[float]:
-    """In the order of `MEASURES`."""
+    """The measures of a run, in the order of `MEASURES`."""
     known = {**run.measures, "seconds": run.seconds}
     return [known.get(name, np.nan) for name in MEASURES]
 
@@ -143,8 +132,6 @@ def _medians(runs: Sequence[Run]) -> Medians:
 
 
 def _columnwise_median(values: Array) -> Array:
-    """Of the values that are known."""
-    if len(values) == 1:
-        return np.asarray(values[0])
+    """The median of the known values of each column."""
     columns = [column[~np.isnan(column)] for column in values.T]
     return np.array([np.median(known) if known.size else np.nan for known in columns])

@@ -1,7 +1,8 @@
-"""What a worker process does: it waits for orders, plans, and answers."""
+"""The program of a worker process: it waits for orders, plans, and answers."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import pickle
@@ -29,24 +30,24 @@ _DIE_WITH_PARENT = 1  # Linux's PR_SET_PDEATHSIG
 
 @dataclass(frozen=True)
 class Order:
-    """A task with all that a worker needs for it."""
+    """A task with everything that a worker needs for it."""
 
     task: Task
     costs: Path
-    """Where its costmap is shared."""
+    """Folder of the shared costmap."""
     start: Position
     goal: Position
     planner: int
-    """Which of the planners that the worker was given."""
+    """Index of the planner among those that the worker was given."""
     digest: str
-    """Of all that decides the result."""
+    """Digest of everything that decides the result."""
 
 
 def main(descriptor: int, parent: int) -> None:
-    """Serve whoever is at the other end of a socket, until it is closed.
+    """Carry out the orders that come through a socket, until it is closed.
 
-    First come the memory that a run may take [bytes] and the planners; the answer is `READY`, or
-    why they cannot be used. Then comes one order after the other, and a run for each.
+    The first messages are the memory of a run [bytes] and the planners; the answer is `READY`, or
+    the reason why they cannot be used. Each order that follows is answered by its run.
     """
     os.set_inheritable(descriptor, False)
     import resource
@@ -54,7 +55,7 @@ def main(descriptor: int, parent: int) -> None:
     _end_with(parent)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a planner's crash leaves no files
     connection = Connection(descriptor)
-    with suppress(EOFError, OSError):  # nobody is there any more
+    with suppress(EOFError, OSError):  # the other end is closed
         memory = connection.recv()
         try:
             planners = _received(connection.recv_bytes())
@@ -68,7 +69,7 @@ def main(descriptor: int, parent: int) -> None:
 
 
 def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
-    """Make one run in so much memory [bytes]; whatever a planner raises is a result."""
+    """Make one run within a limit of memory [bytes]; an exception of the planner is a result."""
     costs = shared_costmaps.weighted(order.costs, order.task.weight)
     began = time.perf_counter()
     try:
@@ -87,31 +88,25 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
 
 
 def run_of(task: Task, result: Plan) -> Run:
-    """A plan as a record; its time with the worker is added by who measures it."""
-    seconds, path, note = float(result.solve_time), result.path, str(result.note or "")
-    status = str(result.status)
+    """A plan as a run; the caller measures the wall time and adds it."""
+    seconds, path = float(result.solve_time), result.path
+    run = Run(task, str(result.status), seconds, seconds, note=str(result.note or ""))
     if path is None:
-        return Run(task, status, seconds, seconds, note=note)
-    measures = {
-        name: getattr(result.metrics, name, math.nan) for name in MEASURES if name != "seconds"
-    }
-    return Run(
-        task,
-        status,
-        seconds,
-        seconds,
-        {name: float(value) for name, value in measures.items()} | {"turning": turning(path)},
-        tuple((float(at), float(cost)) for at, cost in result.history if math.isfinite(at + cost)),
-        tuple((x, y) for x, y in path.xy.tolist()),
-        note,
+        return run
+    names = (name for name in MEASURES if name not in ("seconds", "turning"))
+    known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
+    history = ((float(at), float(cost)) for at, cost in result.history)
+    return dataclasses.replace(
+        run,
+        measures=known | {"turning": turning(path)},
+        history=tuple(point for point in history if math.isfinite(sum(point))),
+        xy=tuple((x, y) for x, y in path.xy.tolist()),
     )
 
 
 def turning(path: Route) -> float:
-    """By how much the direction of travel changes along a path, all in all [rad].
+    """The sum of all changes of direction along a path [rad].
 
-    Examples
-    --------
     >>> round(turning(Route(np.array([(0, 0), (1, 0), (1, 1), (1, 1), (0, 1)]))), 4)
     3.1416
     """
@@ -123,15 +118,14 @@ def turning(path: Route) -> float:
 
 @contextmanager
 def limited_memory(extra: float) -> Iterator[None]:
-    """Allow this process so much more memory than it has [bytes], where the system can (Linux)."""
+    """Limit the memory that this process may take in addition [bytes], on Linux."""
     import resource
 
     used = _data_size()
     before = resource.getrlimit(resource.RLIMIT_DATA)
     if used and math.isfinite(extra):
-        _, hard = before
-        most = used + int(extra)
-        soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        soft, hard = used + int(extra), before[1]
+        soft = soft if hard == resource.RLIM_INFINITY else min(soft, hard)
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     try:
         yield
@@ -140,7 +134,7 @@ def limited_memory(extra: float) -> Iterator[None]:
 
 
 def _data_size() -> int:
-    """What counts against the limit: private memory that can be written, touched or not."""
+    """The memory that counts against the limit: private and writable, touched or not [bytes]."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:
@@ -149,7 +143,7 @@ def _data_size() -> int:
 
 
 def _received(handed: bytes) -> list[PlannerSpec]:
-    """The planners, with all compiled that they need."""
+    """The planners from their pickle, prepared to solve."""
     import cv2
 
     cv2.setNumThreads(1)  # a run is timed on one core
@@ -160,7 +154,7 @@ def _received(handed: bytes) -> list[PlannerSpec]:
 
 
 def _end_with(parent: int) -> None:
-    """Have the system end this process with its parent, even while a planner hangs (Linux)."""
+    """Let the system end this process with its parent, even while a planner hangs (on Linux)."""
     if sys.platform == "linux":
         import ctypes
 

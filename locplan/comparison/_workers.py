@@ -1,8 +1,8 @@
 """Worker processes: a planner that crashes, hangs or takes all memory costs one run.
 
-Workers are new interpreters, no forks: locks and threads of the caller's process (OpenCV's, a
-progress bar's, a notebook's) are none of theirs, and no script needs a guard for being imported
-again. Functions are sent by value where they cannot be imported.
+Workers are new interpreters, not forks: they have none of the locks and threads of the caller's
+process (OpenCV's, a progress bar's, a notebook's), and a script needs no guard against being
+imported again. Functions are sent by value where they cannot be imported.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from types import TracebackType
 
 from locplan.comparison import _worker as worker_module
 from locplan.comparison._runs import Run
@@ -28,15 +27,15 @@ from locplan.comparison._worker import READY, Order
 from locplan.errors import LocplanError
 
 PATIENCE = 300.0
-"""After which a planner without a time limit counts as hung, unless told otherwise [s]."""
+"""Time after which a planner without a time limit counts as hung by default [s]."""
 GRACE = 10.0
-"""What a planner may take beyond twice its time limit [s]."""
+"""Time that a planner may take beyond twice its time limit [s]."""
 STARTING = 600.0
-"""The very first start compiles [s]."""
+"""Time that a worker may take to start; the very first start compiles [s]."""
 ATTEMPTS = 3
-"""Starts in a row that may fail."""
+"""Number of failed starts in a row after which a comparison ends."""
 _LOOK_EVERY = 0.5
-"""How often one looks for workers that ended without closing their socket [s]."""
+"""Interval between looks for workers that ended without closing their socket [s]."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
@@ -50,37 +49,18 @@ def check_platform() -> None:
 
 
 def usable_cores() -> int:
-    """Cores that this process may run on."""
+    """Number of cores that this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def fair_memory(workers: int) -> float:
-    """What each of them may take, so that the machine has some left [bytes]."""
-    return 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers
-
-
 class Workers:
     """Processes that run planners; a context manager that ends them all.
 
-    Parameters
-    ----------
-    planners : sequence of PlannerSpec
-        All that orders will name.
-    count : int
-        How many at once, at most.
-    memory : float, optional
-        What a run may take [bytes], on Linux; by default a fair share of the machine's.
-    patience : float
-        How long a planner without a time limit may take [s].
-    scratch : path, optional
-        For the temporary files of planners, which processes that are ended leave behind.
-
-    Raises
-    ------
-    LocplanError
-        If a planner cannot be sent to a process.
+    At most `count` processes run at once; `memory` [bytes] and `patience` [s] are those of
+    `locplan.compare`. The folder `scratch` takes the temporary files of planners, which processes
+    that are killed leave behind.
     """
 
     def __init__(
@@ -94,13 +74,15 @@ class Workers:
     ) -> None:
         self._scratch = scratch
         self._planners, self._count, self._patience = planners, count, patience
-        self._memory = fair_memory(count) if memory is None else memory
+        if memory is None:  # a fair share, so that the machine has some left
+            memory = 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / count
+        self._memory = memory
         self._workers: list[_Worker] = []
         self._failed_starts = 0
         remedy = "put it into a module"
         try:
             from cloudpickle import dumps
-        except ModuleNotFoundError:  # without it all are locplan's: see PlannerSpec.identity
+        except ModuleNotFoundError:  # then all are locplan's, see PlannerSpec.identity
             from pickle import dumps
 
             remedy = "pip install 'locplan[functions]'"
@@ -115,24 +97,13 @@ class Workers:
         self._start(self._count)  # while they load, the caller makes orders
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         for worker in self._workers:
             worker.end()
         self._workers = []
 
     def run(self, orders: Sequence[Order]) -> Iterator[Run]:
-        """Make the runs, in this order as workers get free; each as it is finished.
-
-        Raises
-        ------
-        LocplanError
-            If workers cannot be started.
-        """
+        """Begin the runs in this order, as workers get free, and yield each when it is done."""
         waiting, remaining = deque(orders), len(orders)
         while remaining:
             self._start(min(self._count, remaining))
@@ -173,7 +144,7 @@ class Workers:
 
 
 class _Worker:
-    """One process and what it is at."""
+    """A process and its present order."""
 
     def __init__(self, handed: bytes, memory: float, scratch: Path | None) -> None:
         ours, theirs = socket.socketpair()
@@ -182,11 +153,11 @@ class _Worker:
                 f"import sys; sys.path[:] = {sys.path!r}; from {worker_module.__name__} import main"
                 f"; main({theirs.fileno()}, {os.getpid()})"
             )
-            # A session of its own: Ctrl-C reaches the caller only, and it ends with its children.
+            # In a session of its own Ctrl-C reaches only the caller, and its children end with it.
             self._process = subprocess.Popen(
                 [sys.executable, "-c", command],
                 stdin=subprocess.DEVNULL,
-                stdout=2,  # what a planner prints is no part of the caller's output
+                stdout=2,  # the caller's output has nothing that a planner prints
                 pass_fds=[theirs.fileno()],
                 env={**os.environ, **_ONE_THREAD, **({"TMPDIR": str(scratch)} if scratch else {})},
                 start_new_session=True,
@@ -197,17 +168,17 @@ class _Worker:
         self.deadline = time.perf_counter() + STARTING
         self._order: Order | None = None
         self._handed_at, self._limit = 0.0, STARTING
-        with suppress(OSError):  # if it has ended already, that is noticed later
+        with suppress(OSError):  # a process that has ended already is noticed later
             self.connection.send(memory)
             self.connection.send_bytes(handed)
 
     @property
     def idle(self) -> bool:
-        """Whether it waits for an order."""
+        """Whether the process waits for an order."""
         return self.started and self._order is None and not self.gone
 
     def take(self, order: Order, limit: float) -> bool:
-        """Hand it an order that counts as hung after the limit [s]; whether it was there."""
+        """Send an order that counts as hung after the limit [s]; return whether it arrived."""
         self._handed_at = time.perf_counter()
         try:
             self.connection.send(order)
@@ -219,7 +190,7 @@ class _Worker:
         return True
 
     def listen(self) -> Run | None:
-        """What came of its order, if that is known by now."""
+        """The run of the present order, if it is known by now."""
         ended = self._process.poll() is not None
         try:
             if self.connection.poll():
@@ -235,7 +206,7 @@ class _Worker:
         return None
 
     def end(self) -> None:
-        """Kill it, with all processes it has started."""
+        """Kill the process, with all processes that it has started."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
@@ -249,7 +220,7 @@ class _Worker:
             self.gone = not self.started
             return None
         self._order = None
-        self.gone = message.status == "out of memory"  # what it has left is uncertain
+        self.gone = message.status == "out of memory"  # nobody knows how much memory it has left
         return self._timed(message)
 
     def _failed(self, status: str, note: str) -> Run | None:
