@@ -109,18 +109,18 @@ def _preamble(
 ) -> list[str]:
     """The head of a log, with all optional lines, since the script fails without them."""
     task = runs[0].task
-    name = _word(f"{task.map}, {task.config}, weight {task.weight:g}")
+    name = f"{task.map}, {task.config}, weight {task.weight:g}"
     parameters = [] if query is None else [f"query TEXT = {_parameter(query)}"]
     most = max(len(list(group)) for _, group in groupby(runs, lambda run: run.task.planner))
     return [
         f"locplan version {__version__}",
-        f"Experiment {name}",
+        f"Experiment {_word(name)}",
         f"{len(parameters)} experiment properties",
         *parameters,
         f"Running on {_word(platform.node() or 'UNKNOWN')}",
         f"Starting at {moment}",
         "<<<|",
-        _line(f"{task.map}, {task.config}, weight {task.weight:g}, query {task.query}"),
+        _line(f"{name}, query {task.query}"),
         "|>>>",
         "<<<|",
         _line(platform.machine()),

@@ -53,7 +53,7 @@ _WORDS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Contrast:
-    """One measure of a planner compared with the baseline's, over the queries that both solved."""
+    """A planner's measure compared with the baseline's, over the queries that both have solved."""
 
     setting: Setting
     planner: str

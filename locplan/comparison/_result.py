@@ -77,7 +77,7 @@ class Comparison:
         return summaries(self.runs, pooled)
 
     def contrasts(self, *, pooled: bool = False) -> list[Contrast]:
-        """Each planner and measure beside the baseline's, with intervals and a sentence."""
+        """Each planner and measure compared with the baseline's, with an interval and a sentence."""
         return contrasts(self.runs, self.baseline, pooled)
 
     def to_frame(self) -> Any:
@@ -133,11 +133,11 @@ class Comparison:
         }
 
     def rows(self) -> list[Row]:
-        """Each planner's statistics with its J beside the baseline's, for tables."""
+        """Each planner's statistics, with its J compared with the baseline's, for tables."""
         return rows_of(self.runs, self.baseline, self.sources)
 
     def answers(self) -> dict[str, str]:
-        """For each map, each planner's J beside the baseline's at the greatest weight, in words."""
+        """The verdict on each map in words: each planner's J compared, at the greatest weight."""
         return answers(self.rows(), self.baseline)
 
     def table(self) -> str:

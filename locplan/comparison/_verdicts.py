@@ -16,7 +16,7 @@ from locplan.comparison.report._data import Case, Row
 
 
 def rows_of(runs: Sequence[Run], baseline: str, cases: Iterable[Case]) -> list[Row]:
-    """Each planner's statistics with its J beside the baseline's, in the order of the cases.
+    """Each planner's statistics, with its J compared with the baseline's, in order of the cases.
 
     Medians are over the queries that all planners have solved: otherwise a planner that fails at
     hard queries would look better than it is.
@@ -57,7 +57,7 @@ def _solved_by_all(runs: Sequence[Run]) -> list[Run]:
 
 
 def answers(rows: Sequence[Row], baseline: str) -> dict[str, str]:
-    """The verdicts on each map, in one text: a sentence for each settings at its last weight."""
+    """The verdicts on each map in one text: for each settings a sentence on its greatest weight."""
     texts: dict[str, list[str]] = {}
     for (name, config), group in itertools.groupby(rows, lambda row: (row["map"], row["config"])):
         own = list(group)

@@ -103,7 +103,7 @@ class Workers:
         self._workers = []
 
     def run(self, orders: Sequence[Order]) -> Iterator[Run]:
-        """Begin the runs in this order, as workers get free, and yield each when it is done."""
+        """Start the runs in this order as workers become free, and yield each when it is done."""
         waiting, remaining = deque(orders), len(orders)
         while remaining:
             self._start(min(self._count, remaining))

@@ -187,7 +187,7 @@ def paths_picture(
 
 
 def _plain_decades(axis: Axis) -> None:
-    """Label the ticks 0.01, 0.1, 1 instead of with powers."""
+    """Label the ticks 0.01, 0.1, 1 instead of with powers of 10."""
     axis.set_major_locator(LogLocator(numticks=6))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
