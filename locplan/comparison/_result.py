@@ -77,7 +77,7 @@ class Comparison:
         return summaries(self.runs, pooled)
 
     def contrasts(self, *, pooled: bool = False) -> list[Contrast]:
-        """Each planner and measure compared with the baseline's, with an interval and a sentence."""
+        """Each planner and measure compared with the baseline's, with interval and sentence."""
         return contrasts(self.runs, self.baseline, pooled)
 
     def to_frame(self) -> Any:

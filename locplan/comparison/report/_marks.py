@@ -62,14 +62,9 @@ def interval(ratio: float, low: float, high: float, scale: Scale) -> Html:
     return _drawing(WIDTH, HEIGHT, parts)
 
 
-def line(look: Look) -> Html:
-    """A short line in a planner's colour and dash."""
-    return swatch(f"p{look.colour}", look.dash)
-
-
-def line_and_marker(look: Look) -> Html:
-    """A short line in a planner's colour and dash, with its marker."""
-    return swatch(f"p{look.colour}", look.dash, MARKERS[look.marker])
+def line(look: Look, marked: bool = False) -> Html:
+    """A short line in a planner's colour and dash, with its marker if it is `marked`."""
+    return swatch(f"p{look.colour}", look.dash, MARKERS[look.marker] if marked else "")
 
 
 def swatch(colour: str, dash: int = 0, marker: str = "", size: float = 6) -> Html:

@@ -18,7 +18,7 @@ from locplan.comparison.report._figures import (
     trade_off_picture,
 )
 from locplan.comparison.report._html import Html, counted, element, html, picture
-from locplan.comparison.report._marks import legend, line, line_and_marker, swatch
+from locplan.comparison.report._marks import legend, line, swatch
 from locplan.costs import Path
 
 
@@ -51,7 +51,7 @@ def _trade_off(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Html:
     if outside:
         caption += f"; {counted(outside, 'run')} too far out to show"
     used = {run.task.planner for run in runs}
-    entries = [(line_and_marker(look), name) for name, look in looks.items() if name in used]
+    entries = [(line(look, marked=True), name) for name, look in looks.items() if name in used]
     exact = "exact front" if front.epsilon == 0 else f"front within {front.epsilon:.2%}"
     entries.append((swatch("muted"), f"{exact}, {counted(len(front), 'path')}"))
     sizes = marker_sizes(sorted({run.task.weight for run in runs}))
