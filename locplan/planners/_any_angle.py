@@ -1,10 +1,9 @@
-"""Any-angle paths: a path over the grid, straightened and shifted to where it costs least."""
+"""Any-angle paths: paths over the grid are straightened and shifted to where they cost least."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Literal
@@ -16,7 +15,8 @@ from locplan._util.checks import one_of
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.planners._grid import (
     GridPlanner,
-    bordered_index,
+    blank_costs,
+    bordered_ends,
     cells_of,
     cheapest_cells,
     distinct,
@@ -26,46 +26,43 @@ from locplan.planners._protocol import Found, Position
 
 ACCURACIES = ("normal", "high")
 REACH = 3
-"""Of the longest of the 32 moves, along an axis [cells]."""
+"""Reach of the longest of the 32 moves along an axis [cells]."""
 LOOKAHEAD = 20
-"""From how many positions back a position may be reached in a straight line."""
+"""Greatest number of positions that one straight line may replace."""
 COARSER = 4
 """Ratio of the spacings of positions from one straightening to the next."""
 SHIFT_SPACING = 8.0
 """Spacing of the positions that are shifted [cells]."""
 SHIFTS = (2.0, 1.0, 0.5)
-"""By how much they are, in turn [cells]."""
+"""Steps by which positions are shifted, one after the other [cells]."""
 SWEEPS = 20
-"""How often at most for each."""
+"""Greatest number of times that all positions are shifted by one step."""
 
 
 @dataclass(frozen=True)
 class AnyAngle:
-    """A path of straight lines in any direction.
+    """This planner finds a path of straight lines in any direction.
 
-    It begins with the path of the grid planner, or with accuracy "high" the cheapest one over 32
-    neighbours, and never costs more than the grid planner's.
+    It improves the path of the grid planner, or with accuracy "high" the cheapest path over 32
+    neighbours. Its path never costs more than the grid planner's.
     """
 
     accuracy: Literal["normal", "high"] = "normal"
-    """One of "normal" and "high"; "high" takes about five times as long."""
+    """Accuracy, "normal" or "high"; "high" takes about five times as long."""
     allow_corner_cutting: bool = False
-    """Whether a line may pass the corner of a blocked cell."""
+    """True lets a line pass the corner of a blocked cell."""
     name: ClassVar[str] = "any-angle"
     minimises: ClassVar[str] = "J"
     space: ClassVar[str] = "R2"
 
     def check(self) -> None:
-        """Raise a ConfigError if there is no such accuracy."""
+        """Raise a ConfigError if the accuracy is unknown."""
         one_of("accuracy", self.accuracy, ACCURACIES)
 
     def prepare(self) -> None:
         """Compile the kernels, so that the first plan is not timed with them."""
-        from locplan.maps import FREE, OccupancyGrid
-
         GridPlanner().prepare()
-        costs = Costmap.blank(OccupancyGrid(np.full((3, 9), FREE), 1.0))
-        self.solve(costs, (0.5, 0.5), (8.5, 1.5))
+        self.solve(blank_costs(3, 9), (0.5, 0.5), (8.5, 1.5))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan between two world positions [m] in free cells; the path has exactly these ends."""
@@ -80,12 +77,12 @@ class AnyAngle:
         ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
         positions = np.vstack([ends[:1], cells + 0.5, ends[1:]])
         straight = _improved(costs, positions, start, goal, cutting)
-        # Rounding can push a line along a wall's edge into the wall: then the grid's is better.
+        # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
         return Found(min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost))
 
 
 def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
-    """A path with the same ends, straightened and shifted until it costs least; never more."""
+    """Straighten and shift a path between its ends until it costs least; it never costs more."""
     start, goal = (tuple(map(float, path.xy[end])) for end in (0, -1))
     positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
     straight = _improved(costs, positions, start, goal, allow_corner_cutting)
@@ -93,33 +90,16 @@ def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = Fal
 
 
 def _improved(
-    costs: Costmap,
-    positions: NDArray[np.float64],
-    start: Sequence[float],
-    goal: Sequence[float],
-    allow_corner_cutting: bool,
+    costs: Costmap, positions: NDArray[np.float64], start: Position, goal: Position, cutting: bool
 ) -> Path:
-    """The path through positions (n, 2), continuous (row, col), improved; its ends are exact."""
+    """Straighten positions (n, 2) of (row, col) at all scales and shift them; the ends stay."""
+    from locplan._kernels.any_angle import shift, shortcut
     from locplan._kernels.search import bordered_half
 
     half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
-    positions = improved(half, columns, positions + 1, allow_corner_cutting) - 1
-    xy = np.column_stack(costs.grid.grid_to_world(*positions.T))
-    return distinct(costs, np.vstack([start, xy[1:-1], goal]))
-
-
-def improved(
-    half: NDArray[np.float64],
-    columns: int,
-    positions: NDArray[np.float64],
-    allow_corner_cutting: bool,
-) -> NDArray[np.float64]:
-    """A path of (n, 2) positions in a bordered grid, straightened at all scales and shifted."""
-    from locplan._kernels.any_angle import shift, shortcut
-
-    spacing = 1.0
+    positions, spacing = positions + 1, 1.0
     while True:
-        kept = shortcut(half, columns, positions, LOOKAHEAD, allow_corner_cutting)
+        kept = shortcut(half, columns, positions, LOOKAHEAD, cutting)
         positions = positions[kept]
         length = np.hypot(*np.diff(positions, axis=0).T).sum()
         if LOOKAHEAD * spacing >= length:
@@ -128,14 +108,14 @@ def improved(
         positions = subdivided(positions, spacing)
     positions = subdivided(positions, SHIFT_SPACING)
     for step in SHIFTS:
-        positions = shift(half, columns, positions, step, SWEEPS, allow_corner_cutting)
-    return np.asarray(
-        positions[shortcut(half, columns, positions, LOOKAHEAD // 2, allow_corner_cutting)]
-    )
+        positions = shift(half, columns, positions, step, SWEEPS, cutting)
+    kept = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting)
+    xy = np.column_stack(costs.grid.grid_to_world(*(positions[kept] - 1).T))
+    return distinct(costs, np.vstack([start, xy[1:-1], goal]))
 
 
 def subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """The same line with positions at most `spacing` apart."""
+    """Add positions to a line so that they lie at most `spacing` apart."""
     steps = np.diff(positions, axis=0)
     counts = np.maximum(1, np.ceil(np.hypot(*steps.T) / spacing)).astype(int)
     share = np.concatenate([np.arange(1, count + 1) / count for count in counts])[:, None]
@@ -145,30 +125,21 @@ def subdivided(positions: NDArray[np.float64], spacing: float) -> NDArray[np.flo
 
 
 def _cells_of_32_moves(
-    costs: Costmap,
-    start: Sequence[float],
-    goal: Sequence[float],
-    allow_corner_cutting: bool,
+    costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
 ) -> NDArray[np.int64] | None:
-    """None, too, where costs are too far apart for buckets."""
+    """The cheapest cells over 32 moves, or None if none join or costs differ too much to sort."""
     from locplan._kernels.any_angle import cheapest_moves
     from locplan._kernels.search import bordered_half
 
     columns = costs.grid.shape[1] + 2 * REACH
-    source, target = (
-        bordered_index(costs, xy, role, REACH) for xy, role in ((start, "start"), (goal, "goal"))
-    )
-    half = bordered_half(costs.density, REACH)
-    moves = _moves(columns, allow_corner_cutting)
-    flat = cheapest_moves(half, source, target, *moves)
+    half, ends = bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
+    flat = cheapest_moves(half, *ends, *_moves(columns, allow_corner_cutting))
     return cells_of(flat, columns, REACH) if flat.size else None
 
 
 @cache
-def _moves(
-    columns: int, allow_corner_cutting: bool
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The 32 moves for `cheapest_moves`: where to, what they cross at what length and touch."""
+def _moves(columns: int, allow_corner_cutting: bool) -> tuple[NDArray[Any], ...]:
+    """The offsets of the 32 moves, the cells that they cross, the lengths there, the corners."""
     from locplan._kernels.rays import cells_along
 
     whole = range(-REACH, REACH + 1)
@@ -188,7 +159,7 @@ def _moves(
 
 
 def _padded(rows: list[NDArray[Any]]) -> NDArray[Any]:
-    """Rows of unequal length as an array, filled up with zeros."""
+    """An array of rows of unequal length, filled up with zeros."""
     result = np.zeros((len(rows), max(1, *map(len, rows))), rows[0].dtype)
     for row, values in zip(result, rows, strict=True):
         row[: len(values)] = values

@@ -18,22 +18,22 @@ from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
 
 @dataclass(frozen=True)
 class BudgetPlanner:
-    """The shortest grid path whose integral of u, or of e, is within a budget.
+    """This planner finds the shortest grid path whose integral of u or e is within a budget.
 
-    Exact: Lagrangian bounds first, then a bi-objective search that they keep small. Integrals
-    count rounded up by at most 1/131072 of their greatest rate at each step.
+    The path is exact: Lagrangian bounds keep a bi-objective search small. At each step integrals
+    are rounded up by at most 1/131072 of their greatest rate.
     """
 
     budget: float
     """Greatest integral of u [m], or of e [m^2 rad m]."""
     objective: Literal["u", "e"] = "u"
-    """What is integrated."""
+    """The layer that is integrated, "u" or "e"."""
     allow_corner_cutting: bool = False
-    """Whether a diagonal step may pass a blocked cell's corner."""
+    """True lets a diagonal step pass the corner of a blocked cell."""
     time_limit: float = 60.0
-    """Time after which the best path so far counts, with its bound [s]."""
+    """Time after which the best path so far is returned, with its bound [s]."""
     max_labels: int = 20_000_000
-    """Greatest number of partial paths that are kept, of 48 bytes each."""
+    """Greatest number of partial paths that are kept; each takes 48 bytes."""
     name: ClassVar[str] = "grid"
     minimises: ClassVar[str] = "length"
     space: ClassVar[str] = "R2"
@@ -55,22 +55,21 @@ class BudgetPlanner:
         if frugal is None:
             return Found()
         within = np.floor((self.budget - problem.ends[1]) * problem.per_integral + 1e-3)
-        if problem.measured(frugal)[1] > within:
-            return self._infeasible(float(problem.integral(problem.measured(frugal)[1])))
+        least = problem.measured(frugal)[1]
+        if least > within:
+            needed = float(problem.integral(least))
+            note = (
+                f"no path has an integral of {self.objective} within {self.budget:g};"
+                f" the least is {rounded_up(needed)}"
+            )
+            return Found(status="infeasible", feasible_from=needed, note=note)
         first_to_go, short = problem.to_go(1, 0)
-        assert short is not None  # as there is a frugal one
+        assert short is not None  # because there is a frugal one
         bounds = _lagrangian(problem, first_to_go, short, frugal, within)
         lower = bounds.upper
-        if bounds.gap > 0:
+        if bounds.upper > bounds.lower:
             search = Search(
-                problem,
-                first_to_go,
-                second_to_go,
-                within=within,
-                both_to_go=bounds.both_to_go,
-                multiplier=bounds.multiplier,
-                most=bounds.most,
-                max_labels=self.max_labels,
+                problem, first_to_go, second_to_go, self.max_labels, within, bounds.joint
             )
             found, to_come = search.run(1, began + self.time_limit)
             if found.size:
@@ -80,37 +79,24 @@ class BudgetPlanner:
         best = through_centres(costs, cells_of(bounds.best, problem.columns), start, goal)
         return Found(best, bound=min(float(problem.length(lower)), best.length))
 
-    def _infeasible(self, least: float) -> Found:
-        note = (
-            f"no path has an integral of {self.objective} within {self.budget:g};"
-            f" the least is {rounded_up(least)}"
-        )
-        return Found(status="infeasible", feasible_from=least, note=note)
-
 
 def rounded_up(value: float) -> str:
-    """A limit in six digits and not below the value: fit to be typed in again."""
+    """A limit as text of six digits that is not below the value, so that it can be typed in."""
     return f"{value * (1 + 1e-5):.6g}"
 
 
 @dataclass(frozen=True)
 class _Bounds:
-    """What Lagrangian relaxation tells, in whole units."""
+    """The bounds that Lagrangian relaxation gives, in whole units."""
 
     best: NDArray[np.int64]
-    """The shortest path met that is within the budget."""
+    """The shortest path found so far that is within the budget, as flat indices of cells."""
     upper: float
-    """Its first cost."""
+    """The first cost of `best`."""
     lower: float
-    """No path within the budget costs less."""
-    multiplier: float
-    both_to_go: NDArray[np.float64]
-    most: float
-    """Paths that are shorter than `best` and within the budget cost less than this together."""
-
-    @property
-    def gap(self) -> float:
-        return self.upper - self.lower
+    """Least first cost that a path within the budget can have."""
+    joint: tuple[NDArray[np.float64], float, float]
+    """Both costs to go, their multiplier, and the greatest sum of a better path, for `Search`."""
 
 
 def _lagrangian(
@@ -123,7 +109,7 @@ def _lagrangian(
     """Raise the multiplier to where the bound is greatest (Handler and Zang, 1980)."""
     beyond_first, beyond_second = problem.measured(short)
     if beyond_second <= within:
-        return _Bounds(short, beyond_first, beyond_first, 0.0, first_to_go, np.inf)
+        return _Bounds(short, beyond_first, beyond_first, (first_to_go, 0.0, np.inf))
     best, (best_first, best_second) = frugal, problem.measured(frugal)
     while True:
         multiplier = (best_first - beyond_first) / (beyond_second - best_second)
@@ -137,5 +123,5 @@ def _lagrangian(
         elif second > within:
             beyond_first, beyond_second = first, second
         if gain < 0.5:  # of a unit: no path lies below the line between the two
-            most = best_first + multiplier * within
-            return _Bounds(best, best_first, lower, multiplier, both_to_go, most)
+            joint = both_to_go, multiplier, best_first + multiplier * within
+            return _Bounds(best, best_first, lower, joint)

@@ -19,13 +19,13 @@ class CostToGo:
     """The least cost from every cell to a goal; made by `plan_field`."""
 
     costs: Costmap
-    """What travel costs."""
+    """The costmap that was searched."""
     goal: Position
-    """World position [m]."""
+    """Position of the goal in the world [m]."""
     cost: NDArray[np.float64]
-    """From each cell's centre to the goal's cell, (H, W) [m]; infinite if there is no path."""
+    """Cost from each cell's centre to the goal's cell, (H, W) [m]; infinite without a path."""
     allow_corner_cutting: bool
-    """Whether a diagonal step may pass a blocked cell's corner."""
+    """True lets a diagonal step pass the corner of a blocked cell."""
     _bordered: NDArray[np.float64]
     _half: NDArray[np.float64]
 
@@ -35,13 +35,7 @@ class CostToGo:
         return f"CostToGo({self.costs.grid.name or 'map'}, to {x:g},{y:g} m from {reached} cells)"
 
     def cells(self, start: Position) -> NDArray[np.int64] | None:
-        """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none.
-
-        Raises
-        ------
-        PoseError
-            If the start lies outside the map or in a blocked cell.
-        """
+        """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none."""
         from locplan._kernels.search import trace
 
         columns = self.costs.grid.shape[1] + 2
@@ -57,13 +51,12 @@ class CostToGo:
         return None if cells is None else through_centres(self.costs, cells, start, self.goal)
 
     def plan(self, start: Position) -> Plan:
-        """The same path, measured, as `locplan.plan` with the grid planner gives it."""
+        """The path and its metrics, as `locplan.plan` gives them with the grid planner."""
         began = time.perf_counter()
         cells, found = self.cells(start), Found()
         if cells is not None:
             found = Found(through_centres(self.costs, cells, start, self.goal, trim=True))
-        elapsed = time.perf_counter() - began
-        return finished("grid", self.costs, start, self.goal, found, elapsed)
+        return finished("grid", self.costs, start, self.goal, found, time.perf_counter() - began)
 
 
 def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = False) -> CostToGo:
@@ -72,11 +65,11 @@ def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = F
     Parameters
     ----------
     costs : Costmap
-        What travel costs.
+        The costmap to search.
     goal : (x, y)
-        World position [m].
+        Position of the goal in the world [m].
     allow_corner_cutting : bool
-        Whether a diagonal step may pass a blocked cell's corner.
+        True lets a diagonal step pass the corner of a blocked cell.
 
     Raises
     ------

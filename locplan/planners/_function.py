@@ -1,4 +1,4 @@
-"""Planners of the user's own, which cannot change what their paths are measured on."""
+"""Planners of the user's own, which cannot change the costmap that measures their paths."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from locplan.planners._registry import check_names
 from locplan.planners._result import Plan
 
 PlannerFunction: TypeAlias = Callable[..., Plan | Path | Found]
-"""``f(costs, start, goal, **options)``: a path, a `Found`, or a `Plan`."""
+"""A function ``f(costs, start, goal, **options)`` that returns a path, a `Found` or a `Plan`."""
 
 
 @dataclass(frozen=True)
 class FunctionPlanner:
     """A planner written as a function ``f(costs, start, goal, **options)``.
 
-    The function returns a `Path`, a `Found`, or a `Plan`. If it has an attribute ``prepare``, that
-    is called before anything is timed: the place to compile.
+    The function returns a `Path`, a `Found` or a `Plan`. If it has an attribute ``prepare``, that
+    is called before anything is timed, so that it can compile there.
     """
 
     function: PlannerFunction
-    """The function."""
+    """The function that plans."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Keyword arguments of its own."""
+    """Keyword arguments that the function is called with."""
     minimises: ClassVar[str] = "J"
 
     @property
@@ -42,12 +42,12 @@ class FunctionPlanner:
 
     @property
     def space(self) -> str:
-        """Its option "space", or "R2"."""
+        """The function's option "space", or "R2"."""
         return str(self.options.get("space", "R2"))
 
     @property
     def parameters(self) -> list[str]:
-        """The names of its options."""
+        """The names of the function's options."""
         every = list(inspect.signature(self.function).parameters.values())[3:]
         return [one.name for one in every if one.kind is not one.VAR_KEYWORD]
 
@@ -62,20 +62,13 @@ class FunctionPlanner:
         getattr(self.function, "prepare", lambda: None)()
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Call the function."""
+        """Call the function and return what it found."""
         result = self.function(costs, start, goal, **self.options)
         if isinstance(result, Path):
             return Found(result)
         if isinstance(result, Plan):
-            return Found(
-                path=result.path,
-                status=result.status,
-                note=str(result.note),
-                history=result.history,
-                bound=result.bound,
-                feasible_from=result.feasible_from,
-                solve_time=result.solve_time,
-            )
+            names = [one.name for one in dataclasses.fields(Found)]
+            return Found(**{name: getattr(result, name) for name in names})
         return result
 
 
@@ -83,24 +76,19 @@ class Guarded(Wrapper):
     """A user's planner that gets a costmap of its own, and whose path is checked."""
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan on a copy of the costmap; the copying is not timed.
-
-        Raises
-        ------
-        LocplanError
-            If what is returned is nothing that can be driven.
-        """
+        """Plan on a copy of the costmap, not timing the copying, and check what is returned."""
         own = costs.copy()
         began = time.perf_counter()
         found = self.planner.solve(own, start, goal)
         elapsed = time.perf_counter() - began
         _check_sound(found, costs, start, goal)
-        told = found.solve_time
-        honest = told is not None and 0 <= told <= elapsed
-        return found if honest else dataclasses.replace(found, solve_time=elapsed)
+        reported = found.solve_time
+        plausible = reported is not None and 0 <= reported <= elapsed
+        return found if plausible else dataclasses.replace(found, solve_time=elapsed)
 
 
 def _check_sound(found: object, costs: Costmap, start: Position, goal: Position) -> None:
+    """Raise a LocplanError unless what a planner returned can be driven."""
     statuses = get_args(Status)
     if not isinstance(found, Found) or found.status not in statuses:
         raise LocplanError(

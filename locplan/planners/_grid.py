@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,74 +14,83 @@ from locplan.planners._protocol import Found, Position
 
 @dataclass(frozen=True)
 class GridPlanner:
-    """The path of least cost over the centres of neighbouring cells."""
+    """This planner finds the path of least cost over the centres of neighbouring cells."""
 
     allow_corner_cutting: bool = False
-    """Whether a diagonal step may pass a blocked cell's corner."""
+    """True lets a diagonal step pass the corner of a blocked cell."""
     name: ClassVar[str] = "grid"
     minimises: ClassVar[str] = "J"
     space: ClassVar[str] = "R2"
 
     def check(self) -> None:
-        """Any options go together."""
+        """Accept all options: any of them go together."""
 
     def prepare(self) -> None:
         """Compile the search, so that the first plan is not timed with it."""
-        from locplan.maps import FREE, OccupancyGrid
-
-        costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
-        self.solve(costs, (0.5, 0.5), (2.5, 0.5))
+        self.solve(blank_costs(1, 3), (0.5, 0.5), (2.5, 0.5))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan between two world positions [m] in free cells; the path has exactly these ends."""
         cells = cheapest_cells(costs, start, goal, self.allow_corner_cutting)
-        if cells is None:
-            return Found()
-        return Found(through_centres(costs, cells, start, goal, trim=True))
+        return Found(
+            None if cells is None else through_centres(costs, cells, start, goal, trim=True)
+        )
+
+
+def blank_costs(rows: int, columns: int) -> Costmap:
+    """A small free costmap with cells of 1 m, to compile the kernels on."""
+    from locplan.maps import FREE, OccupancyGrid
+
+    return Costmap.blank(OccupancyGrid(np.full((rows, columns), FREE), 1.0))
 
 
 def cheapest_cells(
-    costs: Costmap,
-    start: Sequence[float],
-    goal: Sequence[float],
-    allow_corner_cutting: bool,
+    costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
 ) -> NDArray[np.int64] | None:
     """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none."""
     from locplan._kernels.search import bordered_half, shortest_costs, trace
 
     half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
-    source, target = (
-        bordered_index(costs, xy, role) for xy, role in ((start, "start"), (goal, "goal"))
-    )
+    source, target = bordered_ends(costs, start, goal)
     cost = shortest_costs(half, columns, source, target, allow_corner_cutting)
     if not np.isfinite(cost[target]):
         return None
     return cells_of(trace(half, columns, cost, target, allow_corner_cutting), columns)
 
 
-def bordered_index(costs: Costmap, xy: Sequence[float], role: str, border: int = 1) -> int:
+def connected(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
+    """The number of parts that free cells form where no corner may be cut, and labels (H, W)."""
+    import cv2
+
+    count, labels = cv2.connectedComponents(np.isfinite(costs.density).astype("u1"), connectivity=4)
+    return count, labels
+
+
+def bordered_ends(
+    costs: Costmap, start: Position, goal: Position, border: int = 1
+) -> tuple[int, int]:
+    """The flat indices, in a grid with a border, of the start's and the goal's cell."""
+    source = bordered_index(costs, start, "start", border)
+    return source, bordered_index(costs, goal, "goal", border)
+
+
+def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> int:
     """The flat index, in a grid with a border, of the cell at a world position [m]."""
     row, col = costs.cell_of(xy, role)
     return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
 
 
 def cells_of(flat: NDArray[np.int64], columns: int, border: int = 1) -> NDArray[np.int64]:
-    """The inverse: (n, 2) of (row, col)."""
+    """The cells (n, 2) of (row, col) at flat indices in a grid with a border."""
     return np.column_stack([flat // columns - border, flat % columns - border])
 
 
 def through_centres(
-    costs: Costmap,
-    cells: NDArray[np.int64],
-    start: Sequence[float],
-    goal: Sequence[float],
-    *,
-    trim: bool = False,
+    costs: Costmap, cells: NDArray[np.int64], start: Position, goal: Position, *, trim: bool = False
 ) -> Path:
-    """A path from start over the cells' centres, (n, 2) of (row, col), to the goal.
+    """A path from start over the centres of cells (n, 2) to goal, where it turns.
 
-    Centres on a straight line between their neighbours are left out and, to `trim` the path, at
-    either end that of the end's own cell if the way without it costs no more.
+    With `trim` it leaves out the centres of the ends' cells where the way without costs no more.
     """
     direction = np.diff(cells, axis=0)
     turns = np.any(direction[1:] != direction[:-1], axis=1)

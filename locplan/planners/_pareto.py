@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,39 +19,36 @@ from locplan.planners._result import Plan, finished
 from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
 
 SUPPORTED = 24
-"""How many paths of least weighted sums complete a front at its caps."""
+"""Number of paths of least weighted sums that complete a front whose search was cut short."""
 MAX_POINTS = 100_000
-"""Of a front."""
+"""Greatest number of points of a front."""
+Point: TypeAlias = tuple[float, float, NDArray[np.int64]]
+"""Both costs of a path in whole units, and its cells (n, 2)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParetoFront(Pictured):
-    """Grid paths of which none is better than another in both length and integral.
-
-    Ordered by length; the last has the least integral.
-    """
+    """Grid paths by rising length and falling integral, so that none is better in both."""
 
     costs: Costmap
-    """What was planned on."""
+    """The costmap that the paths were planned on."""
     start: Position
-    """World position [m]."""
+    """Position of the start in the world [m]."""
     goal: Position
-    """World position [m]."""
+    """Position of the goal in the world [m]."""
     objective: str
-    """What is integrated: "u" or "e"."""
+    """The layer that is integrated, "u" or "e"."""
     length: NDArray[np.float64]
-    """Of each path, (n,) [m]."""
+    """Length of each path, (n,) [m]."""
     integral: NDArray[np.float64]
-    """Of u [m] or e [m^2 rad m] along each path, (n,)."""
+    """Integral of u [m] or e [m^2 rad m] along each path, (n,)."""
     epsilon: float
-    """For every grid path one of these is at most 1 + epsilon times as long and as uncertain.
-
-    Zero if the front is exact, which it is unless time or labels ran out.
-    """
+    """A path of the front is at most 1 + epsilon times as long and uncertain as any grid path.
+    Epsilon is 0 and the front exact, unless time or labels ran out."""
     labels: int
-    """How many partial paths were kept."""
+    """Number of partial paths that were kept."""
     solve_time: float
-    """Time spent, without compilation [s]."""
+    """Time spent on the search, without compilation [s]."""
     _cells: tuple[NDArray[np.int64], ...]
     _drawn_by: ClassVar[str] = "locplan.plotting:front_figure"
 
@@ -71,7 +68,7 @@ class ParetoFront(Pictured):
         return len(self.length)
 
     def plan(self, index: int) -> Plan:
-        """One of the paths, measured."""
+        """One of the paths as a plan, with its metrics."""
         path = through_centres(self.costs, self._cells[index], self.start, self.goal)
         return finished("pareto", self.costs, self.start, self.goal, Found(path), self.solve_time)
 
@@ -79,12 +76,8 @@ class ParetoFront(Pictured):
     def knee(self) -> int:
         """Index of the path whose length times integral is least.
 
-        Beyond it a per cent of length saves less than a per cent of the integral.
-
-        Raises
-        ------
-        ConfigError
-            If the front is empty.
+        On longer paths, a per cent of length saves less than a per cent of the integral. An empty
+        front has no knee: that is a ConfigError.
         """
         if not len(self):
             raise ConfigError("an empty front has no knee: the goal is unreachable")
@@ -103,30 +96,30 @@ def pareto_front(
 ) -> ParetoFront:
     """The exact front of length against an integral along the path, over 8 neighbours.
 
-    A path goes from the start to its cell's centre, over centres, and from the last to the goal.
-    Where time or labels run out, the front is completed by paths of least weighted sums, and
-    `epsilon` says how good it is for certain: their values bound what may have been missed.
+    A path leads from the start to the centre of its cell, over centres, and to the goal. Where
+    time or labels run out, paths of least weighted sums complete the front, and `epsilon` says
+    how good it is for certain.
 
     Parameters
     ----------
     costs : Costmap
-        Made from a field; its weight has no say here.
+        Costmap made from a field; its weight does not matter.
     start, goal : (x, y)
-        World positions [m].
+        Positions in the world [m].
     objective : "u" or "e"
-        Degenerate metres, or the integral of e [m^2 rad m]. Each step counts rounded up by
-        at most 1/131072 of the greatest rate.
+        The layer to integrate: u gives degenerate metres, e gives [m^2 rad m]. Each step is
+        rounded up by at most 1/131072 of the greatest rate.
     allow_corner_cutting : bool
-        Whether a diagonal step may pass a blocked cell's corner.
+        True lets a diagonal step pass the corner of a blocked cell.
     time_limit : float
-        Seconds for the exact search.
+        Time for the exact search [s].
     max_labels : int
-        Partial paths kept at most, of 48 bytes each.
+        Greatest number of partial paths that are kept; each takes 48 bytes.
 
     Returns
     -------
     ParetoFront
-        Empty if the goal is unreachable.
+        The front, empty if the goal is unreachable.
 
     Raises
     ------
@@ -142,17 +135,18 @@ def pareto_front(
     problem = Problem.between(costs, start, goal, objective, allow_corner_cutting)
     second_to_go, frugal = problem.to_go(0, 1)
     first_to_go, short = problem.to_go(1, 0)
-    front, epsilon, labels = _Front(), 0.0, 0
+    points: list[Point] = []
+    epsilon, labels = 0.0, 0
     if short is not None and frugal is not None:
         search = Search(problem, first_to_go, second_to_go, max_labels=max_labels)
         found, to_come = search.run(MAX_POINTS, began + time_limit)
         labels = search.labels
         for label, first, second in zip(found, *search.costs_of(found), strict=True):
-            front.add(float(first), float(second), search.cells_of(int(label)))
-        if math.isfinite(to_come):
-            bounds = _weighted_sums(problem, front, short, frugal)
-            epsilon = front.epsilon(to_come, second_to_go[problem.source], bounds)
-    points = front.points()
+            points.append((float(first), float(second), search.cells_of(int(label))))
+        exact = math.isinf(to_come)
+        bounds = [] if exact else _weighted_sums(problem, points, short, frugal)
+        points = _undominated(points)
+        epsilon = 0.0 if exact else _epsilon(points, to_come, second_to_go[problem.source], bounds)
     length, integral = (np.array([point[i] for point in points]) for i in (0, 1))
     return ParetoFront(
         costs=costs,
@@ -168,63 +162,48 @@ def pareto_front(
     )
 
 
-class _Front:
-    """Points met so far, in whole units."""
+def _undominated(points: list[Point]) -> list[Point]:
+    """The points that no other dominates, by rising first cost."""
+    best: list[Point] = []
+    for point in sorted(points, key=lambda point: point[:2]):
+        if not best or point[1] < best[-1][1]:
+            best.append(point)
+    return best
 
-    def __init__(self) -> None:
-        self._points: list[tuple[float, float, NDArray[np.int64]]] = []
 
-    def add(self, first: float, second: float, cells: NDArray[np.int64]) -> None:
-        self._points.append((first, second, cells))
+def _epsilon(
+    points: list[Point], to_come: float, least_second: float, bounds: list[tuple[float, float]]
+) -> float:
+    """The greatest relative gain over all points of a path that may have been missed.
 
-    def points(self) -> list[tuple[float, float, NDArray[np.int64]]]:
-        """Those that no other dominates, by rising first cost."""
-        best: list[tuple[float, float, NDArray[np.int64]]] = []
-        for point in sorted(self._points, key=lambda point: point[:2]):
-            if not best or point[1] < best[-1][1]:
-                best.append(point)
-        return best
-
-    def epsilon(
-        self, to_come: float, least_second: float, bounds: list[tuple[float, float]]
-    ) -> float:
-        """How far at most, relatively, any path is better than all points.
-
-        Parameters
-        ----------
-        to_come : float
-            Paths that may have been missed cost first at least this.
-        least_second : float
-            And second at least this,
-        bounds : list of (multiplier, value)
-            and first + multiplier * second at least value.
-        """
-        first, second = (np.array([point[i] for point in self.points()]) for i in (0, 1))
-        edges = np.linspace(min(to_come, first[-1]), first[-1], 4001)
-        below = np.full(edges.size, float(least_second))
-        for multiplier, value in bounds:
-            below = np.maximum(below, (value - edges) / multiplier)
-        # From one edge to the next the bound on the second cost falls; both ends count at worst.
-        over_first = first[:, None] / np.maximum(edges[None, :-1], 1e-300)
-        over_second = np.maximum(second[:, None], 1e-9) / np.maximum(below[None, 1:], 1e-9)
-        worst = np.maximum(over_first, over_second).min(axis=0).max()
-        return max(0.0, float(worst) - 1)
+    Its first cost is at least `to_come`, its second at least `least_second`, and first +
+    multiplier * second at least value, for each (multiplier, value) of `bounds`.
+    """
+    first, second = (np.array([point[i] for point in points]) for i in (0, 1))
+    edges = np.linspace(min(to_come, first[-1]), first[-1], 4001)
+    below = np.full(edges.size, float(least_second))
+    for multiplier, value in bounds:
+        below = np.maximum(below, (value - edges) / multiplier)
+    # From one edge to the next the bound on the second cost falls; both ends count at worst.
+    over_first = first[:, None] / np.maximum(edges[None, :-1], 1e-300)
+    over_second = np.maximum(second[:, None], 1e-9) / np.maximum(below[None, 1:], 1e-9)
+    worst = np.maximum(over_first, over_second).min(axis=0).max()
+    return max(0.0, float(worst) - 1)
 
 
 def _weighted_sums(
-    problem: Problem, front: _Front, short: NDArray[np.int64], frugal: NDArray[np.int64]
+    problem: Problem, points: list[Point], short: NDArray[np.int64], frugal: NDArray[np.int64]
 ) -> list[tuple[float, float]]:
-    """Add paths of least weighted sums to the front, the widest gaps first.
+    """Add paths of least weighted sums to the points, the widest gaps first.
 
-    Returns
-    -------
-    list of (multiplier, value)
-        No path has a lower sum of its first cost and the multiplier times its second.
+    For each (multiplier, value) that is returned, all paths have first + multiplier * second of at
+    least value.
     """
     bounds: list[tuple[float, float]] = []
-    for cells in (short, frugal):
-        front.add(*problem.measured(cells), cells_of(cells, problem.columns))
-    gaps = [(problem.measured(short), problem.measured(frugal))]
+    left, right = problem.measured(short), problem.measured(frugal)
+    points.append((*left, cells_of(short, problem.columns)))
+    points.append((*right, cells_of(frugal, problem.columns)))
+    gaps = [(left, right)]
     while gaps and len(bounds) < SUPPORTED:
         gaps.sort(key=lambda gap: (gap[1][0] - gap[0][0]) * (gap[0][1] - gap[1][1]))
         left, right = gaps.pop()
@@ -236,6 +215,6 @@ def _weighted_sums(
         bounds.append((multiplier, float(to_go[problem.source])))
         middle = problem.measured(flat)
         if middle[0] + multiplier * middle[1] < left[0] + multiplier * left[1] - 0.5:
-            front.add(*middle, cells_of(flat, problem.columns))
+            points.append((*middle, cells_of(flat, problem.columns)))
             gaps += [(left, middle), (middle, right)]
     return bounds

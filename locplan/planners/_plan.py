@@ -1,4 +1,4 @@
-"""Planners on a costmap, all through `plan`."""
+"""Plan paths on a costmap, with any planner, by `plan`."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def check_ends(
     *,
     space: str = "R2",
 ) -> list[Position]:
-    """Start, waypoints and goal as numbers, if the robot can stand at all of them.
+    """Return start, waypoints and goal as numbers, if the robot can stand at all of them.
 
     Raises
     ------
     PoseError
-        If it cannot, with the nearest free position, or a heading is missing or of no use.
+        If it cannot, with the nearest free position, or if a heading is missing or useless.
     """
     named = [(start, "start"), *((xy, f"waypoint {n}") for n, xy in enumerate(via, 1))]
     headed = space != "R2"
@@ -53,25 +53,25 @@ def plan(
     Parameters
     ----------
     costs : Costmap
-        What travel costs.
+        The costmap to plan on.
     start, goal : (x, y) or (x, y, heading)
-        World positions [m]; with a heading [rad] where the planner's `space` has one.
+        Positions in the world [m], with a heading [rad] where the planner's `space` has one.
     planner : str, function or Planner, optional
         One of `names`, by default "any-angle"; a function ``f(costs, start, goal, **options)``
         that returns a `Path`, a `Plan` or a `planners.Found`; or an object such as
         ``planners.AnyAngle(accuracy="high")``.
     via : sequence of (x, y) or (x, y, heading)
-        World positions to visit on the way, in this order [m].
+        Positions in the world to visit on the way, in this order [m].
     max_e : float, optional
-        Never enter a cell whose e is above this [m^2 rad].
+        The path enters no cell whose e is above this [m^2 rad].
     budget : float, optional
-        Instead of the least J, the shortest path whose integral of u is at most this [m]; with
-        ``objective="e"``, whose integral of e is [m^2 rad m]. Exact, by the grid planner only;
-        options: the fields of `planners.BudgetPlanner`.
+        The path is the shortest one whose integral of u is at most this [m], or of e with
+        ``objective="e"`` [m^2 rad m]. The grid planner finds it exactly; its options are the
+        fields of `planners.BudgetPlanner`.
     footprint : Footprint or (n, 2) array, optional
         The robot's outline [m], checked exactly along the path that is returned: the cheapest
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
-        one. Between the two a way may be missed.
+        one. A path that only the outline itself can take may be missed.
     **options
         Options of the planner: see `planners.GridPlanner`, `planners.AnyAngle` and
         `planners.Ompl`.
@@ -79,8 +79,8 @@ def plan(
     Returns
     -------
     Plan
-        With status "unreachable" if no path joins start and goal, "infeasible" if none does
-        within the limits, "timeout" if none was found in time.
+        The plan, with status "unreachable" if no path joins start and goal, "infeasible" if none
+        does within the limits, "timeout" if none was found in time.
 
     Raises
     ------
@@ -103,16 +103,14 @@ def plan(
     check_costs(costs)
     outline = outline_of(footprint)
     limits: dict[str, Any] = {"max_e": max_e, "budget": budget, "footprint": outline}
-    asked = planner_for(planner, options, via=via, **limits)
-    stops = check_ends(costs, start, goal, via, space=asked.space)
-    over = tuple(stops[1:-1])
-    if over:
-        asked = planner_for(planner, options, via=over, **limits)
+    space = planner_for(planner, options, via=via, **limits).space
+    start, *over, goal = check_ends(costs, start, goal, via, space=space)
+    asked = planner_for(planner, options, via=over, **limits)
     asked.prepare()
     corners = None if outline is None else tuple((x, y) for x, y in outline.vertices.tolist())
     return dataclasses.replace(
-        run_planner(asked, costs, stops[0], stops[-1]),
-        via=over,
+        run_planner(asked, costs, start, goal),
+        via=tuple(over),
         max_e=max_e,
         budget=None if budget is None else float(budget),
         footprint=corners,
@@ -120,14 +118,12 @@ def plan(
 
 
 def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Position) -> Plan:
-    """A planner's plan between two positions that were checked; it is not prepared before."""
+    """Plan between two positions that were checked, with a planner that was prepared."""
     began = time.perf_counter()
     found = planner.solve(costs, start, goal)
-    elapsed = time.perf_counter() - began
-    if found.solve_time is not None:
-        elapsed = found.solve_time
-    minimises = planner.minimises is not None
-    return finished(planner.name, costs, start, goal, found, elapsed, minimises=minimises)
+    elapsed = time.perf_counter() - began if found.solve_time is None else found.solve_time
+    made = finished(planner.name, costs, start, goal, found, elapsed)
+    return dataclasses.replace(made, minimises=planner.minimises is not None)
 
 
 def plan_beside_shortest(
@@ -142,21 +138,21 @@ def plan_beside_shortest(
     footprint: Footprint | ArrayLike | None = None,
     **options: Any,
 ) -> dict[str, Plan]:
-    """The plan that is asked for, and the shortest one without its limits of e, by their names.
+    """Plan as `plan` does, and plan the shortest path without limits of e beside it.
 
     Both are measured on `costs`. Any-angle paths are improved from two beginnings here: unless
-    there are limits, the shorter of the two is the shortest, and the cheaper the other. What a
-    planner with random numbers found is not exchanged. The parameters are those of `plan`.
+    there are limits, the shorter of the two counts as the shortest, and the cheaper one as the
+    other. Paths of planners with random numbers stay as they are. The parameters are `plan`'s.
     """
     if budget is not None:
         planner = planner or "grid"
     request: dict[str, Any] = {"planner": planner, "via": via, "footprint": footprint, **options}
-    # Of the many shortest paths on a grid, the one that sees most: the comparison is fair.
+    # Of the many shortest paths on a grid this is the one that sees most: the comparison is fair.
     shortest = plan(costs.with_weight(1e-6), start, goal, **request).measured_on(costs)
     aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
     both = [one for one in (shortest, aware) if one.metrics]
-    limited = max_e is not None or budget is not None
-    if len(both) == 2 and not limited and not takes(planner_for(planner, options), "seed"):
+    free = max_e is None and budget is None
+    if free and len(both) == 2 and not takes(planner_for(planner, options), "seed"):
         shortest, aware = (
             min(both, key=lambda one: getattr(one.metrics, measure))
             for measure in ("length", "cost")

@@ -1,4 +1,4 @@
-"""What a planner is: checked options, preparation, and a search from a start to a goal."""
+"""The protocol of planners: checked options, preparation, and a search from start to goal."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ if TYPE_CHECKING:
     from locplan.costs import Costmap, Path
 
 Position = tuple[float, ...]
-"""x, y in the world [m], and a heading [rad] where the planner's space has one."""
+"""Position x, y in the world [m], and a heading [rad] where the planner's space has one."""
 Status = Literal["solved", "unreachable", "infeasible", "timeout"]
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a planner found from a start to a goal."""
+    """A path that a planner found from a start to a goal, or why it found none."""
 
     path: Path | None = field(default=None, repr=False)
     """The path from start to goal, or None."""
     status: Status = "unreachable"
-    """Why there is no path; with a path it is always "solved"."""
+    """The reason why there is no path; with a path it is always "solved"."""
     note: str = ""
-    """Why there is no path, and what would help, if that is known."""
+    """A text on why there is no path and what would help, if that is known."""
     history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
-    """Seconds since an anytime planner began and its best J [m], whenever that fell."""
+    """Time since an anytime planner began [s] and its best J [m], whenever that fell."""
     bound: float | None = None
     """Least length that a path within the budget can have [m]."""
     feasible_from: float | None = None
-    """Least limit with which there is a path, in the unit of the limit, if infeasible."""
+    """Least limit with which there is a path, in the limit's unit, if it is infeasible."""
     solve_time: float | None = None
     """Time spent planning, where the planner measures that itself [s]."""
 
@@ -47,15 +47,15 @@ class Planner(Protocol):
 
     @property
     def name(self) -> str:
-        """What the planner is called."""
+        """The planner's name."""
 
     @property
     def minimises(self) -> str | None:
-        """What its paths have least of, such as "J"; None if it stops at any path."""
+        """The quantity that its paths minimise, such as "J"; None if it stops at any path."""
 
     @property
     def space(self) -> str:
-        """Where it plans: "R2", or "SE2", "Dubins" or "ReedsShepp", whose poses have headings."""
+        """The space it plans in: "R2", or one with headings, "SE2", "Dubins" or "ReedsShepp"."""
 
     def check(self) -> None:
         """Raise a ConfigError if the options do not fit together."""
@@ -68,35 +68,26 @@ class Planner(Protocol):
 
 
 @dataclass(frozen=True)
-class Wrapper:
-    """A planner that adds something to another one; what it does not say itself is the other's."""
+class Wrapper(Planner):
+    """A planner that adds something to another one, and takes all else from it."""
 
     planner: Planner
     """The planner that searches."""
 
     @property
     def name(self) -> str:
-        """What the planner is called."""
         return self.planner.name
 
     @property
     def minimises(self) -> str | None:
-        """What its paths have least of."""
         return self.planner.minimises
 
     @property
     def space(self) -> str:
-        """Where it plans."""
         return self.planner.space
 
     def check(self) -> None:
-        """Raise a ConfigError if the options do not fit together."""
         self.planner.check()
 
     def prepare(self) -> None:
-        """Compile and load what `solve` needs."""
         self.planner.prepare()
-
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan between two positions."""
-        return self.planner.solve(costs, start, goal)

@@ -1,7 +1,6 @@
-"""The planners that have a name, what each minimises, where it plans, and its options.
+"""The planners that have a name, with what each minimises, its spaces and its options.
 
-Another planner is one more module and one more line in `PLANNERS`. Nothing heavy is imported
-before a planner is used.
+A new planner needs a module and a line in `PLANNERS`. Nothing heavy is imported before it is used.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ if TYPE_CHECKING:
     from locplan.planners._protocol import Planner
 
 DEFAULT = "any-angle"
-"""The planner of whoever names none."""
+"""The planner that is taken where none is named."""
 NO_OPTIONS = ("name", "planner")
-"""Fields of a planner that are no options: what it is called, and the planner that it wraps."""
+"""Fields of a planner that are no options: its name, and the planner that it wraps."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,11 @@ class Entry:
     """A planner that is known by a name."""
 
     place: str
-    """Its class as "module:Class"; a class with a field `name` is given the name."""
+    """The planner's class as "module:Class"; if it has a field `name`, it is given the name."""
     minimises: str | None = "J"
-    """What its paths have least of; None if it stops at any path."""
+    """The quantity that its paths minimise; None if it stops at any path."""
     spaces: tuple[str, ...] = ("R2",)
-    """Where it can plan."""
+    """The spaces in which it can plan."""
 
     def kind(self) -> type[Any]:
         """The planner's class, imported now."""
@@ -43,7 +42,7 @@ class Entry:
         return found
 
     def options(self) -> dict[str, Any]:
-        """The names of its options with their defaults."""
+        """The names of the planner's options with their defaults."""
         return defaults_of(self.kind())
 
 
@@ -60,18 +59,12 @@ PLANNERS: dict[str, Entry] = {
 
 
 def names() -> tuple[str, ...]:
-    """The names of planners that `locplan.plan` knows."""
+    """The names of the planners that `locplan.plan` knows."""
     return tuple(PLANNERS)
 
 
 def named(name: str, options: Mapping[str, Any]) -> Planner:
-    """A planner by its name, with options, checked.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such planner, or it does not take the options.
-    """
+    """A planner by its name, with options; a ConfigError if there is none that takes them."""
     if name not in PLANNERS:
         raise ConfigError(f"planner must be one of {', '.join(names())}, not {name!r}")
     entry = PLANNERS[name]
@@ -84,7 +77,7 @@ def named(name: str, options: Mapping[str, Any]) -> Planner:
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
-    """The names of a kind's options with their defaults: the fields of a dataclass."""
+    """The names of the options of a planner's class with their defaults: a dataclass's fields."""
     if not dataclasses.is_dataclass(kind):
         return {}
     return {

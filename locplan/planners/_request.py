@@ -1,4 +1,4 @@
-"""From what a caller asks for to one planner: a name, a function or an object, and its limits."""
+"""One planner for what a caller asks for: a name, a function or an object, with limits."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from locplan.costs import Footprint
 from locplan.errors import ConfigError
 from locplan.planners._budget import BudgetPlanner
 from locplan.planners._function import FunctionPlanner, Guarded, PlannerFunction
-from locplan.planners._limits import limited
+from locplan.planners._limits import Limited
 from locplan.planners._protocol import Planner, Position, Wrapper
 from locplan.planners._registry import DEFAULT, check_names, defaults_of, named
 
 AnyPlanner: TypeAlias = str | Planner | PlannerFunction
-"""How a planner may be given."""
+"""A planner as a caller may give it."""
 
 
 def planner_for(
@@ -30,7 +30,7 @@ def planner_for(
     budget: float | None = None,
     footprint: Footprint | ArrayLike | None = None,
 ) -> Planner:
-    """The planner, with its options and limits, that `locplan.plan` uses for these arguments.
+    """Make the planner, with its options and limits, that `locplan.plan` uses for these arguments.
 
     Raises
     ------
@@ -42,29 +42,30 @@ def planner_for(
     >>> planner_for("any-angle", {"accuracy": "high"})
     AnyAngle(accuracy='high', allow_corner_cutting=False)
     """
-    options = options or {}
+    options, stops, outline = options or {}, tuple(via), outline_of(footprint)
     if budget is None:
-        base = _unlimited(DEFAULT if planner is None else planner, options)
+        made = _unlimited(DEFAULT if planner is None else planner, options)
     else:
-        if planner not in (None, "grid") or len(via) or footprint is not None or max_e is not None:
+        if planner not in (None, "grid") or stops or outline is not None or max_e is not None:
             raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
         known = [name for name in defaults_of(BudgetPlanner) if name != "budget"]
         check_names("a budget", options, known)
-        base = BudgetPlanner(budget, **options)
-    made = limited(base, via, max_e, outline_of(footprint))
+        made = BudgetPlanner(budget, **options)
+    if stops or outline is not None or max_e is not None:
+        made = Limited(made, stops, outline, max_e)
     made.check()
     return made
 
 
 def outline_of(footprint: Footprint | ArrayLike | None) -> Footprint | None:
-    """A footprint, or its corners, as a footprint."""
+    """Return a footprint that is given as one or by its corners."""
     if footprint is None or isinstance(footprint, Footprint):
         return footprint
     return Footprint(np.asarray(footprint))
 
 
 def takes(planner: Planner, option: str) -> bool:
-    """Whether a planner has an option of this name."""
+    """Return whether a planner has an option of this name."""
     planner = innermost(planner)
     if isinstance(planner, FunctionPlanner):
         return option in planner.parameters
@@ -89,7 +90,7 @@ def options_of(planner: Planner) -> dict[str, Any]:
 
 
 def with_options(planner: Planner, **options: Any) -> Planner:
-    """The same planner with other options; a ConfigError if it does not have them."""
+    """A copy of a planner with other options; a ConfigError if it does not have them."""
     if isinstance(planner, Wrapper):
         return dataclasses.replace(planner, planner=with_options(planner.planner, **options))
     if isinstance(planner, FunctionPlanner):
@@ -99,7 +100,7 @@ def with_options(planner: Planner, **options: Any) -> Planner:
 
 
 def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
-    """A planner by its name, or the user's own, guarded."""
+    """A planner by its name, or the user's own, which gets a costmap of its own."""
     if isinstance(planner, str):
         return named(planner, options)
     if isinstance(planner, Planner) and not isinstance(planner, type):

@@ -1,4 +1,4 @@
-"""What planners return."""
+"""Plans: the paths that planners return, with their metrics."""
 
 from __future__ import annotations
 
@@ -13,49 +13,44 @@ from locplan.planners._protocol import Found, Position, Status
 
 @dataclass(frozen=True, repr=False)
 class Plan(Pictured):
-    """What a planner returned."""
+    """A path that a planner returned with its metrics, or the reason why there is none."""
 
     _drawn_by: ClassVar[str] = "locplan.plotting:path_figure"
 
     status: Status
-    """Whether there is a path.
-
-    None to the goal ("unreachable"), none within the limits given ("infeasible"), or none found in
-    time ("timeout"), is a result, not an error.
-    """
+    """The status is "solved", or says that no path leads to the goal ("unreachable"), that none
+    keeps the limits ("infeasible"), or that none was found in time ("timeout")."""
     planner: str
     """The planner's name."""
     start: Position
-    """World position [m], or pose."""
+    """Position of the start in the world [m], or its pose [m, rad]."""
     goal: Position
-    """World position [m], or pose."""
+    """Position of the goal in the world [m], or its pose [m, rad]."""
     path: Path | None
     """The path from start to goal, or None."""
     metrics: PathMetrics | None
-    """What the path costs, or None."""
+    """The metrics of the path, or None."""
     solve_time: float
     """Time spent planning, without compilation [s]."""
     via: tuple[Position, ...] = ()
-    """World positions visited on the way [m]."""
+    """Positions in the world that the path visits on the way [m]."""
     max_e: float | None = None
-    """The limit it was to keep, if any [m^2 rad]."""
+    """The greatest e that was allowed, if any [m^2 rad]."""
     budget: float | None = None
-    """The limit of its integral, if any [m, or m^2 rad m]."""
+    """The greatest integral that was allowed, if any [m, or m^2 rad m]."""
     footprint: tuple[Position, ...] | None = None
-    """The outline it was to keep clear of walls, if any [m]."""
+    """The outline that had to stay clear of walls, if any [m]."""
     bound: float | None = None
-    """With a budget: no path within it is shorter [m]."""
+    """Least length that a path within the budget can have [m]."""
     feasible_from: float | None = None
-    """If infeasible: the least `budget` or `max_e` with which there is a path."""
+    """Least `budget` or `max_e` with which there is a path, if it is infeasible."""
     minimises: bool = True
-    """Whether the planner seeks the least J; some of OMPL's stop at the first path they find."""
+    """True if the planner seeks the least J; some of OMPL's stop at the first path they find."""
     history: tuple[tuple[float, float], ...] = ()
-    """Of a sampling planner: seconds since it began and its best J [m], whenever that fell.
-
-    Of a path over waypoints there is none.
-    """
+    """Time since a sampling planner began [s] and its best J [m], whenever that fell; there is
+    none over waypoints."""
     note: str = ""
-    """Why there is no path, and what would help, if that is known."""
+    """A text on why there is no path and what would help, if that is known."""
     costs: Costmap | None = field(default=None, compare=False)
     """The costmap that `metrics` were measured on."""
 
@@ -69,7 +64,7 @@ class Plan(Pictured):
         )
 
     def measured_on(self, costs: Costmap) -> Plan:
-        """The same path with its metrics on another costmap of the same map, without history."""
+        """A copy with the metrics on another costmap of the same map, without history."""
         if self.path is None:
             return self
         metrics = path_metrics(costs, self.path)
@@ -77,16 +72,9 @@ class Plan(Pictured):
 
 
 def finished(
-    planner: str,
-    costs: Costmap,
-    start: Position,
-    goal: Position,
-    found: Found,
-    elapsed: float,
-    *,
-    minimises: bool = True,
+    planner: str, costs: Costmap, start: Position, goal: Position, found: Found, elapsed: float
 ) -> Plan:
-    """What a planner found as a plan, with the metrics of its path on a costmap."""
+    """Make a plan of what a planner found, with the metrics of its path on a costmap."""
     note = found.note
     if found.status == "unreachable" and not note:
         note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
@@ -100,7 +88,6 @@ def finished(
         solve_time=elapsed,
         bound=found.bound,
         feasible_from=found.feasible_from,
-        minimises=minimises,
         history=found.history,
         note=note,
         costs=costs,

@@ -1,4 +1,4 @@
-"""The spaces that a robot plans in, and poses in them."""
+"""The spaces that planners plan in, and the poses in them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ if TYPE_CHECKING:
     from locplan.costs import Costmap
 
 SPACES: tuple[str, ...] = ("R2", "SE2", "Dubins", "ReedsShepp")
-"""Positions; poses that turn on the spot; curves driven forward; curves that may reverse."""
+"""The spaces: positions; poses that turn on the spot; forward curves; curves that may reverse."""
 CURVED = ("Dubins", "ReedsShepp")
+"""The spaces whose motions are curves with a least turning radius."""
 
 
 def check_space(space: str, turning_radius: float | None) -> None:
-    """Raise a ConfigError unless the two go together."""
+    """Raise a ConfigError unless the space and the turning radius go together."""
     one_of("space", space, SPACES)
     if space not in CURVED:
         if turning_radius is not None:
@@ -32,7 +33,7 @@ def check_space(space: str, turning_radius: float | None) -> None:
 def check_pose(
     costs: Costmap, pose: Sequence[float], role: str, *, headed: bool
 ) -> tuple[float, ...]:
-    """A pose as numbers, if the robot can stand there; see `Motions.checked`."""
+    """A pose as numbers, or a PoseError if the robot cannot stand there; see `Motions.checked`."""
     try:
         numbers = tuple(float(value) for value in pose)
     except (TypeError, ValueError):
@@ -48,7 +49,7 @@ def check_pose(
 
 
 def wrapped(heading: float) -> float:
-    """The same heading in -pi..pi [rad], pi itself as -pi: in OMPL's spaces it is not valid."""
+    """A heading wrapped to -pi..pi [rad]; pi becomes -pi, since OMPL's spaces do not take it."""
     if -math.pi <= heading < math.pi:
         return heading
     return (heading + math.pi) % (2 * math.pi) - math.pi

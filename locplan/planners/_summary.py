@@ -25,44 +25,36 @@ _METRICS = (
     ("least clearance", "clearance", "m", ".2f"),
 )
 """Rows of a table of plans: label, field of `PathMetrics`, unit and format."""
+_PLAIN = (
+    *("status", "planner", "start", "goal", "via", "solve_time", "max_e", "budget", "footprint"),
+    *("bound", "feasible_from", "minimises", "history", "note"),
+)
+"""Fields of a plan that are written as they are."""
 
 
 def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
     """Plans by name with their metrics and positions [m], fit for JSON."""
-    return {
-        label: {
-            "status": plan.status,
-            "planner": plan.planner,
-            "start": list(plan.start),
-            "goal": list(plan.goal),
-            "via": [list(xy) for xy in plan.via],
-            "solve_time_s": plan.solve_time,
-            "max_e": plan.max_e,
-            "budget": plan.budget,
-            "footprint": plan.footprint,
-            "bound": plan.bound,
-            "feasible_from": plan.feasible_from,
-            "minimises": plan.minimises,
-            "history": plan.history,
-            "note": plan.note,
-            "metrics": finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
-            "xy": plan.path.xy.tolist() if plan.path else None,
-            "heading": _headings(plan),
-        }
-        for label, plan in plans.items()
+    return {label: _plan_summary(plan) for label, plan in plans.items()}
+
+
+def _plan_summary(plan: Plan) -> dict[str, Any]:
+    """A plan, fit for JSON."""
+    units = {"solve_time": "solve_time_s"}
+    heading = None if plan.path is None else plan.path.heading
+    return {units.get(name, name): getattr(plan, name) for name in _PLAIN} | {
+        "metrics": finite(dataclasses.asdict(plan.metrics)) if plan.metrics else None,
+        "xy": plan.path.xy.tolist() if plan.path else None,
+        "heading": None if heading is None else heading.tolist(),
     }
-
-
-def _headings(plan: Plan) -> list[float] | None:
-    if plan.path is None or plan.path.heading is None:
-        return None
-    headings: list[float] = plan.path.heading.tolist()
-    return headings
 
 
 def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
     """The metrics of plans side by side; `e_unit` is `CovarianceField.e_unit`."""
-    rows = [["status", *map(_status, plans.values())]]
+    states = [
+        "solved, any path" if plan.status == "solved" and not plan.minimises else plan.status
+        for plan in plans.values()
+    ]
+    rows = [["status", *states]]
     for label, name, unit, spec in _METRICS:
         unit = unit.replace("m² rad", e_unit)
         values = [getattr(plan.metrics, name, None) for plan in plans.values()]
@@ -70,11 +62,6 @@ def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
         rows.append([label, *texts])
     notes = [f"{label}: {plan.note}" for label, plan in plans.items() if plan.note]
     return "\n".join([table(["", *plans], rows), *notes])
-
-
-def _status(plan: Plan) -> str:
-    any_path = plan.status == "solved" and not plan.minimises
-    return "solved, any path" if any_path else plan.status
 
 
 def front_summary(front: ParetoFront) -> dict[str, Any]:
@@ -98,20 +85,14 @@ def front_table(front: ParetoFront, e_unit: str) -> str:
     if not len(front):
         return "unreachable: no path leads to the goal"
     unit = "m" if front.objective == "u" else f"{e_unit} m"
-    wanted = np.linspace(front.length[0], front.length[-1], 12)
-    shown = np.abs(front.length[:, None] - wanted).argmin(axis=0)
+    lengths = np.linspace(front.length[0], front.length[-1], 12)
+    shown = np.abs(front.length[:, None] - lengths).argmin(axis=0)
     rows = []
     for index in sorted({*map(int, shown), front.knee}):
         longer = front.length[index] / front.length[0] - 1
-        rows.append(
-            [
-                str(index),
-                f"{front.length[index]:.2f} m",
-                f"+{longer:.1%}",
-                f"{front.integral[index]:.4g} {unit}",
-                "knee" if index == front.knee else "",
-            ]
-        )
+        texts = [f"{front.length[index]:.2f} m", f"+{longer:.1%}"]
+        texts += [f"{front.integral[index]:.4g} {unit}", "knee" if index == front.knee else ""]
+        rows.append([str(index), *texts])
     how = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%} of every path"
     last = f"{len(front)} paths, {how}; {front.labels:,} labels, {front.solve_time:.2f} s"
     columns = ["path", "length", "longer", f"∫{front.objective} ds", ""]

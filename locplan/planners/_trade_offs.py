@@ -1,10 +1,9 @@
-"""The exact trade-off between length and an integral along the path, on the grid."""
+"""The exact search for trade-offs between length and an integral along the path, on the grid."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,62 +13,52 @@ from numpy.typing import NDArray
 from locplan._util.checks import one_of, positive
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.planners._grid import bordered_index, cells_of
+from locplan.planners._grid import blank_costs, bordered_ends, cells_of
+from locplan.planners._protocol import Position
 
 OBJECTIVES = ("u", "e")
 ROOM = 1 << 16
-"""For labels, at first."""
+"""Number of labels for which there is room at first."""
 TIE = 2e-11
-"""Weight of length where only the integral counts: of paths with one integral the shortest.
+"""Weight of length where only the integral counts, so that of equal ones the shortest path wins.
 
-Over 10^5 cells it adds half a unit, and each step still counts beside the sum in 53 bits.
+Over 10^5 cells it adds half a unit, and 53 bits still hold each step beside the sum.
 """
 STRETCH = 200_000
-"""Expansions between two looks at the clock."""
+"""Number of expansions between two looks at the clock."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Two costs on the bordered grid, in whole units as `locplan._kernels.pareto` wants them.
 
-    A path goes from the start to its cell's centre, over centres, and from the goal's to the goal.
+    A path leads from the start to the centre of its cell, over centres, and to the goal.
     """
 
     costs: Costmap
+    """The costmap that is searched."""
     length_half: NDArray[np.float64]
-    """Half the first cost's density: lengths."""
+    """Half the density of the first cost, the length."""
     half: NDArray[np.float64]
-    """Half the second cost's: u or e."""
+    """Half the density of the second cost, u or e."""
     source: int
-    """The start's cell."""
+    """Flat index of the start's cell."""
     target: int
-    """The goal's cell."""
+    """Flat index of the goal's cell."""
     per_metre: float
-    """Units of the first cost a metre."""
+    """Units of the first cost for a metre."""
     per_integral: float
     """Units of the second cost for an integral of 1 (m, or m^2 rad m)."""
     ends: tuple[float, float]
-    """What both ends cost besides, from positions to centres: [m], and the integral."""
+    """Both costs of the ways from the ends to their cells' centres: [m], and the integral."""
     allow_corner_cutting: bool
+    """True lets a diagonal step pass the corner of a blocked cell."""
 
     @classmethod
     def between(
-        cls,
-        costs: Costmap,
-        start: Sequence[float],
-        goal: Sequence[float],
-        objective: str,
-        allow_corner_cutting: bool,
+        cls, costs: Costmap, start: Position, goal: Position, objective: str, cutting: bool
     ) -> Problem:
-        """The problem of a costmap.
-
-        Raises
-        ------
-        ConfigError
-            If the costmap has no field.
-        PoseError
-            If start or goal lies outside the map or in a blocked cell.
-        """
+        """The problem of a costmap between two positions; without a field it is a ConfigError."""
         from locplan._kernels.pareto import SCALE
         from locplan._kernels.search import bordered_half
 
@@ -80,9 +69,10 @@ class Problem:
         greatest = float(layer[free].max()) or 1.0
         # Rounded up, so that no integral is understated.
         whole = 2 * np.ceil(np.where(free, layer, 0.0) * (SCALE / greatest / 2))
+        source, target = bordered_ends(costs, start, goal)
         ends_length = ends_integral = 0.0
-        for role, xy in (("start", start), ("goal", goal)):
-            cell = costs.cell_of(xy, role)
+        for xy in (start, goal):
+            cell = costs.cell_of(xy)
             apart = float(np.hypot(*np.subtract(xy, costs.grid.cell_to_world(*cell))))
             ends_length += apart
             ends_integral += apart * float(layer[cell])
@@ -90,26 +80,21 @@ class Problem:
             costs=costs,
             length_half=bordered_half(np.where(free, float(SCALE), np.inf), 1),
             half=bordered_half(np.where(free, whole, np.inf), 1),
-            source=bordered_index(costs, start, "start"),
-            target=bordered_index(costs, goal, "goal"),
+            source=source,
+            target=target,
             per_metre=SCALE / costs.grid.resolution,
             per_integral=SCALE / (costs.grid.resolution * greatest),
             ends=(ends_length, ends_integral),
-            allow_corner_cutting=allow_corner_cutting,
+            allow_corner_cutting=cutting,
         )
 
     @property
     def columns(self) -> int:
-        """Of the bordered grid."""
+        """Number of columns of the bordered grid."""
         return self.costs.grid.shape[1] + 2
 
-    def to_go(
-        self, length: float, integral: float
-    ) -> tuple[NDArray[Any], NDArray[np.int64] | None]:
-        """Least weighted sum of both costs from every cell to the goal, and the start's path.
-
-        The sum is never overstated; of equal ones the shortest path is taken.
-        """
+    def to_go(self, length: float, integral: float) -> tuple[NDArray[Any], NDArray[Any] | None]:
+        """Least weighted sums of both costs to the goal, never overstated, and the start's path."""
         from locplan._kernels.search import shortest_costs, trace
 
         half = (length or TIE) * self.length_half
@@ -124,27 +109,27 @@ class Problem:
         return (cost * (1 - 1e-14) if length else np.floor(cost)), flat[::-1]
 
     def measured(self, flat: NDArray[np.int64]) -> tuple[float, float]:
-        """Both costs of a path over cells, in whole units."""
+        """Both costs of a path over cells, given by flat indices, in whole units."""
         from locplan._kernels.pareto import SCALE
 
-        diagonal = np.abs(np.diff(flat)) > 1
-        diagonal &= np.abs(np.diff(flat)) != self.columns
+        apart = np.abs(np.diff(flat))
+        diagonal = (apart > 1) & (apart != self.columns)
         steps = self.half[flat[1:]] + self.half[flat[:-1]]
         second = np.where(diagonal, np.ceil(np.sqrt(2.0) * steps), steps).sum()
         first = np.where(diagonal, np.ceil(np.sqrt(2.0) * SCALE), SCALE).sum()
         return float(first), float(second)
 
     def length(self, first: NDArray[Any] | float) -> NDArray[Any] | float:
-        """Whole units as the length of the path with its ends [m]."""
+        """The length of the path with its ends, from whole units [m]."""
         return first / self.per_metre + self.ends[0]
 
     def integral(self, second: NDArray[Any] | float) -> NDArray[Any] | float:
-        """Whole units as the integral along the path with its ends."""
+        """The integral along the path with its ends, from whole units."""
         return second / self.per_integral + self.ends[1]
 
 
 def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
-    """Raise a ConfigError unless these options of a search are within their ranges."""
+    """Raise a ConfigError unless the options of a search are within their ranges."""
     one_of("objective", objective, OBJECTIVES)
     positive("time_limit", time_limit, "s")
     positive("max_labels", max_labels)
@@ -153,33 +138,20 @@ def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
 def prepare() -> None:
     """Compile the kernels, so that no time limit is spent on that."""
     from locplan._kernels.search import bordered_half, costs_by_heap
-    from locplan.maps import FREE, OccupancyGrid
 
     costs_by_heap(bordered_half(np.ones((1, 1)), 1), 3, 4, 4, False)
-    blank = Costmap.blank(OccupancyGrid(np.full((2, 3), FREE), 1.0))
-    costs = dataclasses.replace(blank, u=np.ones((2, 3)))
+    costs = dataclasses.replace(blank_costs(2, 3), u=np.ones((2, 3)))
     problem = Problem.between(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
-    bounds = problem.to_go(1, 0)[0], problem.to_go(0, 1)[0]
-    search = Search(problem, *bounds, max_labels=100)
+    search = Search(problem, problem.to_go(1, 0)[0], problem.to_go(0, 1)[0], max_labels=100)
     found, _ = search.run(1, np.inf)
     search.cells_of(int(found[0]))
 
 
 class Search:
-    """A bi-objective search that can be paused, with its labels.
+    """A bi-objective search that can be paused, with its labels, which are partial paths.
 
-    Parameters
-    ----------
-    problem : Problem
-        What to search.
-    first_to_go, second_to_go : (n,) arrays
-        Lower bounds, as `Problem.to_go` gives them.
-    max_labels : int
-        How many there may be.
-    within : float
-        Second costs of this or less are wanted.
-    both_to_go, multiplier, most
-        See `locplan._kernels.pareto.search`; by default nothing is left out by them.
+    It looks for second costs of at most `within`. Lower bounds to the goal are those that
+    `Problem.to_go` gives; `joint` holds both_to_go, multiplier and most of the kernel's search.
     """
 
     def __init__(
@@ -187,19 +159,15 @@ class Search:
         problem: Problem,
         first_to_go: NDArray[np.float64],
         second_to_go: NDArray[np.float64],
-        *,
         max_labels: int,
         within: float = np.inf,
-        both_to_go: NDArray[np.float64] | None = None,
-        multiplier: float = 0.0,
-        most: float = np.inf,
+        joint: tuple[NDArray[np.float64], float, float] | None = None,
     ) -> None:
         from locplan._kernels import pareto
 
         self.problem = problem
         self._max_labels = max(max_labels, 9)
-        self._bounds = first_to_go, second_to_go
-        self._joint = first_to_go if both_to_go is None else both_to_go, multiplier, most
+        self._bounds = first_to_go, second_to_go, *(joint or (first_to_go, 0.0, np.inf))
         room = min(ROOM, self._max_labels)
         lowest = int(first_to_go[problem.source] * pareto.BUCKETS_A_CELL / pareto.SCALE)
         state = np.zeros(7, np.int64)
@@ -225,20 +193,15 @@ class Search:
 
     @property
     def labels(self) -> int:
-        """How many there are."""
+        """Number of labels."""
         from locplan._kernels.pareto import USED
 
         return int(self._labels.state[USED])
 
     def run(self, solutions: int, until: float) -> tuple[NDArray[np.int32], float]:
-        """Search until so many solutions, a moment of `time.perf_counter`, or so many labels.
+        """Search until there are so many solutions or labels, or `time.perf_counter` is `until`.
 
-        Returns
-        -------
-        solutions : (n,) array of int32
-            Labels at the goal, by rising first cost.
-        bound : float
-            What all others cost first at least; infinite if there are none.
+        The labels at the goal come by rising first cost, then the least first cost of all others.
         """
         from locplan._kernels import pareto
 
@@ -250,7 +213,6 @@ class Search:
                 self.problem.columns,
                 self.problem.target,
                 *self._bounds,
-                *self._joint,
                 self.problem.allow_corner_cutting,
                 STRETCH,
                 found,
@@ -262,17 +224,17 @@ class Search:
                 return found[:count], bound
 
     def costs_of(self, labels: NDArray[np.int32]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Both costs of labels, in whole units."""
+        """Both costs of labels in whole units."""
         return self._labels.first[labels], self._labels.second[labels]
 
     def cells_of(self, label: int) -> NDArray[np.int64]:
-        """The cells (n, 2) of (row, col) of a label's path."""
+        """The cells (n, 2) of the path to a label, as (row, col)."""
         from locplan._kernels.pareto import path_of
 
         return cells_of(path_of(self._labels, label), self.problem.columns)
 
     def _grow(self) -> bool:
-        """Twice the room, or as much as is allowed; whether there is any."""
+        """Double the room as far as it is allowed; return False if it is full."""
         room = min(2 * self._labels.cell.size, self._max_labels)
         if self.labels + 8 > room:
             return False

@@ -1,27 +1,28 @@
-"""What OMPL's planners can do on a costmap, found by trying each in every space."""
+"""The abilities of OMPL's planners on a costmap, found by trying each in every space."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from locplan.planners._spaces import SPACES
 
 _NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
-"""Of planners that drive curves backwards, or find none: FMT and its kin not within 25 s."""
+"""Spaces of planners that drive Dubins' curves backwards, or find none, as FMT within 25 s."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One of OMPL's planners."""
+    """The abilities of one of OMPL's planners."""
 
     minimises: bool
-    """Whether it seeks the least J; the others stop at the first path that they find."""
+    """True if it seeks the least J; the others stop at the first path that they find."""
     spaces: tuple[str, ...] = SPACES
-    """Where it works."""
+    """The spaces in which it works."""
     from_grid: bool = False
-    """Whether it can begin with the grid planner's path, in "R2"."""
+    """True if it can begin with the grid planner's path, in "R2"."""
     anytime: bool = False
-    """Whether it goes on improving its path, so that it can be asked to stop on convergence."""
+    """True if it goes on improving its path, so that it can stop on convergence."""
 
 
 KINDS: dict[str, Kind] = {
@@ -39,16 +40,9 @@ KINDS: dict[str, Kind] = {
     "BKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
     "LBKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
 }
-"""By OMPL's own names."""
+"""The planners by OMPL's own names."""
 
 
-def able(**wanted: object) -> str:
-    """The names of the planners with these properties, for messages: `space` or a field."""
-    names = []
-    for name, kind in KINDS.items():
-        fits = all(
-            value in kind.spaces if key == "space" else getattr(kind, key) == value
-            for key, value in wanted.items()
-        )
-        names += [name] if fits else []
-    return ", ".join(names)
+def able(fits: Callable[[Kind], bool]) -> str:
+    """The names of the planners of the kinds that fit, for messages."""
+    return ", ".join(name for name, kind in KINDS.items() if fits(kind))

@@ -1,8 +1,9 @@
-"""OMPL's log, as Python's."""
+"""OMPL's log as a log of Python."""
 
 from __future__ import annotations
 
 import logging
+import math
 import re
 import tempfile
 from collections.abc import Iterator
@@ -14,12 +15,21 @@ LOG = logging.getLogger("locplan.ompl")
 LOG.addHandler(logging.NullHandler())  # who wants to read it adds another
 _LINE = re.compile(r"(Debug|Info|Warning|Error):\s*(.*)")
 _HARMLESS = "Random number generation already started"
-"""Said at every seed but the first, although what is built afterwards obeys it."""
+"""OMPL warns so at every seed but the first, although what is built afterwards obeys it."""
+
+
+_LEVELS = (
+    (logging.DEBUG, util.LogLevel.LOG_DEBUG),
+    (logging.INFO, util.LogLevel.LOG_INFO),
+    (logging.WARNING, util.LogLevel.LOG_WARN),
+    (math.inf, util.LogLevel.LOG_ERROR),
+)
+"""The greatest levels of Python's log at which OMPL's levels are wanted."""
 
 
 @contextmanager
 def logged() -> Iterator[None]:
-    """Pass what OMPL says meanwhile to the logger "locplan.ompl", once it is done.
+    """Pass OMPL's messages of this block to the logger "locplan.ompl" at its end.
 
     OMPL takes no Python function for this, and its own messages go to standard output.
     """
@@ -27,7 +37,7 @@ def logged() -> Iterator[None]:
         handler = util.OutputHandlerFile(file.name)
         level = util.getLogLevel()
         util.useOutputHandler(handler)
-        util.setLogLevel(_level())
+        util.setLogLevel(next(ours for most, ours in _LEVELS if LOG.getEffectiveLevel() <= most))
         try:
             yield
         finally:
@@ -37,13 +47,3 @@ def logged() -> Iterator[None]:
                 found = _LINE.match(line)
                 if found and not found[2].startswith(_HARMLESS):
                     LOG.log(logging.getLevelName(found[1].upper()), found[2])
-
-
-def _level() -> util.LogLevel:
-    levels = (
-        (logging.DEBUG, util.LogLevel.LOG_DEBUG),
-        (logging.INFO, util.LogLevel.LOG_INFO),
-        (logging.WARNING, util.LogLevel.LOG_WARN),
-    )
-    wanted = LOG.getEffectiveLevel()
-    return next((ours for theirs, ours in levels if wanted <= theirs), util.LogLevel.LOG_ERROR)

@@ -1,4 +1,4 @@
-"""What a robot's motions between poses cost: straight lines, Dubins' and Reeds-Shepp curves."""
+"""The costs of motions between poses: straight lines, Dubins' and Reeds-Shepp curves."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.planners._spaces import check_pose, check_space
+from locplan.planners._spaces import CURVED, check_pose, check_space
 
 MIN_RADIUS, MAX_RADIUS = 0.01, 10.0
-"""Of turns, in cells and in diagonals of the map: others are as good as none, or as straight."""
+"""Limits of the turning radius, in cells and in diagonals of the map; beyond, it is of no use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +25,13 @@ class Motions:
     """The motions of a robot between two poses (x, y, heading) in the world [m, m, rad].
 
     A motion's cost is the exact integral of the costmap's density along its true curve, found in
-    one compiled call. In "R2" headings do not count; elsewhere that of the heading counts, where
-    the costmap has several.
+    one compiled call. In "R2" headings do not count; in the other spaces the density for the
+    heading counts, where the costmap has several.
 
     Raises
     ------
     ConfigError
-        If the space is unknown, or a turning radius is missing, not positive, or of no use.
+        If the space is unknown, or the turning radius is missing, useless or out of its range.
 
     Examples
     --------
@@ -45,9 +45,9 @@ class Motions:
     """
 
     costs: Costmap = field(repr=False)
-    """What travel costs."""
+    """The costmap that the robot moves on."""
     space: str = "R2"
-    """One of "R2", "SE2", "Dubins", "ReedsShepp"."""
+    """The space, "R2", "SE2", "Dubins" or "ReedsShepp"."""
     turning_radius: float | None = None
     """Least radius of the curves [m]."""
 
@@ -64,24 +64,18 @@ class Motions:
             )
 
     def checked(self, pose: Sequence[float], role: str) -> tuple[float, ...]:
-        """A pose of the space where the robot can stand: (x, y), or (x, y, heading in -pi..pi).
-
-        Raises
-        ------
-        PoseError
-            If it has no such form, or the robot cannot stand there.
-        """
+        """Return a pose as numbers, its heading in -pi..pi; a PoseError if it cannot be taken."""
         return check_pose(self.costs, pose, role, headed=self.space != "R2")
 
     def cost(self, start: Sequence[float], end: Sequence[float]) -> float:
-        """J of the motion from one pose to another [m]; infinite if it is blocked."""
+        """Cost J of the motion from one pose to another [m]; infinite if it is blocked."""
         from locplan._kernels.motions import world_cost
 
         poses = *map(float, _pose(start)), *map(float, _pose(end))
         return float(world_cost(*self.arguments, *poses, math.inf))
 
     def is_free(self, x: float, y: float) -> bool:
-        """Whether the robot can stand at a position [m]."""
+        """Return whether the robot can stand at a position [m]."""
         from locplan._kernels.motions import stands
 
         half, columns, _, _, frame = self.arguments
@@ -90,32 +84,28 @@ class Motions:
     def costs_between(
         self, poses: NDArray[np.float64], pairs: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """The same for pairs (m, 2) out of poses (n, 3): (m,)."""
+        """Costs J (m,) of the motions between pairs (m, 2) of poses (n, 3) [m]."""
         from locplan._kernels.motions import world_costs
 
         return np.asarray(world_costs(*self.arguments, poses, pairs))
 
     def path(self, poses: NDArray[np.float64]) -> Path:
-        """The path of the motions through poses (n, 3), in order.
-
-        Curves become so many straight lines that they cross the same cells.
-        """
-        if self.space == "R2":
-            return Path(poses[:, :2])
-        if self.space == "SE2":
-            return Path(poses[:, :2], poses[:, 2])
-        pieces = [self._poses_between(*two) for two in itertools.pairwise(poses)]
-        joined = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
-        return Path(joined[:, :2], joined[:, 2])
-
-    def _poses_between(self, start: NDArray[Any], end: NDArray[Any]) -> NDArray[np.float64]:
+        """The path of the motions through poses (n, 3); its lines cross the cells of the curves."""
         from locplan._kernels.motions import world_poses
 
-        return np.asarray(world_poses(*self.arguments[2:], *_pose(start), *_pose(end)))
+        if self.space == "R2":
+            return Path(poses[:, :2])
+        if self.space in CURVED:
+            pieces = [
+                world_poses(*self.arguments[2:], *_pose(one), *_pose(other))
+                for one, other in itertools.pairwise(poses)
+            ]
+            poses = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
+        return Path(poses[:, :2], poses[:, 2])
 
     @cached_property
     def arguments(self) -> tuple[Any, ...]:
-        """What the kernels take: the bordered grid and its frame, the kind and radius of curves."""
+        """The kernels' arguments: the bordered grid, the kind and radius of curves, the frame."""
         from locplan._kernels.curves import DUBINS, REEDS_SHEPP, STRAIGHT
         from locplan._kernels.search import bordered_half
 
@@ -132,5 +122,6 @@ class Motions:
 
 
 def _pose(pose: Iterable[float]) -> tuple[float, float, float]:
+    """A pose as three floats; without a heading, that is 0."""
     x, y, heading = map(float, (*pose, 0.0)[:3])
     return x, y, heading

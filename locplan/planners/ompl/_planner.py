@@ -1,33 +1,191 @@
-"""OMPL's planners; ompl itself is imported when one is used."""
+"""OMPL's planners with their options; ompl itself is imported when one is used."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-from locplan.costs import Costmap
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import whole
+from locplan._util.progress import ProgressCallback
+from locplan.costs import Costmap, Path, path_metrics
+from locplan.errors import ConfigError, LocplanError
+from locplan.planners._any_angle import AnyAngle, straightened
+from locplan.planners._grid import blank_costs, cheapest_cells, connected, through_centres
 from locplan.planners._protocol import Found, Position
-from locplan.planners.ompl._options import Options
+from locplan.planners._spaces import check_space
+from locplan.planners.ompl._kinds import KINDS, able
+from locplan.planners.ompl._motions import Motions
+from locplan.planners.ompl._stopping import OPTIMAL, SEED, SETTLED_AFTER, TIME_LIMIT, Limits
+
+EDGES_OF_A_BATCH = 30_000
+"""Least iterations of BITstar, which are edges, before it may count as converged."""
 
 
 @dataclass(frozen=True)
-class Ompl(Options):
+class Ompl:
     """One of OMPL's sampling-based planners.
 
     RRT, RRTConnect, KPIECE1, BKPIECE1 and LBKPIECE1 do not look at costs and stop at the first
     path; the others seek the least J.
     """
 
+    name: str
+    """OMPL's name of the planner, such as "RRTstar"."""
+    space: str = "R2"
+    """Space to plan in: "R2"; "SE2", where turning on the spot is free; "Dubins", with curves
+    driven forward; "ReedsShepp", with curves that may reverse."""
+    turning_radius: float | None = None
+    """Least radius of the curves [m]."""
+    time_limit: float | None = None
+    """Time after which the search ends [s]; 5 unless `iterations` are given."""
+    iterations: int | None = None
+    """Iterations after which the search ends; with the same seed it finds the same path."""
+    convergence: float | None = None
+    """The search ends when J fell by less than this share over the latter half of iterations."""
+    seed: int | None = None
+    """Seed of OMPL's random numbers, at least 1; 1 by default."""
+    from_grid: bool = False
+    """The search begins with the grid planner's path, and its path costs no more: trees of RRTstar
+    and its variants grow along it, roadmaps contain it. In "R2" only."""
+    improve: bool = False
+    """The path is straightened at last, as any-angle does it. In "R2" only."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """OMPL's own settings of the planner, such as ``{"range": 2.0}`` for its `setRange`."""
+    progress: ProgressCallback | None = field(default=None, compare=False, repr=False)
+    """Function called with the part of the limit used up and the limit, in ms or iterations."""
+
+    @property
+    def minimises(self) -> str | None:
+        """ "J", or None for planners that stop at the first path."""
+        kind = KINDS.get(self.name)
+        return "J" if kind and kind.minimises else None
+
+    @property
+    def limits(self) -> Limits:
+        """The limits of a search that begins now."""
+        return Limits(self.time_limit, self.iterations, self.convergence, self.progress)
+
+    @property
+    def seconds(self) -> float | None:
+        """Time after which the search ends [s], if it does not end by iterations alone."""
+        return TIME_LIMIT if self.time_limit is self.iterations is None else self.time_limit
+
+    def check(self) -> None:
+        """Raise a ConfigError unless the planner can do what the options say."""
+        if self.name not in KINDS:
+            raise ConfigError(f"OMPL's planners are {', '.join(KINDS)}, not {self.name!r}")
+        kind = KINDS[self.name]
+        check_space(self.space, self.turning_radius)
+        if self.space not in kind.spaces:
+            can = able(lambda kind: self.space in kind.spaces)
+            raise ConfigError(f"{self.name} cannot plan in {self.space}; {can} can")
+        if self.from_grid and not (kind.from_grid and self.space == "R2"):
+            raise ConfigError(f"from_grid is for {able(lambda kind: kind.from_grid)}, in space R2")
+        if self.improve and self.space != "R2":
+            raise ConfigError("improve is for space R2: straight lines keep no turning radius")
+        if self.progress is not None and not callable(self.progress):
+            raise ConfigError(f"progress must be a function, not {self.progress!r}")
+        _ = self.limits
+        if self.convergence is not None and not kind.anytime:
+            raise ConfigError(f"convergence is for {able(lambda kind: kind.anytime)}")
+        if self.seed is not None:
+            whole("seed", self.seed)
+        if self.settings != {}:
+            from locplan.planners.ompl._settings import check_settings
+
+            check_settings(self.name, self.settings)
+
     def prepare(self) -> None:
         """Load OMPL and compile the kernels, so that the first plan is not timed with them."""
-        from locplan.planners.ompl._solver import prepare
+        from locplan.planners.ompl import _roadmap  # noqa: F401 - it loads OMPL
 
-        prepare()
+        AnyAngle().prepare()
+        # The kernels are the same for all spaces: one call compiles them for all.
+        motions = Motions(blank_costs(3, 9), "Dubins", 1.0)
+        poses = np.array([[0.5, 1.5, 0.0], [7.5, 1.5, 0.0]])
+        motions.cost(*poses)
+        motions.costs_between(poses, np.array([[0, 1]]))
+        motions.path(poses)
+        motions.is_free(*poses[0, :2])
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan between positions [m], or in all spaces but "R2" poses [m, rad].
+        """Plan between positions [m], or poses [m, rad] in all spaces but "R2"."""
+        from locplan.planners.ompl._roadmap import ROADMAPS, grow_roadmap
 
-        It is a "timeout" if nothing was found in time.
-        """
-        from locplan.planners.ompl._solver import solve
+        motions = Motions(costs, self.space, self.turning_radius)
+        _, part = connected(costs)
+        one, other = (part[costs.grid.world_to_cell(*pose[:2])] for pose in (start, goal))
+        if one != other:
+            return Found()  # what no path over the grid joins, no motion does
+        direct = motions.path(np.array([start, goal]))
+        if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
+            return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
+        known: list[Path] = []
+        if self.from_grid:
+            cells = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
+            assert cells is not None
+            known = [through_centres(costs, cells, start, goal, trim=True)]
+        limits, ahead = self.limits, known[0].xy if known else None
+        began = time.perf_counter()
+        if self.name in ROADMAPS:
+            seed = self.seed or SEED
+            roadmap = grow_roadmap(
+                motions, self.name, limits=limits, seed=seed, settings=self.settings, ahead=ahead
+            )
+            poses = roadmap.poses_between(start, goal)
+        else:
+            poses = _by_tree(self, motions, start, goal, limits, ahead)
+        found = known if poses is None else [motions.path(poses), *known]
+        if not found:
+            tried = limits.description()
+            note = f"no path found within {tried}; more of it or another seed may find one"
+            return Found(status="timeout", note=note)
+        path = min(found, key=lambda one: path_metrics(costs, one).cost)
+        history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
+        return Found(straightened(costs, path) if self.improve else path, history=history)
 
-        return solve(self, costs, start, goal)
+
+def _by_tree(
+    planner: Ompl,
+    motions: Motions,
+    start: Position,
+    goal: Position,
+    limits: Limits,
+    ahead: NDArray[np.float64] | None,
+) -> NDArray[np.float64] | None:
+    """The poses (n, 3) that the path's motions join, or None."""
+    from locplan.planners.ompl._bindings import base, util
+    from locplan.planners.ompl._leading import LeadingGoal
+    from locplan.planners.ompl._logs import logged
+    from locplan.planners.ompl._settings import planner_of
+    from locplan.planners.ompl._setup import poses_of, problem_definition, space_information
+
+    with logged():
+        util.RNG.setSeed(planner.seed or SEED)
+        information = space_information(motions)
+        problem = problem_definition(information, motions, start, goal)
+        tree = planner_of(planner.name, information, planner.settings)
+        tree.setProblemDefinition(problem)
+        tree.setup()
+        best_cost = (lambda: tree.bestCost().value()) if hasattr(tree, "bestCost") else None
+        least = EDGES_OF_A_BATCH if planner.name == "BITstar" else SETTLED_AFTER
+        ends = limits.condition(best_cost, settled_after=least)
+        if ahead is not None:
+            leading = LeadingGoal(information, goal)
+            problem.setGoal(leading)
+            ends = leading.lead(tree, ahead, ends)
+        status = tree.solve(base.PlannerTerminationCondition(ends)).getStatus()
+        kinds = base.PlannerStatus.PlannerStatusType
+        if status in (kinds.INVALID_START, kinds.INVALID_GOAL):
+            ends_given = f"{tuple(start)} or {tuple(goal)}"
+            raise LocplanError(f"OMPL refuses {ends_given} as a state in {motions.space}")
+        if status != kinds.EXACT_SOLUTION:
+            return None
+        poses = poses_of(problem.getSolutionPath(), motions.space)
+    poses[[0, -1], : len(start)] = start, goal
+    return poses

@@ -1,7 +1,7 @@
-"""Probabilistic roadmaps: grown by OMPL's PRM and PRMstar, searched here, kept for more queries.
+"""Probabilistic roadmaps, grown by OMPL's PRM and PRMstar, searched here, kept for more queries.
 
-In OMPL's Python bindings the search of PRM itself waits for ever on an objective written in
-Python; its growth does not. Here an edge has its own cost, or none, in either direction, too.
+In OMPL's Python bindings the search of PRM waits forever on an objective written in Python; its
+growth does not. Besides, an edge here has a cost of its own, or none, in each direction.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from locplan.planners.ompl._setup import pose_reader, space_information
 from locplan.planners.ompl._stopping import SEED, Limits
 
 ROADMAPS = ("PRM", "PRMstar")
+"""The planners that grow roadmaps."""
 GROWTH = 0.5
 """Share of the time limit for growth; reading the roadmap and its costs takes most of the rest."""
 
@@ -41,25 +42,20 @@ class Roadmap:
     motions: Motions
     """The costmap and the kind of motion."""
     poses: NDArray[np.float64] = field(repr=False)
-    """(n, 3) of x, y, heading in the world [m, m, rad]; in "R2" the heading is 0."""
+    """Poses (n, 3) of x, y, heading in the world [m, m, rad]; in "R2" the heading is 0."""
     graph: csr_array = field(repr=False)
-    """(n, n): J of the motion from one pose to another [m], where there is one."""
+    """Cost J (n, n) of the motion from one pose to another [m], where there is one."""
 
     def plan(self, start: Position, goal: Position) -> Plan:
-        """The cheapest path over the roadmap, measured; "timeout" if it does not join the ends.
-
-        Raises
-        ------
-        PoseError
-            If start or goal lies outside the map or in a blocked cell.
-        """
+        """Plan the cheapest path over the roadmap; a "timeout" if it does not join the ends."""
         costs = self.motions.costs
         start, goal = self.motions.checked(start, "start"), self.motions.checked(goal, "goal")
         began = time.perf_counter()
         poses = self.poses_between(start, goal)
-        note = "the roadmap does not join start and goal; a larger one may"
-        found = Found(status="timeout", note=note)
-        if poses is not None:
+        if poses is None:
+            note = "the roadmap does not join start and goal; a larger one may"
+            found = Found(status="timeout", note=note)
+        else:
             found = Found(self.motions.path(poses))
         return finished("roadmap", costs, start, goal, found, time.perf_counter() - began)
 
@@ -71,9 +67,12 @@ class Roadmap:
         ends = np.array([(*start, 0.0)[:3], (*goal, 0.0)[:3]])
         poses = np.vstack([self.poses, ends])
         leaving, entering = (self._near(end) for end in ends)
-        first, direct = count, np.array([[count, count + 1]])
-        away = self._costs(poses, np.column_stack([np.full(len(leaving), first), leaving]))
-        home = self._costs(poses, np.column_stack([entering, np.full(len(entering), count + 1)]))
+        # The last way home leads straight from the start.
+        entering = np.append(entering, count)
+        away, home = (
+            self.motions.costs_between(poses, np.column_stack(np.broadcast_arrays(*pair)))
+            for pair in ((count, leaving), (entering, count + 1))
+        )
         # The start as one more row; the goal is reached from the poses around it.
         free = np.isfinite(away)
         graph = csr_array(
@@ -84,31 +83,27 @@ class Roadmap:
             ),
             shape=(count + 1, count + 1),
         )
-        cost, before = dijkstra(graph, indices=first, return_predecessors=True)
-        entering, home = np.append(entering, first), np.append(home, self._costs(poses, direct))
+        cost, before = dijkstra(graph, indices=count, return_predecessors=True)
         total = cost[entering] + home
         if not np.isfinite(total).any():
             return None
         visited = [count + 1, int(entering[np.argmin(total)])]
-        while visited[-1] != first:
+        while visited[-1] != count:
             visited.append(int(before[visited[-1]]))
         return poses[visited[::-1]]
 
     def _near(self, pose: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The poses around one: as many as PRM* joins, or more where their headings differ."""
+        """The poses around one, as many as PRM* joins, or more where headings differ."""
         curved = self.motions.space in CURVED
         most = math.ceil((12 if curved else 1.5) * math.e * math.log(len(self.poses) + 1))
         apart = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
         return np.argsort(apart, kind="stable")[:most]
 
-    def _costs(self, poses: NDArray[np.float64], pairs: NDArray[np.int64]) -> NDArray[np.float64]:
-        return self.motions.costs_between(poses, pairs)
-
 
 def grow_roadmap(
     motions: Motions,
-    *,
     planner: str = "PRMstar",
+    *,
     limits: Limits | None = None,
     seed: int = SEED,
     settings: Mapping[str, Any] | None = None,
@@ -121,20 +116,20 @@ def grow_roadmap(
     motions : Motions
         The costmap and the kind of motion.
     planner : str
-        "PRM", which joins each pose to its nearest few, or "PRMstar", to ever more.
+        "PRM" joins each pose to its nearest few, "PRMstar" to ever more.
     limits : Limits, optional
-        When to stop; 5 s unless told otherwise, reading the roadmap included.
+        Limits of the growth, which include reading the roadmap; 5 s by default.
     seed : int
-        Of OMPL's random numbers, at least 1.
+        Seed of OMPL's random numbers, at least 1.
     settings : mapping, optional
         OMPL's settings of the planner by their names.
     ahead : (k, 2) array, optional
-        Positions of a path that the roadmap shall hold besides [m].
+        Positions of a path that the roadmap contains as well [m].
 
     Raises
     ------
     ConfigError
-        If the planner, the seed or a setting is impossible.
+        If there is no such planner or setting, or a value is out of its range.
     """
     if planner not in ROADMAPS:
         raise ConfigError(f"planner must be one of {', '.join(ROADMAPS)}, not {planner!r}")
@@ -165,7 +160,7 @@ def grow_roadmap(
 def _vertices_and_edges(
     planner: base.Planner, information: base.SpaceInformation, space: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Poses (n, 3), and pairs (m, 2) of them in both directions."""
+    """The poses (n, 3) of a roadmap, and its pairs (m, 2) in both directions."""
     data = base.PlannerData(information)
     planner.getPlannerData(data)
     pose = pose_reader(space)

@@ -11,30 +11,22 @@ from locplan.errors import ConfigError
 from locplan.planners.ompl._bindings import base, geometric
 
 REWIRE_FACTOR = 0.25
-"""Of RRTstar and its kin: a quarter as many neighbours give more iterations and a better J."""
+"""Rewire factor of RRTstar and its variants: fewer neighbours, more iterations, a better J."""
 SAMPLES_PER_BATCH = 1000
-"""Of BITstar in "R2": fewer and larger batches than its own 100 give a better J on large maps."""
+"""Batch of BITstar in "R2": larger ones than its own 100 give a better J on large maps."""
 _NO_PLAIN_VALUE = (
-    "setName",
-    "setProblemDefinition",
-    "setProjectionEvaluator",
-    "setDefaultConnectionStrategy",
-    "setup",
+    *("setName", "setProblemDefinition", "setProjectionEvaluator"),
+    *("setDefaultConnectionStrategy", "setup"),
 )
+"""Setters that take no plain value."""
 _CRASH = ("setOrderedSampling", "setFocusSearch", "setInformedSampling", "setNearestK")
-"""End the process at another value than the planner's own."""
+"""Setters that end the process at another value than the planner's own."""
 
 
 def planner_of(
     name: str, information: base.SpaceInformation, settings: Mapping[str, Any]
 ) -> base.Planner:
-    """One of OMPL's planners with our defaults and the settings given.
-
-    Raises
-    ------
-    ConfigError
-        If a setting's value has the wrong type.
-    """
+    """One of OMPL's planners with our defaults and these settings; a ConfigError if it cannot."""
     kind = getattr(geometric, name)
     planner = kind(information)
     if issubclass(kind, geometric.RRTstar):
@@ -47,8 +39,8 @@ def planner_of(
             getattr(planner, setters[setting])(value)
         except (TypeError, RuntimeError) as error:
             signature = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
-            wanted = signature.rpartition(": ")[2].partition(")")[0]
-            why = f"it must be {wanted}" if isinstance(error, TypeError) else error
+            expected = signature.rpartition(": ")[2].partition(")")[0]
+            why = f"it must be {expected}" if isinstance(error, TypeError) else error
             raise ConfigError(f"{name} does not take {setting}={value!r}: {why}") from None
     return planner
 
@@ -66,7 +58,7 @@ def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
 
 
 def _setters(planner: str) -> dict[str, str]:
-    """OMPL's methods that set a plain value, by the name of what they set: "goal_bias"."""
+    """The names of a planner's setters by the settings' names, such as "goal_bias"."""
     setters = {}
     for name in dir(getattr(geometric, planner)):
         if name.startswith("set") and name not in _NO_PLAIN_VALUE + _CRASH:

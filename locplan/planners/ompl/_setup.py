@@ -7,45 +7,33 @@ for the states along it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
+from locplan.planners._protocol import Position
 from locplan.planners._spaces import wrapped
 from locplan.planners.ompl._bindings import Cost, base
 from locplan.planners.ompl._motions import Motions
+from locplan.planners.ompl._stopping import OPTIMAL
 
 BLOCKED = 1e15
-"""J of a motion that is not free, for OMPL, some of whose planners crash on infinity [m]."""
-
-OPTIMAL = 1e-6
-"""A path this close to the straight line's length, relatively, ends a search.
-
-The ellipse of informed sampling then has no area, and some planners would look for samples in it
-for ever.
-"""
+"""Cost of a blocked motion for OMPL, some of whose planners crash on infinity [m]."""
 Pose = tuple[float, float, float]
 
 
 class CostObjective(base.PathLengthOptimizationObjective):
-    """J of motions, with their length as a lower bound.
+    """The objective J of `motions`, with their length as a lower bound.
 
-    Since it is a kind of path length to OMPL, informed planners sample the ellipse of that bound.
-    Costs are finite and at least the length: a motion that is blocked costs `BLOCKED`.
-
-    Parameters
-    ----------
-    space_information : ompl.base.SpaceInformation
-        As `space_information` makes it.
-    motions : Motions
-        The costmap and the kind of motion.
+    OMPL takes it for a kind of path length, so that informed planners sample the ellipse of that
+    bound. Costs are finite and at least the length: a motion that is blocked costs `BLOCKED`.
     """
 
     def __init__(self, space_information: base.SpaceInformation, motions: Motions) -> None:
         super().__init__(space_information)
         self._cost = _cost_of(motions)
         self._length = space_information.getStateSpace().distance
-        if motions.space == "SE2":  # where that counts turns
+        if motions.space == "SE2":  # the distance of this space counts turns
             self._length = _distance_of_positions
 
     def motionCost(self, state: base.State, other: base.State) -> base.Cost:
@@ -58,37 +46,24 @@ class CostObjective(base.PathLengthOptimizationObjective):
 
 
 class ClearMotionValidator(base.MotionValidator):
-    """Whether a motion crosses free cells only, exactly, in one call.
-
-    Parameters
-    ----------
-    space_information : ompl.base.SpaceInformation
-        To be set up with this.
-    motions : Motions
-        The costmap, blocked for the robot's radius, and the kind of motion.
-    """
+    """The exact check, in one call, whether one of the `motions` crosses free cells only."""
 
     def __init__(self, space_information: base.SpaceInformation, motions: Motions) -> None:
-        # It must not keep the space information: the two would hold each other for ever.
+        # It must not keep the space information: the two would hold each other forever.
         super().__init__(space_information)
         self._cost = _cost_of(motions)
 
     def checkMotion(self, state: base.State, other: base.State) -> bool:
-        """Whether the motion from one state to the other is free."""
+        """Return whether the motion from one state to the other is free."""
         return self._cost(state, other) < BLOCKED
 
 
 def state_space(motions: Motions) -> base.StateSpace:
     """OMPL's space of the robot's states, bounded by the map [m]."""
-    radius = motions.turning_radius
-    if motions.space == "R2":
-        space = base.RealVectorStateSpace(2)
-    elif motions.space == "SE2":
-        space = base.SE2StateSpace()
-    elif motions.space == "Dubins":
-        space = base.DubinsStateSpace(radius)
-    else:
-        space = base.ReedsSheppStateSpace(radius)
+    kinds = {"R2": base.RealVectorStateSpace, "SE2": base.SE2StateSpace}
+    kinds |= {"Dubins": base.DubinsStateSpace, "ReedsShepp": base.ReedsSheppStateSpace}
+    arguments = {"R2": (2,), "SE2": ()}.get(motions.space, (motions.turning_radius,))
+    space = kinds[motions.space](*arguments)
     rows, cols = motions.costs.grid.shape
     corners = motions.costs.grid.grid_to_world([0, rows, 0, rows], [0, 0, cols, cols])
     bounds = base.RealVectorBounds(2)
@@ -100,7 +75,7 @@ def state_space(motions: Motions) -> base.StateSpace:
 
 
 def space_information(motions: Motions) -> base.SpaceInformation:
-    """The state space with what decides whether states and motions are free, set up."""
+    """Set up the state space with the checks whether states and motions are free."""
     from locplan._kernels.motions import stands
 
     pose, (half, columns, _, _, frame) = pose_reader(motions.space), motions.arguments
@@ -117,12 +92,9 @@ def space_information(motions: Motions) -> base.SpaceInformation:
 
 
 def problem_definition(
-    information: base.SpaceInformation,
-    motions: Motions,
-    start: Sequence[float],
-    goal: Sequence[float],
+    information: base.SpaceInformation, motions: Motions, start: Position, goal: Position
 ) -> base.ProblemDefinition:
-    """From a start to a goal, (x, y) or (x, y, heading) [m, rad], at the least J."""
+    """Pose the problem of least J between (x, y) or (x, y, heading) poses [m, rad]."""
     problem = base.ProblemDefinition(information)
     ends = [state_of(information, motions, pose) for pose in (start, goal)]
     problem.setStartAndGoalStates(*ends)
@@ -133,17 +105,15 @@ def problem_definition(
     return problem
 
 
-def state_of(
-    information: base.SpaceInformation, motions: Motions, pose: Sequence[float]
-) -> base.State:
-    """A pose as a state."""
+def state_of(information: base.SpaceInformation, motions: Motions, pose: Position) -> base.State:
+    """Make a state of a pose."""
     state = information.allocState()
     write_pose(state, motions.space, pose)
     return state
 
 
-def write_pose(state: base.State, space: str, pose: Sequence[float]) -> None:
-    """Set a state."""
+def write_pose(state: base.State, space: str, pose: Position) -> None:
+    """Write a pose into a state of the space."""
     if space == "R2":
         state[0], state[1] = float(pose[0]), float(pose[1])
     else:
@@ -153,29 +123,27 @@ def write_pose(state: base.State, space: str, pose: Sequence[float]) -> None:
 
 
 def pose_reader(space: str) -> Callable[[base.State], Pose]:
-    """What reads a state of the space as (x, y, heading); in "R2" the heading is 0."""
+    """Make the function that reads a state as (x, y, heading); in "R2" the heading is 0."""
     if space == "R2":
         return lambda state: (state[0], state[1], 0.0)
     return lambda state: (state.getX(), state.getY(), state.getYaw())
 
 
 def poses_of(path: base.Path, space: str) -> np.ndarray:
-    """The states (n, 3) of one of OMPL's paths."""
+    """The poses (n, 3) of one of OMPL's paths."""
     pose = pose_reader(space)
     return np.array([pose(path.getState(n)) for n in range(path.getStateCount())])
 
 
 def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
-    """J of the motion between two states, finite. Written for speed: it is called all the time."""
+    """Make the function of J between two states, finite and fast: it is called all the time."""
     from locplan._kernels.motions import world_cost
 
     half, columns, kind, radius, frame = motions.arguments
 
     def between_positions(state: base.State, other: base.State) -> float:
-        x0, y0, x1, y1 = state[0], state[1], other[0], other[1]
-        return float(
-            world_cost(half, columns, kind, radius, frame, x0, y0, 0.0, x1, y1, 0.0, BLOCKED)
-        )
+        start, end = (state[0], state[1], 0.0), (other[0], other[1], 0.0)
+        return float(world_cost(half, columns, kind, radius, frame, *start, *end, BLOCKED))
 
     def between_poses(state: base.State, other: base.State) -> float:
         start = state.getX(), state.getY(), state.getYaw()
@@ -186,4 +154,5 @@ def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
 
 
 def _distance_of_positions(state: base.State, other: base.State) -> float:
+    """Distance between the positions of two states [m]."""
     return math.hypot(state.getX() - other.getX(), state.getY() - other.getY())

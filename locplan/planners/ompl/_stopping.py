@@ -1,4 +1,4 @@
-"""When a search of OMPL's ends, and how its cost fell until then."""
+"""The limits of a search by OMPL, and the best costs that were seen during it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ from locplan.errors import ConfigError
 
 TIME_LIMIT = 5.0
 """Default time limit [s]."""
+OPTIMAL = 1e-6
+"""A path this close to the straight line's length, relatively, ends a search.
+
+The ellipse of informed sampling then has no area; some planners would seek samples in it forever.
+"""
 SEED = 1
 """Default seed of OMPL's random numbers."""
 SETTLED_AFTER = 1000
-"""Iterations that a search goes on at least before it may count as converged."""
+"""Least iterations of a search before it may count as converged."""
 LOOK_EVERY = 8
 """Iterations from one look at the best cost to the next."""
 TELL_EVERY = 512
@@ -25,24 +30,18 @@ TELL_EVERY = 512
 
 @dataclass
 class Limits:
-    """When to end a search, and the best costs that were seen until then.
-
-    Raises
-    ------
-    ConfigError
-        If a value is not positive.
-    """
+    """The limits of a search, which are positive, and the best costs that were seen during it."""
 
     time_limit: float | None = None
-    """[s]; 5 unless iterations are given."""
+    """Time after which the search ends [s]; 5 unless iterations are given."""
     iterations: int | None = None
-    """How often OMPL's planner asks whether to go on; for most once an iteration."""
+    """Number of times that OMPL's planner asks whether to go on; most ask once an iteration."""
     convergence: float | None = None
-    """Enough is a fall of J by less than this share over the latter half of the iterations."""
+    """The search ends when J fell by less than this share over the latter half of iterations."""
     progress: ProgressCallback | None = None
-    """Called with what passed of the limit and the limit, in milliseconds or iterations."""
+    """Function called with the part of the limit used up and the limit, in ms or iterations."""
     history: list[tuple[float, float]] = field(default_factory=list)
-    """Seconds since the start and the best J [m], wherever it was seen to fall."""
+    """Time since the start [s] and the best J [m], whenever it was seen to fall."""
 
     def __post_init__(self) -> None:
         for name, unit in (("time_limit", "seconds"), ("convergence", "a share of J")):
@@ -55,7 +54,7 @@ class Limits:
             self.time_limit = TIME_LIMIT
 
     def description(self) -> str:
-        """For people."""
+        """The limits as a text for people."""
         seconds = [] if self.time_limit is None else [f"{self.time_limit:g} s"]
         counted = [] if self.iterations is None else [f"{self.iterations:,} iterations"]
         return " and ".join(seconds + counted)
@@ -67,10 +66,10 @@ class Limits:
         share: float = 1.0,
         settled_after: int = SETTLED_AFTER,
     ) -> Callable[[], bool]:
-        """What OMPL asks at every iteration: whether to end the search that begins now.
+        """Make the function that tells OMPL at every iteration whether to end this search.
 
-        `best_cost` tells the best J so far, `share` which part of the time limit counts; before
-        `settled_after` iterations no search has converged.
+        `best_cost` returns the best J so far, `share` is the share of the time limit that counts,
+        and `settled_after` the least number of iterations before a search has converged.
         """
         time_limit = math.inf if self.time_limit is None else share * self.time_limit
         most = math.inf if self.iterations is None else self.iterations
@@ -85,21 +84,20 @@ class Limits:
                 if best_cost and (cost := best_cost()) < best[-1][1]:
                     best.append((iteration, cost))
                     self.history.append((elapsed, cost))
-                if (
-                    self.convergence
-                    and iteration >= settled_after
-                    and _settled(best, iteration, self.convergence)
-                ):
+                if iteration >= settled_after and _settled(best, iteration, self.convergence):
                     return True
                 if self.progress and iteration % TELL_EVERY == 0:
-                    whole = (1000 * elapsed, 1000 * time_limit)
-                    done, total = (iteration, most) if math.isinf(time_limit) else whole
+                    in_ms = 1000 * elapsed, 1000 * time_limit
+                    done, total = (iteration, most) if math.isinf(time_limit) else in_ms
                     self.progress(int(min(done, total)), int(total))
             return elapsed >= time_limit or iteration > most
 
         return ends
 
 
-def _settled(best: list[tuple[int, float]], iteration: int, convergence: float) -> bool:
+def _settled(best: list[tuple[int, float]], iteration: int, convergence: float | None) -> bool:
+    """Return whether J fell by less than a share over the latter half of iterations."""
+    if convergence is None:
+        return False
     earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
     return best[-1][1] > earlier * (1 - convergence)
