@@ -1,4 +1,4 @@
-"""The command line: reads what was typed, calls the library, prints what came of it."""
+"""The command line, which reads options, calls the library, and prints results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 from cyclopts import CoercionError, CycloptsError, Parameter, UnusedCliTokensError
 
@@ -47,7 +47,6 @@ def _launched(tokens: list[str]) -> int | None:
     """Run the command that is named, and import no other."""
     first = next((token for token in tokens if not token.startswith("-")), "")
     app = application(*({first} & set(COMMANDS)))
-
     app.meta.suppress_keyboard_interrupt = False
 
     @app.meta.default
@@ -63,11 +62,9 @@ def _launched(tokens: list[str]) -> int | None:
             The command shows its log on stderr.
         """
         with _log_on_stderr(verbose):
-            code: int | None = app(tokens)
-            return code
+            return cast("int | None", app(tokens))
 
-    code: int | None = app.meta(tokens)
-    return code
+    return cast("int | None", app.meta(tokens))
 
 
 @contextmanager
@@ -102,8 +99,8 @@ def _in_one_line(error: CycloptsError) -> str:
     if isinstance(error, CoercionError) and (token := error.token) and (of := error.argument):
         choices = of.get_choices(force=True)
         if choices:
-            name, known = token.keyword or of.name, ", ".join(choices)
-            return f"{name} must be one of {known}, not {token.value!r}"
+            name = token.keyword or of.name
+            return f"{name} must be one of {', '.join(choices)}, not {token.value!r}"
     return " ".join(str(error).split()).removesuffix(".")
 
 

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from locplan.cli._groups import command
-from locplan.cli._options import Json
+from locplan.cli._groups import Json, command
+from locplan.cli._options import CacheDir
 from locplan.cli._values import show
 
 app = command("cache", "cache list", "cache clear --older-than 30")
 app.help = "List, clear or find the fields that were computed before."
 
-CacheDir = Annotated[
-    Path | None, Parameter(help="The folder keeps computed fields; LOCPLAN_CACHE does the same.")
+Days = Annotated[
+    float,
+    Parameter(
+        metavar="DAYS",
+        validator=Number(gte=0),
+        help="Only fields that were not used for so long are removed [days].",
+    ),
 ]
 
 
@@ -32,18 +36,7 @@ def list_(*, cache_dir: CacheDir = None, json: Json = False) -> None:
 
 
 @app.command
-def clear(
-    *,
-    older_than: Annotated[
-        float,
-        Parameter(
-            metavar="DAYS",
-            validator=Number(gte=0),
-            help="Only fields not used for so long are removed [days].",
-        ),
-    ] = 0.0,
-    cache_dir: CacheDir = None,
-) -> None:
+def clear(*, older_than: Days = 0.0, cache_dir: CacheDir = None) -> None:
     """Remove cached fields, but for those being computed."""
     from locplan.field._cache import cache_folder, remove_older
     from locplan.field._cache_table import cleared

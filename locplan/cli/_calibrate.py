@@ -7,19 +7,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import command
-from locplan.cli._options import (
-    FieldOptions,
-    Json,
-    MapFiles,
-    RobotRadius,
-    Threads,
-    config_of,
-    radius_of,
-    results,
-)
+from locplan.cli._groups import Json, MapFiles, command, results
+from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, SimulationOptions
-from locplan.cli._values import say_written, show
+from locplan.cli._values import show
 
 app = command("calibrate", "calibrate lab.yaml -o lab.json", "field lab.yaml --config lab.json")
 
@@ -44,8 +35,8 @@ def calibrate(
     output: Annotated[
         Path,
         results(
-            "The settings go to this file, for --config of other commands, and a picture of"
-            " that name beside it; calibrated.json by default."
+            "The settings are written to this file, for --config of other commands, and a picture"
+            " of that name beside it; calibrated.json by default."
         ),
     ] = Path("calibrated.json"),
     json: Json = False,
@@ -58,19 +49,16 @@ def calibrate(
     from locplan.simulation._places import places_of
 
     check_target(output, ".json")
-    config = config_of(options)
-    lidar, amcl, disturbances = simulation.simulated(config)
+    config = options.to_config()
+    simulated = simulation.simulated(config)
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],
-            lidar=lidar,
-            amcl=amcl,
-            disturbances=disturbances,
+            **simulated,
             places=at.places,
             drives=at.drives if error == "tracking" else 0,
             scans=at.scans if error == "match" else 0,
             robot_radius=radius_of(robot_radius),
-            seed=simulation.seed,
             threads=threads,
             progress=progress,
         )
@@ -79,5 +67,4 @@ def calibrate(
             measured, config, error=error, fit_tau=fit_tau, threads=threads, progress=progress
         )
     written = reports.write_calibration(output, result)
-    show(json, result.summary(), reports.calibration_table(result))
-    say_written(*written)
+    show(json, result.summary(), reports.calibration_table(result), *written)

@@ -9,72 +9,62 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
-from locplan.cli._groups import COMPUTING, COSTS, GENERAL, PLANNER, command, option_group
-from locplan.cli._options import (
-    Computing,
-    Count,
-    Criterion,
-    FieldOptions,
-    Json,
-    RobotRadius,
-    radius_of,
-    ranges_of,
-    results,
-)
-from locplan.cli._values import numbers, say_written, show
+from locplan.cli import _groups as groups
+from locplan.cli._groups import Count, Json, Seed, option_group, results
+from locplan.cli._options import Computing, Criterion, FieldOptions, RobotRadius, radius_of
+from locplan.cli._values import show
 from locplan.errors import ConfigError
 
-app = command(
+app = groups.command(
     "compare",
     "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
 )
 
 JOURNAL = "runs.jsonl"
-"""In the output folder: every run as it came."""
+"""The file in the output folder that has every run as it came."""
 
 
-@option_group(PLANNER)
+@option_group(groups.PLANNER)
 class Compared:
     """The planners that are compared."""
 
     planner: Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE,...]")] = ()
     """This planner is compared, as BITstar:time_limit=2; repeatable; grid and any-angle if none."""
     seeds: Count = 1
-    """Planners with random numbers run so often; once by default."""
+    """The number of runs of a planner with random numbers is 1 by default."""
     time_limit: float | None = None
     """OMPL's planners stop after this time [s]; 5 by default."""
     baseline: str | None = None
-    """The others are held against this planner; any-angle if it is there."""
+    """The others are compared with this planner; any-angle if it is there."""
 
 
-@option_group(GENERAL)
+@option_group(groups.GENERAL)
 class Queries:
-    """What is asked of the planners."""
+    """The queries that the planners answer."""
 
     random: Count | None = None
-    """So many random queries are drawn on each map; 10 by default."""
+    """The number of random queries on each map is 10 by default."""
     least_distance: float = 5.0
     """Random queries are this far from start to goal at least [m]; 5 by default."""
-    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1
-    """Random queries have this seed; 1 by default."""
+    seed: Seed = 1
+    """The seed of random queries is 1 by default."""
     queries: Path | None = None
-    """A file has the queries: CSV of name,start_x,start_y,goal_x,goal_y [m], or MovingAI .scen."""
+    """The file of queries: CSV of name,start_x,start_y,goal_x,goal_y [m], or MovingAI .scen."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
-    """The same is done for each of these ranges of the lidar [m]."""
+    """The planners are compared for each of these ranges of the lidar [m]."""
 
 
-@option_group(COMPUTING)
+@option_group(groups.COMPUTING)
 class Running:
-    """How the runs go on."""
+    """The resources of the runs."""
 
     workers: Count | None = None
-    """So many runs go on at once; as many as cores by default."""
+    """The number of runs at a time is that of the cores by default."""
     memory: float | None = None
-    """A run may take this memory [GB]; 80 % of all, shared, by default."""
+    """A run may take this much memory [GB]; by default the runs share 80 % of all."""
     patience: float = 300.0
-    """A planner without a time limit hangs after this time [s]; 300 by default."""
+    """A planner without a time limit counts as hanging after this time [s]; 300 by default."""
     resume: bool = False
     """An earlier comparison in --output goes on where it ended."""
 
@@ -92,7 +82,10 @@ def compare(
     asked: Queries = Queries(),
     weight: Annotated[
         tuple[float, ...],
-        Parameter(group=COSTS, help="The detour accepted per degenerate metre [m]; repeatable; 4."),
+        Parameter(
+            group=groups.COSTS,
+            help="The weight is the detour accepted per degenerate metre [m]; 4; repeatable.",
+        ),
     ] = (),
     criterion: Criterion = None,
     robot_radius: RobotRadius = None,
@@ -109,7 +102,7 @@ def compare(
         raise ConfigError("--random and --queries exclude one another")
     if asked.ranges and options.range is not None:
         raise ConfigError("--range and --ranges exclude one another")
-    made = ranges_of(options, numbers("ranges", asked.ranges) if asked.ranges else ())
+    made = options.to_configs(asked.ranges)
     configs = {f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made}
     comparison.specs_of(compared.planner or ["grid"])
     comparison.check_result_folder(output)
@@ -138,5 +131,4 @@ def compare(
             progress=progress,
         )
     written = result.save(output, command=shlex.join(["locplan", *sys.argv[1:]]))
-    show(json, result.to_json(), result.table())
-    say_written(*written)
+    show(json, result.to_json(), result.table(), *written)

@@ -1,4 +1,4 @@
-"""The command that holds fields against simulated errors."""
+"""The command that compares fields with simulated errors."""
 
 from __future__ import annotations
 
@@ -6,18 +6,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import FIELD, command
-from locplan.cli._options import (
-    FieldOptions,
-    Json,
-    MapFiles,
-    RobotRadius,
-    Threads,
-    config_of,
-    radius_of,
-)
+from locplan.cli._groups import FIELD, Json, MapFiles, command
+from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
-from locplan.cli._values import say_written, show
+from locplan.cli._values import show
 
 app = command("evaluate", "evaluate lab.yaml -o evaluated")
 
@@ -43,25 +35,21 @@ def evaluate(
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _evaluation as evaluation, _reports as reports
 
-    config = config_of(FieldOptions(range=range))
-    lidar, amcl, disturbances = simulation.simulated(config)
+    config = FieldOptions(range=range).to_config()
+    simulated = simulation.simulated(config)
     if output:
         check_folder(output)
     with progress_bar("driving", "drives") as progress:
         result = evaluation.evaluate(
             [load_map(file) for file in find_maps(*maps)],
-            lidar=lidar,
-            amcl=amcl,
-            disturbances=disturbances,
+            **simulated,
             places=at.places,
             drives=at.drives,
             scans=at.scans,
             disc=config.estimator.reach,
             robot_radius=radius_of(robot_radius),
-            seed=simulation.seed,
             threads=threads,
             progress=progress,
         )
     written = reports.write_evaluation(output, result) if output else []
-    show(json, result.summary(), reports.evaluation_table(result))
-    say_written(*written)
+    show(json, result.summary(), reports.evaluation_table(result), *written)

@@ -7,19 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from locplan.cli._groups import command
+from locplan.cli._groups import Json, MapFile, Text, command, results
 from locplan.cli._kinds import check_has, joint_options, options_of
-from locplan.cli._options import (
-    Computing,
-    CostOptions,
-    FieldOptions,
-    Json,
-    MapFile,
-    Text,
-    config_of,
-    results,
-)
-from locplan.cli._values import load, read_paths, say_written, show, two_numbers
+from locplan.cli._options import Computing, CostOptions, FieldOptions
+from locplan.cli._values import load, read_paths, show, two_numbers
 from locplan.errors import ConfigError
 from locplan.export._registry import ExportJob, formats
 
@@ -31,7 +22,9 @@ app = command(
 
 FORMATS = formats()
 OPTIONS = {name: each.options for name, each in FORMATS.items()}
+ABOUT = ", ".join(f"{name} ({each.about})" for name, each in FORMATS.items())
 PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
+WITH_PATHS = f"({', '.join(PATHS)})"
 FORMAT = Group("Format", sort_key=2)
 if TYPE_CHECKING:
     FormatOptions = Any
@@ -47,25 +40,22 @@ def export(
     to: Annotated[
         str,
         Parameter(
-            choices=tuple(FORMATS),
-            show_choices=False,
-            help="The format is one of "
-            + ", ".join(f"{name} ({each.about})" for name, each in FORMATS.items())
-            + ".",
+            choices=tuple(FORMATS), show_choices=False, help=f"The format is one of {ABOUT}."
         ),
     ],
     path: Annotated[
         tuple[Path, ...],
-        Parameter(metavar="CSV", help=f"This path (x_m,y_m) is exported ({', '.join(PATHS)})."),
+        Parameter(metavar="CSV", help=f"This path (x_m,y_m) is exported {WITH_PATHS}."),
     ] = (),
     start: Annotated[
         Text | None,
         Parameter(
-            metavar="X,Y",
-            help=f"A path is planned from here [m] and exported ({', '.join(PATHS)}).",
+            metavar="X,Y", help=f"A path from here [m] is planned and exported {WITH_PATHS}."
         ),
     ] = None,
-    goal: Annotated[Text | None, Parameter(metavar="X,Y", help="It ends here [m].")] = None,
+    goal: Annotated[
+        Text | None, Parameter(metavar="X,Y", help="The path that is planned ends here [m].")
+    ] = None,
     own: FormatOptions = FormatOptions(),
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
@@ -86,7 +76,7 @@ def export(
     if (start is None) != (goal is None):
         raise ConfigError("--start and --goal belong together")
     chosen = options_of(OPTIONS, to, "--to", own)
-    config = config_of(options)
+    config = options.to_config()
     costs.check(config)
     grid = load(map_file)
     target = output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
@@ -105,5 +95,4 @@ def export(
         paths["aware"] = found.path
     summary = format.write(target, ExportJob(costmap, field, paths), chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
-    show(json, about, table([], [("map", grid.name), ("format", to), *summary.rows]))
-    say_written(target)
+    show(json, about, table([], [("map", grid.name), ("format", to), *summary.rows]), target)

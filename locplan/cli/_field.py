@@ -7,9 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import OUTPUT, command
-from locplan.cli._options import Computing, FieldOptions, Json, MapFiles, config_of, results
-from locplan.cli._values import say_written, show
+from locplan.cli._groups import OUTPUT, Json, MapFiles, command, results
+from locplan.cli._options import Computing, FieldOptions
+from locplan.cli._values import show
 
 app = command("field", "field lab.yaml -o lab.zarr --picture lab.png")
 
@@ -37,17 +37,15 @@ def field(
     from locplan.export._batch import batch_table, jobs_for, run_all
     from locplan.field._summary import FieldSummary
 
-    config = config_of(options)
+    config = options.to_config()
     jobs = jobs_for(maps, output, picture)
     with computing.of(config) as compute:
         if len(jobs) == 1:
             summary = FieldSummary.of(jobs[0].run(compute))
-            show(json, summary.to_json(), summary.table())
-            say_written(output, picture)
+            show(json, summary.to_json(), summary.table(), output, picture)
             return 0
         runs = list(run_all(jobs, compute))
-    show(json, [run.to_json() for run in runs], batch_table(runs))
     failed = [run for run in runs if run.error]
-    if len(failed) < len(runs):
-        say_written(output, picture)
+    written = [output, picture] if len(failed) < len(runs) else []
+    show(json, [run.to_json() for run in runs], batch_table(runs), *written)
     return 2 if failed else 0

@@ -1,10 +1,14 @@
-"""The headings of options in the help, from the top, and what makes a command."""
+"""The headings of the help, the makers of commands and option groups, and common options."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar, dataclass_transform
+from pathlib import Path
+from typing import Annotated, TypeVar, dataclass_transform
 
 from cyclopts import App, Group, Parameter
+from cyclopts.validators import Number
 
 Options = TypeVar("Options")
 
@@ -16,6 +20,28 @@ FIELD = Group("Field", sort_key=5)
 COMPUTING = Group("Computing", sort_key=6)
 OUTPUT = Group("Output", sort_key=7)
 
+MapFile = Annotated[
+    Path, Parameter(name="MAP", help="The map is a map_server YAML file, or a folder with one.")
+]
+MapFiles = Annotated[
+    list[Path],
+    Parameter(name="MAP", help="The maps are map_server YAML files, or folders of them."),
+]
+Text = Annotated[str, Parameter(allow_leading_hyphen=True)]
+"""A text that may begin with a minus sign, such as -2,3."""
+Count = Annotated[int, Parameter(validator=Number(gte=1))]
+Pair = Annotated[int, Parameter(validator=Number(gte=2))]
+"""A number of things of which there must be two at least."""
+Seed = Annotated[int, Parameter(validator=Number(gte=0))]
+Json = Annotated[
+    bool, Parameter(name="--json", group=OUTPUT, help="The result is printed as JSON.")
+]
+
+
+def results(what: str) -> Parameter:
+    """The option that says where results go."""
+    return Parameter(name=("--output", "-o"), group=OUTPUT, help=what)
+
 
 def command(name: str, *examples: str) -> App:
     """A command; its examples are shown at the end of its help."""
@@ -25,7 +51,7 @@ def command(name: str, *examples: str) -> App:
 
 @dataclass_transform(frozen_default=True)
 def option_group(heading: Group) -> Callable[[type[Options]], type[Options]]:
-    """What makes a class a frozen dataclass of options under a heading."""
+    """The decorator that makes a class a frozen dataclass of options under a heading."""
 
     def made(kind: type[Options]) -> type[Options]:
         return Parameter(name="*", group=heading)(dataclass(frozen=True)(kind))

@@ -1,4 +1,4 @@
-"""Options of several kinds of a thing, such as formats, each with a dataclass of its own."""
+"""Options of several kinds of a thing, such as formats; each kind has a dataclass of its own."""
 
 from __future__ import annotations
 
@@ -24,25 +24,26 @@ def joint_options(kinds: Mapping[str, type], group: Group) -> type:
     for name, sentences in docs.items():
         help = " ".join(f"{doc} ({', '.join(having)})." for doc, having in sentences.items())
         fields.append((name, Annotated[types[name] | None, Parameter(help=help)], None))
-    joint = dataclasses.make_dataclass(
-        "JointOptions", fields, frozen=True, namespace={"__module__": __name__}
-    )
+    own = {"__module__": __name__}
+    joint = dataclasses.make_dataclass("JointOptions", fields, frozen=True, namespace=own)
     return Parameter(name="*", group=group)(joint)
 
 
 def options_of(kinds: Mapping[str, type], kind: str, switch: str, joint: Any) -> Any:
     """The options of one kind from those given; `switch` is the option that chooses the kind.
 
-    Raises
-    ------
-    ConfigError
-        If an option was given that is not for it.
+    An option that is given and not for this kind is a ConfigError.
     """
     given = given_of(joint)
     for name in given:
-        having = [each for each in kinds if name in _names(kinds[each])]
+        having = [each for each in kinds if name in field_names(kinds[each])]
         check_has(f"--{name.replace('_', '-')}", switch, kind, having)
     return kinds[kind](**given)
+
+
+def field_names(kind: Any) -> list[str]:
+    """The names of a dataclass's fields."""
+    return [each.name for each in dataclasses.fields(kind)]
 
 
 def check_has(option: str, switch: str, kind: str, having: list[str]) -> None:
@@ -53,9 +54,4 @@ def check_has(option: str, switch: str, kind: str, having: list[str]) -> None:
 
 def given_of(options: Any) -> dict[str, Any]:
     """The options that were given, by name."""
-    values = {name: getattr(options, name) for name in _names(options)}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def _names(options: Any) -> list[str]:
-    return [each.name for each in dataclasses.fields(options)]
+    return {name: value for name, value in vars(options).items() if value is not None}

@@ -3,40 +3,45 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from locplan.cli._groups import command
+from locplan.cli._groups import GENERAL, command, option_group
 from locplan.cli._values import say_written
 
 app = command("maps", "maps maps --name two_corridors --resolution 0.1")
 
 
+@option_group(GENERAL)
+class Wanted:
+    """The maps that are written."""
+
+    name: tuple[str, ...] = ()
+    """Only this map is written; repeatable."""
+    resolution: float = 0.05
+    """The edge of a cell is 0.05 by default [m]."""
+    boundary_noise: float = 0.0
+    """This share of boundary cells flips, as in a SLAM map; 0..1."""
+    seed: int = 0
+    """The seed of the noise is 0 by default."""
+
+
 @app.default
-def maps(
-    folder: Annotated[Path, Parameter(help="The maps are written here, in maps by default.")] = (
-        Path("maps")
-    ),
-    *,
-    name: Annotated[tuple[str, ...], Parameter(help="Only this map is written; repeatable.")] = (),
-    resolution: Annotated[
-        float, Parameter(help="The edge of a cell is 0.05 by default [m].")
-    ] = 0.05,
-    boundary_noise: Annotated[
-        float, Parameter(help="This share of boundary cells flips, as in a SLAM map; 0..1.")
-    ] = 0.0,
-    seed: Annotated[int, Parameter(help="The noise has this seed.")] = 0,
-) -> None:
-    """Write the generated maps as PGM and YAML."""
+def maps(folder: Path = Path("maps"), *, wanted: Wanted = Wanted()) -> None:
+    """Write the generated maps as PGM and YAML.
+
+    Parameters
+    ----------
+    folder
+        The maps are written here, in maps by default.
+    """
     from locplan._util.files import make_folder
     from locplan.maps import environments, save_map
 
     make_folder(folder)
-    for each in name or environments.names():
+    noise, seed = wanted.boundary_noise, wanted.seed
+    for each in wanted.name or environments.names():
         grid = environments.make(
-            each, resolution=resolution, boundary_noise=boundary_noise, seed=seed
+            each, resolution=wanted.resolution, boundary_noise=noise, seed=seed
         )
-        stem = f"{each}_noise{boundary_noise:g}_seed{seed}" if boundary_noise else each
+        stem = f"{each}_noise{noise:g}_seed{seed}" if noise else each
         save_map(grid, folder / f"{stem}.yaml")
         say_written(folder / f"{stem}.yaml")

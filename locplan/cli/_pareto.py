@@ -7,21 +7,27 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import command
-from locplan.cli._options import (
-    Computing,
-    CostOptions,
-    FieldOptions,
-    Json,
-    MapFile,
-    RobotRadius,
-    Text,
-    config_of,
-    results,
-)
-from locplan.cli._values import load, position, say_written, show
+from locplan.cli._groups import GENERAL, Json, MapFile, Text, command, option_group, results
+from locplan.cli._options import Computing, CostOptions, FieldOptions, RobotRadius
+from locplan.cli._values import load, position, show
 
 app = command("pareto", "pareto lab.yaml --start 2,3 --goal 38,3 -o front")
+
+
+@option_group(GENERAL)
+class Search:
+    """What is searched for, and how long."""
+
+    start: Annotated[Text, Parameter(metavar="X,Y")]
+    """The start [m]."""
+    goal: Annotated[Text, Parameter(metavar="X,Y")]
+    """The goal [m]."""
+    objective: Literal["u", "e"] = "u"
+    """The second objective is the degenerate metres (u), or the integral of e."""
+    time_limit: float = 30.0
+    """The exact search stops after this time [s]; 30 by default."""
+    max_labels: int = 20_000_000
+    """So many partial paths are kept, of 40 bytes each; 20 million by default."""
 
 
 @app.default
@@ -29,19 +35,7 @@ def pareto(
     map_file: MapFile,
     /,
     *,
-    start: Annotated[Text, Parameter(metavar="X,Y", help="The start [m].")],
-    goal: Annotated[Text, Parameter(metavar="X,Y", help="The goal [m].")],
-    objective: Annotated[
-        Literal["u", "e"],
-        Parameter(help="The second objective is the degenerate metres (u), or the integral of e."),
-    ] = "u",
-    time_limit: Annotated[
-        float, Parameter(help="The exact search stops after this time [s]; 30 by default.")
-    ] = 30.0,
-    max_labels: Annotated[
-        int,
-        Parameter(help="So many partial paths are kept, of 40 bytes each; 20 million by default."),
-    ] = 20_000_000,
+    search: Search,
     robot_radius: RobotRadius = None,
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
@@ -58,11 +52,11 @@ def pareto(
     from locplan.planners._summary import front_summary, front_table
     from locplan.planners._trade_offs import check_caps
 
-    ends = position("start", start), position("goal", goal)
+    ends = position("start", search.start), position("goal", search.goal)
     costs = CostOptions(robot_radius=robot_radius)
-    check_caps(objective, time_limit, max_labels)
+    check_caps(search.objective, search.time_limit, search.max_labels)
     grid = load(map_file)
-    config = config_of(options)
+    config = options.to_config()
     planners.check_ends(costs.blank(grid), *ends)
     if output:
         check_folder(output)
@@ -70,11 +64,10 @@ def pareto(
     front = planners.pareto_front(
         costs.costmap(grid, field),
         *ends,
-        objective=objective,
-        time_limit=time_limit,
-        max_labels=max_labels,
+        objective=search.objective,
+        time_limit=search.time_limit,
+        max_labels=search.max_labels,
     )
     if output:
         write_front(output, front, field)
-    show(json, front_summary(front), front_table(front, field.e_unit))
-    say_written(output)
+    show(json, front_summary(front), front_table(front, field.e_unit), output)

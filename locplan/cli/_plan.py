@@ -8,19 +8,19 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import GENERAL, PLANNER, command, option_group
-from locplan.cli._kinds import given_of
-from locplan.cli._options import (
-    Computing,
-    CostOptions,
-    FieldOptions,
+from locplan.cli._groups import (
+    GENERAL,
+    PLANNER,
     Json,
     MapFile,
     Text,
-    config_of,
+    command,
+    option_group,
     results,
 )
-from locplan.cli._values import load, outline_of, position, say_written, settings_of, show
+from locplan.cli._kinds import given_of
+from locplan.cli._options import Computing, CostOptions, FieldOptions
+from locplan.cli._values import load, outline_of, position, settings_of, show
 from locplan.planners import names
 
 app = command(
@@ -32,12 +32,12 @@ app = command(
 
 @option_group(PLANNER)
 class PlannerOptions:
-    """The planner and its own options; those that are not given have the planner's defaults."""
+    """The planner and its own options, which have the planner's defaults if they are not given."""
 
     planner: Annotated[str | None, Parameter(choices=names())] = None
     """The planner is any-angle by default, grid with a budget; those with capitals are OMPL's."""
     accuracy: Literal["normal", "high"] | None = None
-    """The paths of any-angle are improved so far; normal by default."""
+    """The accuracy of any-angle's paths is normal by default."""
     space: Literal["R2", "SE2", "Dubins", "ReedsShepp"] | None = None
     """OMPL's planners plan in this space; R2 by default, the others have headings."""
     turning_radius: float | None = None
@@ -61,13 +61,13 @@ class PlannerOptions:
         """The options of the planner that were given."""
         given = given_of(self)
         given.pop("planner", None)
-        settings = settings_of(given.pop("setting"))
+        settings = settings_of(given.pop("setting"), "setting", "range=2.0")
         return {**given, "settings": settings} if settings else given
 
 
 @option_group(GENERAL)
 class Query:
-    """Where the path is to lead."""
+    """The places and limits of the path."""
 
     start: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
     """The path starts here [m], with this heading [deg] where the space has one."""
@@ -110,16 +110,12 @@ def plan(
     outline = outline_of(query.footprint)
     if outline and costs.robot_radius is None:
         costs = dataclasses.replace(costs, robot_radius=outline.inscribed_radius)
-    limits: dict[str, Any] = {
-        "max_e": query.max_e,
-        "budget": query.budget,
-        "footprint": outline,
-        "via": stops,
-    }
+    limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget}
+    limits |= {"footprint": outline, "via": stops}
     given = planning.given()
     planner = planners.planner_for(planning.planner, given, **limits)
     grid = load(map_file)
-    config = config_of(options)
+    config = options.to_config()
     planners.check_ends(costs.blank(grid), start, goal, stops, space=planning.space or "R2")
     costs.check(config)
     if output:
@@ -135,5 +131,4 @@ def plan(
         )
     if output:
         write_plans(output, costmap, field, plans)
-    show(json, plans_summary(plans), plans_table(plans, field.e_unit))
-    say_written(output)
+    show(json, plans_summary(plans), plans_table(plans, field.e_unit), output)

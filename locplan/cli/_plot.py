@@ -1,4 +1,4 @@
-"""The command that draws: fields as the paper draws them, and matches at a place."""
+"""The command that draws fields, also as the paper does, and matches at a place."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from locplan.cli._groups import GENERAL, command, option_group
-from locplan.cli._options import Computing, FieldOptions, MapFile, Text, ranges_of, results
-from locplan.cli._values import load, numbers, say_written, two_numbers
+from locplan.cli._groups import GENERAL, MapFile, Text, command, option_group, results
+from locplan.cli._options import Computing, FieldOptions
+from locplan.cli._values import load, say_written, two_numbers
 from locplan.errors import ConfigError
 
 app = command(
@@ -23,7 +23,7 @@ app = command(
 
 @option_group(GENERAL)
 class FigureOptions:
-    """What is drawn."""
+    """The figure and how it is drawn."""
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
     """The figure is a field (default), the paper's e or ellipses, or of a place (--at)."""
@@ -60,7 +60,7 @@ def plot(
     from locplan.paper.template_matching import along_axis, mismatch
     from locplan.plotting._captions import how
 
-    configs = ranges_of(options, numbers("ranges", wanted.ranges) if wanted.ranges else ())
+    configs = options.to_configs(wanted.ranges)
     estimator: Any = configs[0].estimator
     figure, scalar = wanted.figure, wanted.scalar
     at_a_place = figure in ("distribution", "models")

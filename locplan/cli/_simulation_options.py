@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
-from locplan.cli._groups import SIMULATION, option_group
-from locplan.cli._options import LIDARS, Count, results
+from locplan.cli._groups import SIMULATION, Count, Pair, Seed, option_group, results
+from locplan.cli._options import LIDARS
 from locplan.cli._values import settings_of
 
 if TYPE_CHECKING:
@@ -20,45 +19,56 @@ if TYPE_CHECKING:
 Folder = Annotated[Path | None, results("Pictures, JSON and CSV are written to this folder.")]
 
 
+class Simulated(TypedDict):
+    """The arguments that all simulations have."""
+
+    lidar: Lidar
+    amcl: Amcl
+    disturbances: Disturbances
+    seed: int
+
+
 @option_group(SIMULATION)
 class SimulationOptions:
-    """The filter, the robot's lidar, and what they are up against."""
+    """The robot's lidar, its filter, and the disturbances of both."""
 
     lidar: Annotated[str | None, Parameter(choices=LIDARS)] = None
     """The simulated lidar is one of these, or that of the field by default."""
     params: Annotated[Path | None, Parameter(metavar="FILE")] = None
-    """A parameter file of Nav2 has the settings of its amcl."""
-    set: Annotated[
-        tuple[str, ...],
-        Parameter(
-            metavar="NAME=VALUE",
-            help="A setting of AMCL (alpha1, max_particles, laser_model_type, ...) or a disturbance"
-            " (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable;"
-            " examples/README.md lists all.",
-        ),
-    ] = ()
-    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1
-    """All random numbers have this seed; 1 by default."""
+    """The settings of amcl in this parameter file of Nav2 are simulated."""
+    set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
+    """A setting of AMCL (alpha1, max_particles, laser_model_type, ...) or a disturbance
+    (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable; examples/README.md
+    lists all."""
+    seed: Seed = 1
+    """The seed of all random numbers is 1 by default."""
 
-    def simulated(self, config: FieldConfig) -> tuple[Lidar, Amcl, Disturbances]:
+    def simulated(self, config: FieldConfig) -> Simulated:
         """The lidar, that of the field unless one is named, the filter, and the disturbances."""
         from locplan.field import Lidar
         from locplan.simulation._nav2 import read_amcl
         from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances, changed
 
-        amcl, disturbances = read_amcl(self.params) if self.params else Amcl(), Disturbances()
         own = getattr(config.estimator, "lidar", None)
         lidar = own or dataclasses.replace(SHORT_LIDAR, range=config.estimator.reach)
-        lidar = Lidar.preset(self.lidar) if self.lidar else lidar
-        given = settings_of(self.set, "set", "alpha1=0.05", words=True)
-        return lidar, *changed(amcl, disturbances, given)
+        amcl, disturbances = changed(
+            read_amcl(self.params) if self.params else Amcl(),
+            Disturbances(),
+            settings_of(self.set, "set", "alpha1=0.05", words=True),
+        )
+        return {
+            "lidar": Lidar.preset(self.lidar) if self.lidar else lidar,
+            "amcl": amcl,
+            "disturbances": disturbances,
+            "seed": self.seed,
+        }
 
 
 @option_group(SIMULATION)
 class AtPlaces:
     """How much is simulated at places that are drawn at random."""
 
-    places: Annotated[int, Parameter(validator=Number(gte=2))] = 100
+    places: Pair = 100
     """The number of places on each map is 100 by default."""
     drives: Count = 16
     """The number of drives of 10 m to each place is 16 by default."""

@@ -1,4 +1,4 @@
-"""What was typed as the objects that it stands for, and results as text."""
+"""Typed texts as the objects that they stand for, and results as text."""
 
 from __future__ import annotations
 
@@ -37,10 +37,9 @@ def read_paths(files: Sequence[Path]) -> dict[str, Route]:
 
 
 def position(name: str, text: str) -> tuple[float, ...]:
-    """X,Y in metres, or X,Y,DEG: the heading in degrees becomes radians."""
+    """The position X,Y in metres, or X,Y,DEG, whose heading in degrees becomes radians."""
     try:
         x, y, *heading = (float(v) for v in text.split(","))
-        degrees = (heading or [0.0])[0]
         if len(heading) > 1:
             raise ValueError
     except ValueError:
@@ -48,11 +47,11 @@ def position(name: str, text: str) -> tuple[float, ...]:
             f"--{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
             f" not {text!r}"
         ) from None
-    return (x, y, math.radians(degrees)) if heading else (x, y)
+    return (x, y, *map(math.radians, heading))
 
 
 def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]:
-    """Numbers with commas between them, of an option."""
+    """The numbers of an option, with commas between them."""
     try:
         values = tuple(float(v) for v in text.split(","))
     except ValueError:
@@ -64,26 +63,22 @@ def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]
 
 
 def two_numbers(name: str, text: str) -> tuple[float, float]:
-    """Two numbers with a comma between them, of an option."""
+    """The two numbers of an option, with a comma between them."""
     first, second = numbers(name, text, 2)
     return first, second
 
 
 def settings_of(
-    texts: Sequence[str],
-    option: str = "setting",
-    example: str = "range=2.0",
-    *,
-    words: bool = False,
+    texts: Sequence[str], option: str, example: str, *, words: bool = False
 ) -> dict[str, Any]:
-    """Settings by name, such as range=2.0 or k_nearest=false, and perhaps name=word."""
+    """Settings by name, such as range=2.0 or k_nearest=false, and with `words` name=word."""
     settings: dict[str, Any] = {}
     for text in texts:
-        name, equals, value = text.partition("=")
+        name, _, value = text.partition("=")
         try:
             settings[name] = json.loads(value)
         except json.JSONDecodeError:
-            if not (words and equals and value):
+            if not (words and value):
                 raise LocplanError(
                     f"--{option} must be NAME=VALUE, such as {example}, not {text!r}"
                 ) from None
@@ -95,23 +90,21 @@ def outline_of(text: str | None) -> Footprint | None:
     """A footprint as Nav2's parameter files have it, such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]]."""
     from locplan.costs import Footprint
 
-    if text is None:
-        return None
     try:
-        return Footprint(json.loads(text))
+        return None if text is None else Footprint(json.loads(text))
     except json.JSONDecodeError:
         raise LocplanError(
             f"--footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not {text!r}"
         ) from None
 
 
-def show(as_json: bool, about: object, table: str) -> None:
-    """Print a result as JSON, or as a table for people."""
+def show(as_json: bool, about: object, table: str, *written: Path | None) -> None:
+    """Print a result as JSON or as a table for people, and tell on stderr what was written."""
     print(json.dumps(about, indent=2) if as_json else table)
+    say_written(*written)
 
 
 def say_written(*paths: Path | None) -> None:
     """Tell on stderr what was written."""
-    for path in paths:
-        if path:
-            print(f"wrote {path}", file=sys.stderr)
+    for path in filter(None, paths):
+        print(f"wrote {path}", file=sys.stderr)
