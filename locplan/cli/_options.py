@@ -1,4 +1,4 @@
-"""Groups of options that commands share, each written once, and what is made of them.
+"""Groups of options that commands share, each written once, and the objects made of them.
 
 An option that was not given is None, and means the library's own default.
 """
@@ -56,7 +56,7 @@ CacheDir = Annotated[
 
 @option_group(FIELD)
 class FieldOptions:
-    """How the covariance field is made."""
+    """The settings of the covariance field."""
 
     config: Annotated[Path | None, Parameter(metavar="FILE.json")] = None
     """This file has all settings, as calibrate wrote them; only --range may be given beside it."""
@@ -123,7 +123,7 @@ def _flag(name: str) -> str:
 
 
 def _takes(kind: type[Estimator], option: str) -> bool:
-    """Whether an option of `FieldOptions` is for this estimator."""
+    """True if an option of `FieldOptions` is for this estimator."""
     if option in ("stride", "preset"):
         return option == "stride" or hasattr(kind, "paper")
     own = "lidar" if option in ("field_of_view", "headings") else option
@@ -142,7 +142,7 @@ def _reaching(estimator: Any, reach: float | None) -> Any:
 
 @option_group(COMPUTING)
 class Computing:
-    """Where fields are computed and kept."""
+    """The resources for fields, and their cache."""
 
     threads: Threads = None
     scheduler: Annotated[str | None, Parameter(metavar="tcp://HOST:PORT")] = None

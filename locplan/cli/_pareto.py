@@ -16,7 +16,7 @@ app = command("pareto", "pareto lab.yaml --start 2,3 --goal 38,3 -o front")
 
 @option_group(GENERAL)
 class Search:
-    """What is searched for, and how long."""
+    """The query, and the limits of the search."""
 
     start: Annotated[Text, Parameter(metavar="X,Y")]
     """The start [m]."""
@@ -27,7 +27,7 @@ class Search:
     time_limit: float = 30.0
     """The exact search stops after this time [s]; 30 by default."""
     max_labels: int = 20_000_000
-    """So many partial paths are kept, of 40 bytes each; 20 million by default."""
+    """The number of partial paths kept, of 40 bytes each, is 20 million by default."""
 
 
 @app.default

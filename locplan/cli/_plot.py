@@ -26,7 +26,7 @@ class FigureOptions:
     """The figure and how it is drawn."""
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
-    """The figure is a field (default), the paper's e or ellipses, or of a place (--at)."""
+    """The figure shows a field (default), the paper's e or ellipses, or a place (--at)."""
     scalar: str = "e"
     """The figure field shows e, position_std, position_rms, heading_std; ambiguity or entropy."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
@@ -38,7 +38,7 @@ class FigureOptions:
     magnify: Annotated[float, Parameter(validator=Number(gte=0.01))] = 1.0
     """The ellipses are drawn so many times as large."""
     at: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The figures distribution and models (all seven) are of the mismatch at this place [m]."""
+    """The figures distribution and models (all seven) show the mismatch at this place [m]."""
     axis: Literal["x", "y", "theta"] = "x"
     """The models are drawn along this axis."""
 
@@ -64,11 +64,10 @@ def plot(
     estimator: Any = configs[0].estimator
     figure, scalar = wanted.figure, wanted.scalar
     at_a_place = figure in ("distribution", "models")
-    layers = [layer.name for layer in estimator.layers]
-    if scalar not in (*SCALARS, *layers):
-        known = ", ".join((*SCALARS, *layers))
-        more = "" if layers else "; ambiguity and entropy are of --estimator scan"
-        raise ConfigError(f"--scalar must be one of {known}, not {scalar!r}{more}")
+    known = [*SCALARS, *(layer.name for layer in estimator.layers)]
+    if scalar not in known:
+        more = "" if estimator.layers else "; ambiguity and entropy are of --estimator scan"
+        raise ConfigError(f"--scalar must be one of {', '.join(known)}, not {scalar!r}{more}")
     if at_a_place and estimator.name != "sad":
         raise ConfigError(f"--figure {figure} is of --estimator sad")
     if wanted.ranges and figure not in ("e", "ellipses"):
@@ -78,25 +77,22 @@ def plot(
     colours = two_numbers("limits", wanted.limits) if wanted.limits else None
     if colours and colours[0] >= colours[1]:
         raise ConfigError(f"--limits must rise, not {wanted.limits!r}")
+    if at_a_place and place is None:
+        raise ConfigError(f"--figure {figure} needs --at X,Y")
     grid = load(map_file)
-    if at_a_place:
-        if place is None:
-            raise ConfigError(f"--figure {figure} needs --at X,Y")
+    if at_a_place and place:
         x, y = place
         title = f"{grid.name} at {x:g}, {y:g} m, range {estimator.range:g} m"
         if figure == "models":
-            drawn = paper.models_figure(
-                *along_axis(grid, x, y, wanted.axis, estimator), wanted.axis, title
-            )
+            lines = along_axis(grid, *place, wanted.axis, estimator)
+            drawn = paper.models_figure(*lines, wanted.axis, title)
         else:
             window = estimator.window.on(grid.resolution)
-            drawn = paper.distribution_figure({title: mismatch(grid, x, y, estimator)}, window)
+            drawn = paper.distribution_figure({title: mismatch(grid, *place, estimator)}, window)
     else:
         fields = {
-            f"{grid.name}: {how(each)}, range {each.estimator.reach:g} m": computing.field(
-                grid, each
-            )
-            for each in configs
+            f"{grid.name}: {how(c)}, range {c.estimator.reach:g} m": computing.field(grid, c)
+            for c in configs
         }
         if figure == "e":
             drawn = plotting.e_figure(fields, colours)

@@ -92,13 +92,13 @@ def simulate(
             written = reports.write_routes(output, every) if output else []
             show(json, reports.routes_summary(every), reports.routes_table(every), *written)
             return
-        if start and goal:
+        if not (start and goal):
+            paths, costmap = read_paths(driven.path), None
+        else:
             query = planners.Query("asked", two_numbers("start", start), two_numbers("goal", goal))
             planners.check_ends(costs.blank(grids[0]), query.start, query.goal)
             costmap = costs.costmap(grids[0], compute(grids[0]))
             paths = routes.planned(costmap, query)
-        else:
-            paths, costmap = read_paths(driven.path), None
     if not paths:
         show(json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
         return

@@ -1,4 +1,4 @@
-"""Options of the commands that simulate, and what becomes of them."""
+"""Options of the commands that simulate, and the objects made of them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class SimulationOptions:
 
 @option_group(SIMULATION)
 class AtPlaces:
-    """How much is simulated at places that are drawn at random."""
+    """The number of places drawn at random, and of the simulations at each."""
 
     places: Pair = 100
     """The number of places on each map is 100 by default."""

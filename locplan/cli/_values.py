@@ -28,9 +28,9 @@ def load(map_file: Path) -> OccupancyGrid:
 
 def read_paths(files: Sequence[Path]) -> dict[str, Route]:
     """Paths by the names of their files."""
-    from locplan.export import read_path
+    from locplan.costs import Path as Route
 
-    paths = {file.stem: read_path(file) for file in files}
+    paths = {file.stem: Route.load(file) for file in files}
     if len(paths) < len(files):
         raise LocplanError("two --path files have one name; rename one")
     return paths
