@@ -22,5 +22,5 @@ from ._registry import (
     formats as formats,
 )
 from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
-from ._ros_maps import percent as percent, ros_map as ros_map
 from ._travel_costs import Conversion as Conversion, check_planner as check_planner
+from ._value_maps import percent as percent, ros_map as ros_map

@@ -56,16 +56,16 @@ def bag(
     target : path
         The file, named *.mcap.
     grid : OccupancyGrid
-        "/locplan/map", nav_msgs/OccupancyGrid: the map itself, which tells where the mask lies.
+        "/locplan/map", nav_msgs/OccupancyGrid: the map, which gives the mask its place.
     mask : (H, W) array of integers, optional
         "/locplan/mask", nav_msgs/OccupancyGrid: 0..100, or -1 for unknown.
     field : CovarianceField, optional
         "/locplan/field", grid_map_msgs/GridMap: "e", "position_std", "heading_std",
-        "principal_axis" and the field's own layers on its lattice, for several headings of the
-        mean information. Grid maps cannot be turned: on a map with yaw finer cells take the
-        nearest lattice points. "/locplan/grid", foxglove_msgs/Grid: the same layers where
-        Foxglove draws them, with the yaw. "/locplan/ellipses", visualization_msgs/MarkerArray: one
-        standard deviation of the position each way, and the major axes.
+        "principal_axis" and the field's own layers on its lattice; several headings are merged by
+        their mean information. Grid maps cannot be turned: on a map with yaw finer cells take the
+        nearest lattice points. "/locplan/grid", foxglove_msgs/Grid: these layers with the yaw.
+        "/locplan/ellipses", visualization_msgs/MarkerArray: one standard deviation of the position
+        each way, and the major axes.
     paths : dict of Path, optional
         "/locplan/path/NAME", nav_msgs/Path; poses without a heading face the way they go.
     frame : str
@@ -109,17 +109,14 @@ def bag(
         if topic in content:
             raise LocplanError(f"the names of two paths both become {topic}; rename one")
         content[topic] = "nav_msgs/Path", path_message(route, header)
-    _write(
-        target,
-        {topic: (kind, {"header": header} | m) for topic, (kind, m) in content.items()},
-        stamp,
-    )
+    messages = {topic: (kind, {"header": header} | m) for topic, (kind, m) in content.items()}
+    _write(target, messages, stamp)
 
 
 def _write(
-    target: str | os.PathLike[str], content: Mapping[str, tuple[str, dict[str, Any]]], stamp: int
+    target: str | os.PathLike[str], messages: Mapping[str, tuple[str, dict[str, Any]]], stamp: int
 ) -> None:
-    """One message on each topic."""
+    """Write one message on each topic."""
     try:
         from mcap.writer import Writer
     except ImportError:
@@ -128,7 +125,7 @@ def _write(
     with replacing(target) as temporary, open(temporary, "wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2", library="locplan")
-        for topic, (kind, message) in content.items():
+        for topic, (kind, message) in messages.items():
             if kind not in schemas:
                 name = kind.replace("/", "/msg/")
                 schemas[kind] = writer.register_schema(name, "ros2msg", schema(kind).encode())

@@ -19,7 +19,7 @@ from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
 @dataclass(frozen=True)
 class Job:
-    """A map, and where its field and its picture go, if anywhere."""
+    """A map, and the files of its field and its picture, if they are wanted."""
 
     map_file: Path
     output: Path | None = None
@@ -45,15 +45,10 @@ class Job:
 
 
 def jobs_for(maps: Sequence[Path], output: Path | None, picture: Path | None) -> list[Job]:
-    """One job a map: of the map files named, and of those in the folders named.
+    """One job for each map file that is named or lies in a folder that is named.
 
     For a single map `output` is its field and `picture` its picture; for several they are
     folders, with a file by the name of each map.
-
-    Raises
-    ------
-    LocplanError
-        If something cannot be written there, or two maps have one name.
     """
     files = find_maps(*maps)
     if len(files) == 1:
@@ -83,16 +78,16 @@ def jobs_for(maps: Sequence[Path], output: Path | None, picture: Path | None) ->
 
 @dataclass(frozen=True)
 class Run:
-    """What became of a job."""
+    """The result of a job."""
 
     file: Path
     """The map's file."""
     summary: FieldSummary | None
-    """The field in a few numbers; None if it failed."""
+    """The field in a few numbers; None if the job failed."""
     error: str | None
-    """Why it failed, or None."""
+    """The reason why the job failed, or None."""
     seconds: float
-    """Time that it took [s]."""
+    """Time that the job took [s]."""
 
     def to_json(self) -> dict[str, Any]:
         """The run, fit for JSON."""
@@ -104,7 +99,7 @@ class Run:
 def run_all(
     jobs: Sequence[Job], compute: Callable[[OccupancyGrid], CovarianceField]
 ) -> Iterator[Run]:
-    """Each job's result, or why it failed."""
+    """Run each job, and give its result or the reason why it failed."""
     for job in jobs:
         started = time.perf_counter()
         summary, reason = None, None
@@ -117,14 +112,14 @@ def run_all(
 
 
 def batch_table(runs: Sequence[Run]) -> str:
-    """The summaries of many fields, one a row, and below them why some failed."""
+    """The summaries of many fields, one a row, and below them the reasons why some failed."""
     rows = []
     for run in runs:
         if run.summary is None:
             rows.append([name_of(run.file), "–", "–", "–", "failed"])
-            continue
-        cells, saturated = f"{run.summary.cells_evaluated:,}", f"{run.summary.saturated_share:.0%}"
-        e, took = shown(run.summary.e_median), f"{run.seconds:.1f} s"
-        rows.append([run.summary.map, cells, e, saturated, took])
+        else:
+            cells, share = f"{run.summary.cells_evaluated:,}", f"{run.summary.saturated_share:.0%}"
+            e, took = shown(run.summary.e_median), f"{run.seconds:.1f} s"
+            rows.append([run.summary.map, cells, e, share, took])
     errors = [f"failed: {run.error}" for run in runs if run.error]
     return "\n".join([table(["map", "cells", "median e", "saturated", "took"], rows), *errors])

@@ -56,7 +56,7 @@ _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 
 def schema(kind: str) -> str:
-    """The definition of a message type and of all that it is made of, as MCAP's "ros2msg"."""
+    """The definitions of a message type and of its parts, as MCAP's "ros2msg"."""
     needed = [kind]
     for name in needed:  # grows
         parts = (part.removesuffix("[]") for part, _ in _fields(name))
@@ -67,7 +67,7 @@ def schema(kind: str) -> str:
 
 
 def encode(kind: str, message: Mapping[str, Any]) -> bytes:
-    """A message as CDR; what it does not hold is zero or empty.
+    """A message as CDR; fields that it does not hold are zero or empty.
 
     A value made of numbers of one type only, or a list of such values, may be an array.
     """
@@ -77,7 +77,7 @@ def encode(kind: str, message: Mapping[str, Any]) -> bytes:
 
 
 def _append(out: bytearray, kind: str, value: Any) -> None:
-    """Append as CDR does: a number at a multiple of its size, behind the length of a list."""
+    """Append a value as CDR: a number at a multiple of its size, a list behind its length."""
     item = kind.removesuffix("[]")
     if item != kind:
         _append(out, "uint32", 0 if value is None else len(value))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -16,33 +16,32 @@ from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting._maps import FIELD_COLOURS, draw_cells, draw_map, map_size
 from locplan.plotting._picture import Picture
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.image import AxesImage
-
 EDGE = "#0072b2"
 LONGEST = 1000
-"""Of a picture's sides [cells]: finer maps are merged, walls and the greatest values first."""
+"""Longest side of a picture [cells]; cells of larger maps are merged, and walls and the greatest
+values stay."""
 
 
 def values_figure(grid: OccupancyGrid, values: NDArray[Any], label: str, title: str) -> Figure:
-    """Values of a mask over its map.
+    """A figure of the values of a mask over its map.
 
     Parameters
     ----------
     grid : OccupancyGrid
     values : (H, W) array of int
-        -1 where there is none.
+        The values 0..100, or -1 where there is none.
     label : str
-        Of the values, with their unit.
+        Label of the values, with their unit.
     title : str
     """
     grid, shown = _shrunk(grid, values)
     figure = Picture(figsize=map_size(grid), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)
-    image = _draw_known(axes, grid, shown)
-    figure.colorbar(image, ax=axes, label=label, shrink=0.9)
+    if (shown >= 0).any():
+        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, 100.0)
+        image = draw_cells(axes, grid, known, cmap=FIELD_COLOURS, norm=norm)
+        figure.colorbar(image, ax=axes, label=label, shrink=0.9)
     axes.set_title(title, fontsize="medium")
     return figure
 
@@ -50,7 +49,7 @@ def values_figure(grid: OccupancyGrid, values: NDArray[Any], label: str, title: 
 def routes_figure(
     costs: Costmap, nodes: NDArray[np.float64], edges: NDArray[np.int64], title: str
 ) -> Figure:
-    """A route graph over the map and its u.
+    """A figure of a route graph over the map and its degeneracy.
 
     Parameters
     ----------
@@ -62,16 +61,10 @@ def routes_figure(
     title : str
     """
     percent = np.where(np.isnan(costs.u), -1, 100 * costs.u)
-    grid, shown = _shrunk(costs.grid, percent)
-    figure = Picture(figsize=map_size(grid), layout="constrained")
-    axes = figure.add_subplot()
-    draw_map(axes, grid)
-    if (shown >= 0).any():
-        image = _draw_known(axes, grid, shown)
-        figure.colorbar(image, ax=axes, label="degeneracy u [%]", shrink=0.9)
+    figure = values_figure(costs.grid, percent, "degeneracy u [%]", title)
+    (axes, *_) = figure.axes
     axes.add_collection(LineCollection(list(nodes[edges]), colors=EDGE, linewidths=0.7))
     axes.plot(*nodes.T, ".", color="black", markersize=2.5)
-    axes.set_title(title, fontsize="medium")
     return figure
 
 
@@ -80,20 +73,12 @@ def _shrunk(grid: OccupancyGrid, values: NDArray[Any]) -> tuple[OccupancyGrid, N
     step = -(-max(grid.shape) // LONGEST)
     if step == 1:
         return grid, values
-    edge = [(0, -size % step) for size in grid.shape]
-    blocks = [
-        np.pad(array, edge, constant_values=outside).reshape(
-            (grid.shape[0] + edge[0][1]) // step, step, -1, step
+    down, right = (-size % step for size in grid.shape)
+    blocks, merged = (
+        np.pad(array, ((0, down), (0, right)), constant_values=outside).reshape(
+            (grid.shape[0] + down) // step, step, -1, step
         )
         for array, outside in ((grid.cells, UNKNOWN), (values, -1))
-    ]
-    cells = blocks[0].min(axis=(1, 3))
-    return (
-        dataclasses.replace(grid, cells=cells, resolution=grid.resolution * step),
-        blocks[1].max(axis=(1, 3)),
     )
-
-
-def _draw_known(axes: Axes, grid: OccupancyGrid, values: NDArray[Any]) -> AxesImage:
-    shown = np.ma.masked_less(values, 0)
-    return draw_cells(axes, grid, shown, cmap=FIELD_COLOURS, norm=Normalize(0.0, 100.0))
+    cells, resolution = blocks.min(axis=(1, 3)), grid.resolution * step
+    return dataclasses.replace(grid, cells=cells, resolution=resolution), merged.max(axis=(1, 3))

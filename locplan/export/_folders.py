@@ -1,4 +1,4 @@
-"""A folder of exported files: whole or not at all, with what it was made of beside them."""
+"""A folder of exported files, written whole or not at all, with a description of its input."""
 
 from __future__ import annotations
 
@@ -26,13 +26,8 @@ def export_folder(
 ) -> Iterator[Path]:
     """A new folder that takes the place of `target` when the block ends well.
 
-    It gets a README.md of a title and the lines given, and export.json, which lists the files: by
-    that an export of ours is known, and replaced only if it is as it was written.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be written, or holds something else.
+    It gets a README.md of a title and the lines given, and export.json, which lists the files; a
+    folder is replaced only if this file says that it is an export without changes.
     """
     with replacing_folder(target, None, _is_untouched_export) as folder:
         yield folder
@@ -46,15 +41,13 @@ def _is_untouched_export(folder: Path) -> bool:
     if not folder.is_dir():
         return False
     there = {file.name for file in folder.iterdir()}
-    if not there:
-        return True
     try:
         files = json.loads((folder / ABOUT).read_text("utf-8"))["files"]
         return there == {ABOUT, *files} and all(
             _digest(folder / name) == digest for name, digest in files.items()
         )
     except (OSError, ValueError, TypeError, KeyError):
-        return False
+        return not there
 
 
 def _digest(file: Path) -> str:

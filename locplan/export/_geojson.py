@@ -19,7 +19,7 @@ from locplan.export._value_maps import PREVIEW, without_yaw
 
 GRAPH = "graph.geojson"
 MAX_ID = 65535
-"""Nav2's messages hold the ids of nodes and edges in 16 bits."""
+"""Greatest id of a node or an edge: Nav2's messages have 16 bits for it."""
 
 
 def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
@@ -43,7 +43,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
             f" a spacing {1.1 * math.sqrt(ids / MAX_ID):.2g} times as large should do"
         )
     xy = graph.nodes.tolist()
-    features: list[tuple[str, list[Any], dict[str, Any]]]
+    features: list[tuple[str, Any, dict[str, Any]]]
     features = [("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, start=1)]
     names = ("length", "integrated_e", "integrated_u", "penalty")
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
@@ -72,15 +72,14 @@ def route_graph(
     Parameters
     ----------
     folder : path
-        Where to: made, or replaced if it is such an export already.
+        The folder; one that holds such an export without changes is replaced.
     costs : Costmap
-        What travel costs, and where the robot can be; its yaw is left out, as Nav2 ignores it.
-        Nodes lie as close to what is blocked as pays: make it with a radius one or two cells above
-        the robot's.
+        The costs of travel; the map's yaw is left out, as Nav2 ignores it. Nodes lie as close to
+        blocked cells as pays: make it with a radius one or two cells above the robot's.
     spacing : float
         Distance of neighbouring nodes in open space [m].
     frame : str
-        Of the nodes.
+        Frame of the nodes.
 
     Returns
     -------
@@ -121,7 +120,7 @@ def route_graph(
 
 
 def _route_server(costs: Costmap) -> dict[str, Any]:
-    """Parameters by which the server's cost of an edge is its J."""
+    """Parameters that make the server's cost of an edge its J."""
     scorer: dict[str, Any] = {"plugin": "nav2_route::PenaltyScorer"}
     if np.isnan(costs.weight):
         scorer |= {"penalty_tag": "penalty", "weight": 1.0}

@@ -1,4 +1,4 @@
-"""What a bag holds of masks, fields and paths: ROS 2 messages as dictionaries."""
+"""Masks, fields and paths as ROS 2 messages, which are dictionaries here."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-SHARP, BLIND = np.array([0.0, 0.45, 0.7, 0.7]), np.array([0.84, 0.37, 0.0, 0.7])
-"""Blue and vermilion, told apart by the colour-blind: of the least and the greatest deviation."""
+SHARP, DEGENERATE = np.array([0.0, 0.45, 0.7, 0.7]), np.array([0.84, 0.37, 0.0, 0.7])
+"""Blue and vermilion, which the colour-blind tell apart, for the least and greatest deviation."""
 _CYLINDER, _LINE_LIST = 3, 5
 _FLOAT32 = 7
 _THICKNESS = 0.02
@@ -43,7 +43,7 @@ def levels_of(grid: OccupancyGrid) -> NDArray[np.int8]:
 
 
 def layers_of(field: CovarianceField) -> dict[str, NDArray[np.float64]]:
-    """What is told of each lattice point, (h, w) each."""
+    """The layers of a field by name, (h, w) each."""
     covariance = field.mean_covariance
     names = ("e", "position_std", "heading_std")[: covariance.shape[-1]]
     layers = {name: scalar(covariance, name) for name in names}
@@ -114,7 +114,7 @@ def ellipse_markers(
     major, minor, direction = position_axes(covariance)
     low, high = np.log(field.anchors("position_std"))
     shade = (np.log(np.maximum(major, 1e-9)) - low) / (high - low)
-    colors = SHARP + np.clip(shade, 0, 1)[:, None] * (BLIND - SHARP)
+    colors = SHARP + np.clip(shade, 0, 1)[:, None] * (DEGENERATE - SHARP)
     scale = np.stack([2 * magnify * major, 2 * magnify * minor], axis=1)
     scale = np.column_stack([np.maximum(scale, 1e-3), np.full(len(scale), _THICKNESS)])
     for n, pose in enumerate(_poses(xy, direction)):

@@ -7,7 +7,6 @@ speed_filter.cpp, static_layer.cpp and the documentation of their servers.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +15,26 @@ from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export._folders import export_folder
 from locplan.export._parameters import with_costmap, with_planner
-from locplan.export._ros_maps import check_has_field
 from locplan.export._servers import LAUNCH, SERVERS, Server, write_servers, write_yaml
 from locplan.export._travel_costs import Conversion, planner_named, values_for
-from locplan.export._value_maps import PREVIEW, without_yaw, write_preview, write_values
+from locplan.export._value_maps import (
+    PREVIEW,
+    check_has_field,
+    without_yaw,
+    write_preview,
+    write_values,
+)
 from locplan.maps._ros_parameters import Parameters, read_parameters
 
 PARAMS = "nav2.yaml"
 MASK = "mask"
 MAX_SLOWED = 99
-"""Of a speed mask: 100 would mean full speed."""
+"""Greatest value of a speed mask: 100 would mean full speed."""
+FILTERS: dict[str, Parameters] = {
+    "keepout": {"type": 0, "base": 0.0, "multiplier": 1.0},
+    "speed": {"type": 1, "base": 100.0, "multiplier": -1.0},
+}
+"""Type of each filter, and the line from its mask's values to what they mean."""
 
 
 def nav2_keepout(
@@ -42,17 +51,17 @@ def nav2_keepout(
     Parameters
     ----------
     folder : path
-        Where to: made, or replaced if it is such an export already, without changes.
+        The folder; one that holds such an export without changes is replaced.
     costs : Costmap
-        Of `Costmap.from_field`, say; 0..99 stand for its density above 1. Nav2 ignores a map's
-        yaw, so that the mask has none either.
+        The mask's 0..99 stand for its density above 1. Nav2 ignores a map's yaw, so that the mask
+        has none either.
     planner : str
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
     param : float, optional
         The planner's own parameter: cost_travel_multiplier, cost_penalty or w_traversal_cost. By
         default such that u = 1 just fits, whatever the map. "navfn" has none.
     distro : str
-        Of ROS 2: "humble" writes the names of planners in another way.
+        The distribution of ROS 2: "humble" writes the names of planners in another way.
     params : path, optional
         A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. The
         planner gets ``allow_unknown: false``, since J knows no way through unknown space.
@@ -67,23 +76,7 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    theirs = read_parameters(params)
-    values, conversion = keepout_mask(costs, planner=planner, param=param)
-    names = _Names("keepout")
-    ours = {
-        "filters": [names.plugin],
-        names.plugin: {
-            "plugin": "nav2_costmap_2d::KeepoutFilter",
-            "enabled": True,
-            "filter_info_topic": names.info_topic,
-        },
-    }
-    merged, called = with_planner(with_costmap(theirs, ours), conversion, distro)
-    title = f"Localizability mask for {conversion.planner.plugin} ({called})"
-    info = {"type": 0, "base": 0.0, "multiplier": 1.0}
-    about = {"planner_id": called, "conversion": conversion.summary()}
-    _write(folder, names, title, costs, values, merged, info, about, params)
-    return conversion
+    return _write_charged(folder, "keepout", costs, planner, param, distro, params)
 
 
 def nav2_static(
@@ -101,25 +94,7 @@ def nav2_static(
     `use_maximum` (true) and `lethal_cost_threshold` (100) hold for all static layers of a costmap,
     the robot's own included.
     """
-    theirs = read_parameters(params)
-    values, conversion = keepout_mask(costs, planner=planner, param=param, static=True)
-    names = _Names("static")
-    ours = {
-        "trinary_costmap": False,
-        "use_maximum": True,
-        "lethal_cost_threshold": 100,
-        names.plugin: {
-            "plugin": "nav2_costmap_2d::StaticLayer",
-            "enabled": True,
-            "map_topic": names.mask_topic,
-            "map_subscribe_transient_local": True,
-        },
-    }
-    merged, called = with_planner(with_costmap(theirs, ours, names.plugin), conversion, distro)
-    title = f"Localizability layer for {conversion.planner.plugin} ({called})"
-    about = {"planner_id": called, "conversion": conversion.summary()}
-    _write(folder, names, title, costs, values, merged, None, about, params)
-    return conversion
+    return _write_charged(folder, "static", costs, planner, param, distro, params)
 
 
 def nav2_speed(
@@ -134,13 +109,13 @@ def nav2_speed(
     Parameters
     ----------
     folder : path
-        Where to: made, or replaced if it is such an export already, without changes.
+        The folder; one that holds such an export without changes is replaced.
     costs : Costmap
-        With a field.
+        A costmap that was made of a field.
     slowest : float
         Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed.
     params : path, optional
-        As for `nav2_keepout`.
+        A Nav2 parameter file to merge ours into.
 
     Raises
     ------
@@ -149,25 +124,13 @@ def nav2_speed(
     """
     check_slowest(slowest)
     check_has_field(costs)
-    theirs = read_parameters(params)
+    merged = with_costmap(read_parameters(params), "speed")
     known = ~np.isnan(costs.u)
     values = np.full(costs.grid.shape, -1, np.int8)
     percent = np.floor(100 * (1 - slowest) * costs.u[known] + 0.5)
     values[known] = np.minimum(percent, MAX_SLOWED)
-    names = _Names("speed")
-    ours = {
-        "filters": [names.plugin],
-        names.plugin: {
-            "plugin": "nav2_costmap_2d::SpeedFilter",
-            "enabled": True,
-            "filter_info_topic": names.info_topic,
-            "speed_limit_topic": "/speed_limit",
-        },
-    }
     title = f"Speed mask: {slowest:.0%} of the speed where nothing is seen"
-    info = {"type": 1, "base": 100.0, "multiplier": -1.0}
-    merged = with_costmap(theirs, ours)
-    _write(folder, names, title, costs, values, merged, info, {"slowest": slowest}, params)
+    _write(folder, "speed", title, costs, values, merged, {"slowest": slowest}, params)
 
 
 def keepout_mask(
@@ -177,7 +140,11 @@ def keepout_mask(
 
     Arguments and errors are those of `nav2_keepout`; `static` is for a StaticLayer, up to 98.
     """
-    return values_for(costs.density, planner_named(planner), _greatest(costs), param, static=static)
+    greatest = costs.weight
+    if np.isnan(greatest):  # a density of one's own
+        density = costs.density[np.isfinite(costs.density)]
+        greatest = float(density.max()) - 1 if density.size else 0.0
+    return values_for(costs.density, planner_named(planner), greatest, param, static=static)
 
 
 def check_slowest(slowest: float) -> None:
@@ -186,31 +153,37 @@ def check_slowest(slowest: float) -> None:
         raise ConfigError(f"slowest must be a share of the speed from 0.01 to 1, not {slowest!r}")
 
 
-class _Names:
-    """Of plugin, topics and nodes, so that masks of several kinds go together."""
-
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
-        self.plugin = f"localizability_{kind}_{'layer' if kind == 'static' else 'filter'}"
-        # Absolute: relative ones resolve within the costmap's own namespace before Kilted.
-        self.mask_topic = f"/localizability_{kind}_mask"
-        self.info_topic = f"/localizability_{kind}_info"
-        self.mask_server = f"localizability_{kind}_mask_server"
-        self.info_server = f"localizability_{kind}_info_server"
-        self.manager = f"lifecycle_manager_localizability_{kind}"
+def _write_charged(
+    folder: str | Path,
+    kind: str,
+    costs: Costmap,
+    planner: str,
+    param: float | None,
+    distro: str,
+    params: str | Path | None,
+) -> Conversion:
+    """Write the mask of a filter or a layer that makes a planner charge J."""
+    merged = with_costmap(read_parameters(params), kind)
+    values, conversion = keepout_mask(costs, planner=planner, param=param, static=kind == "static")
+    merged, called = with_planner(merged, conversion, distro)
+    what = "layer" if kind == "static" else "mask"
+    title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
+    about = {"planner_id": called, "conversion": conversion.summary()}
+    _write(folder, kind, title, costs, values, merged, about, params)
+    return conversion
 
 
 def _write(
     folder: str | Path,
-    names: _Names,
+    kind: str,
     title: str,
     costs: Costmap,
     values: NDArray[np.int8],
     merged: Parameters,
-    info: dict[str, Any] | None,
-    about: dict[str, Any],
+    about: Parameters,
     params: str | Path | None,
 ) -> None:
+    """Write the folder of a mask."""
     own = f"all of {Path(params).name}, with ours" if params else "merge it into the robot's own"
     file = f"$PWD/{PARAMS}" if params else "PARAMS.yaml"
     readme = [
@@ -220,29 +193,17 @@ def _write(
         f"- `ros2 launch ./{LAUNCH}` (in this folder)",
         f"- `ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:={file}`",
     ]
-    kind = {"kind": f"nav2-{names.kind}"}
-    with export_folder(Path(folder), title, kind | about_costs(costs) | about, readme) as temporary:
+    base = f"localizability_{kind}"
+    parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
+    files = {"yaml_filename": f"{MASK}.yaml"}
+    servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", parameters, files)]
+    if kind in FILTERS:
+        topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
+        node = "costmap_filter_info_server", f"{base}_info_server"
+        servers.append(Server("nav2_map_server", *node, topics | FILTERS[kind]))
+    about = {"kind": f"nav2-{kind}"} | about_costs(costs) | about
+    with export_folder(Path(folder), title, about, readme) as temporary:
         write_yaml(temporary / PARAMS, merged)
         write_values(temporary / MASK, values, without_yaw(costs.grid))
-        write_servers(temporary, _servers(names, info), names.manager)
-        write_preview(temporary, costs.grid, values, f"{names.kind} mask [0-100]", title)
-
-
-def _servers(names: _Names, info: dict[str, Any] | None) -> list[Server]:
-    """What publishes the mask and, of a filter, its kind."""
-    parameters = {"topic_name": names.mask_topic, "frame_id": "map"}
-    files = {"yaml_filename": f"{MASK}.yaml"}
-    mask = Server("nav2_map_server", "map_server", names.mask_server, parameters, files)
-    if info is None:
-        return [mask]
-    topics = {"filter_info_topic": names.info_topic, "mask_topic": names.mask_topic}
-    executable = "costmap_filter_info_server"
-    return [mask, Server("nav2_map_server", executable, names.info_server, topics | info)]
-
-
-def _greatest(costs: Costmap) -> float:
-    """Of the excess over 1 that must fit: with u = 1, or of a density of one's own."""
-    if not np.isnan(costs.weight):
-        return costs.weight
-    density = costs.density[np.isfinite(costs.density)]
-    return float(density.max()) - 1 if density.size else 0.0
+        write_servers(temporary, servers, f"lifecycle_manager_{base}")
+        write_preview(temporary, costs.grid, values, f"{kind} mask [0-100]", title)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any, get_args
 
-from locplan.errors import ConfigError
+from locplan._util.checks import one_of
 from locplan.export._names import Distro
 from locplan.export._travel_costs import Conversion
 from locplan.maps._ros_parameters import Parameters, listed_names, node_parameters
 
-DISTROS = get_args(Distro)
 OWN_PLANNER = "Localizability"
-"""What our planner is called beside a robot's own."""
+"""Name of our planner beside a robot's own."""
+STATIC_LAYERS = {"trinary_costmap": False, "use_maximum": True, "lethal_cost_threshold": 100}
+"""Parameters of a costmap that Nav2 applies to all its static layers."""
 FIRST_LAYERS = {
     "static_layer": {
         "plugin": "nav2_costmap_2d::StaticLayer",
@@ -19,37 +20,40 @@ FIRST_LAYERS = {
     },
     "inflation_layer": {"plugin": "nav2_costmap_2d::InflationLayer"},
 }
-"""Of a costmap that names no layers itself, without the one of obstacles that a robot may have."""
+"""Layers of a costmap that names none itself; obstacles are left to the robot's own layers."""
 
 
-def with_costmap(theirs: Parameters, ours: Parameters, layer: str | None = None) -> Parameters:
-    """Parameters with ours in the global costmap, and a filter or a layer of ours in its list."""
+def with_costmap(theirs: Parameters, kind: str) -> Parameters:
+    """Parameters with our filter or static layer in the global costmap, and in its list of them."""
     costmap = node_parameters(theirs, "global_costmap")
-    merged = {**costmap, **ours}
-    if layer is None:
-        merged["filters"] = listed_names(costmap, "filters", [])
-        merged["filters"] += [name for name in ours["filters"] if name not in merged["filters"]]
-    else:
-        if not costmap.get("plugins"):
-            merged |= FIRST_LAYERS
+    base = f"localizability_{kind}"  # topics are absolute: Kilted is the first to resolve others
+    if kind == "static":
+        plugin = f"{base}_layer"
         names = listed_names(costmap, "plugins", list(FIRST_LAYERS))
-        if layer not in names:  # before the inflation, and behind what knows the walls
+        if plugin not in names:  # before the inflation, and behind what knows the walls
             at = names.index("static_layer") + 1 if "static_layer" in names else len(names)
-            names.insert(at, layer)
-        merged["plugins"] = names
+            names.insert(at, plugin)
+        own: Parameters = {"plugin": "nav2_costmap_2d::StaticLayer", "enabled": True}
+        own |= {"map_topic": f"/{base}_mask", "map_subscribe_transient_local": True}
+        first = {} if costmap.get("plugins") else FIRST_LAYERS
+        merged = {**costmap, **STATIC_LAYERS, plugin: own, **first, "plugins": names}
+    else:
+        plugin = f"{base}_filter"
+        names = listed_names(costmap, "filters", [])
+        own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
+        own |= {"filter_info_topic": f"/{base}_info"}
+        if kind == "speed":
+            own |= {"speed_limit_topic": "/speed_limit"}
+        names = names if plugin in names else [*names, plugin]
+        merged = {**costmap, "filters": names, plugin: own}
     return {**theirs, "global_costmap": {"global_costmap": {"ros__parameters": merged}}}
 
 
 def with_planner(theirs: Parameters, conversion: Conversion, distro: str) -> tuple[Parameters, str]:
-    """Parameters with the planner that a conversion is for, and what it is called.
+    """Parameters with the planner that a conversion is for, and the planner's name.
 
     A planner of the same kind that is there keeps its name and settings; besides others ours gets
     a name of its own.
-
-    Raises
-    ------
-    ConfigError
-        If the distribution is unknown.
     """
     check_distro(distro)
     planner, server = conversion.planner, node_parameters(theirs, "planner_server")
@@ -70,8 +74,7 @@ def with_planner(theirs: Parameters, conversion: Conversion, distro: str) -> tup
 
 def check_distro(distro: str) -> None:
     """Raise a ConfigError unless it is a distribution of ROS 2 that is known here."""
-    if distro not in DISTROS:
-        raise ConfigError(f"distro must be one of {', '.join(DISTROS)}, not {distro!r}")
+    one_of("distro", distro, get_args(Distro))
 
 
 def _plugin(own: Any) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -15,7 +14,6 @@ from locplan import __version__
 from locplan._util.files import check_target, replacing
 from locplan._util.tables import write_csv
 from locplan.costs import Path
-from locplan.errors import LocplanError
 from locplan.field import CovarianceField, position_axes
 
 PATH_FILES = (".csv", ".json", ".yaml")
@@ -27,7 +25,7 @@ def path(
 ) -> None:
     """Write a path; the suffix chooses the format.
 
-    .csv: x, y, heading and distance travelled, a position a row. .json: the same by name. .yaml: a
+    .csv: x, y, heading and distance travelled, a position a row. .json: those by name. .yaml: a
     nav_msgs/Path, as ``ros2 topic pub --once /plan nav_msgs/msg/Path "$(cat FILE)"`` takes it.
     Positions without a heading face the way they go.
 
@@ -37,10 +35,9 @@ def path(
         The file.
     route : Path
     frame : str
-        Of the coordinates.
+        Frame of the coordinates.
     step : float, optional
-        Greatest distance of the positions written [m]; controllers want a few centimetres. By
-        default they are the path's own corners.
+        Greatest distance of the positions [m]; by default they are the path's corners.
 
     Raises
     ------
@@ -52,11 +49,10 @@ def path(
     if step is not None:
         route = route.resampled(step)
     poses = np.column_stack([route.xy, route.facing, route.distance])
-    suffix = file.suffix.lower()
-    if suffix == ".csv":
+    if file.suffix.lower() == ".csv":
         write_csv(file, poses, "x_m,y_m,heading_rad,distance_m")
         return
-    if suffix == ".json":
+    if file.suffix.lower() == ".json":
         names = ("x", "y", "heading", "distance")
         rows = [dict(zip(names, pose, strict=True)) for pose in poses.tolist()]
         about = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
@@ -75,24 +71,11 @@ def read_path(source: str | os.PathLike[str]) -> Path:
     LocplanError
         If it cannot be read, or is no such file.
     """
-    file = FilePath(source)
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-        columns = [name.strip() for name in lines[0].split(",")]
-        rows = np.array([[float(v) for v in line.split(",")] for line in lines[1:] if line.strip()])
-        xy = rows[:, [columns.index("x_m"), columns.index("y_m")]]
-        turned = "heading_rad" in columns
-        return Path(xy, rows[:, columns.index("heading_rad")] if turned else None)
-    except OSError as error:
-        raise LocplanError(f"{file}: cannot be read ({error.strerror})") from None
-    except (ValueError, IndexError, UnicodeDecodeError):
-        raise LocplanError(
-            f"{file}: is no path; its first line must name x_m,y_m, and numbers follow"
-        ) from None
+    return Path.load(source)
 
 
 def _nav_path(poses: np.ndarray, frame: str) -> str:
-    """JSON within YAML, which reads it too: a pose a line."""
+    """A nav_msgs/Path in YAML, whose lines hold JSON: a pose a line."""
     stamp = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
     lines = [f"header: {json.dumps(stamp)}", "poses:"]
     for x, y, heading, _ in poses.tolist():
@@ -109,7 +92,8 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
     .csv: a row for each evaluated lattice point, its position, scalars and covariance. .npz: for
     ``numpy.load``, "covariance" on the lattice, its positions "x" and "y" in the world, "e" on the
     lattice and "e_map" on the map's cells, "cells", "resolution", "origin" and "config" (JSON).
-    .png: e over the map. Of several headings .csv and .png have the mean information.
+    .png: e over the map. In .csv and .png several
+    headings are merged by their mean information.
 
     Parameters
     ----------
@@ -124,12 +108,14 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
     """
     file = FilePath(target)
     check_target(file, *FIELD_FILES)
-    writers: dict[str, Callable[[FilePath, CovarianceField], None]] = {
-        ".csv": _field_csv,
-        ".npz": _field_npz,
-        ".png": _field_png,
-    }
-    writers[file.suffix.lower()](file, computed)
+    if file.suffix.lower() == ".csv":
+        _field_csv(file, computed)
+    elif file.suffix.lower() == ".npz":
+        _field_npz(file, computed)
+    else:
+        from locplan import plotting
+
+        plotting.save_figure(plotting.field_figure(computed), file)
 
 
 def _field_csv(file: FilePath, computed: CovarianceField) -> None:
@@ -164,12 +150,6 @@ def _field_npz(file: FilePath, computed: CovarianceField) -> None:
             origin=computed.grid.origin,
             config=json.dumps(computed.config.to_json()),
         )
-
-
-def _field_png(file: FilePath, computed: CovarianceField) -> None:
-    from locplan import plotting
-
-    plotting.save_figure(plotting.field_figure(computed), file)
 
 
 def _positions(computed: CovarianceField) -> tuple[np.ndarray, np.ndarray]:

@@ -21,31 +21,18 @@ def write_plans(
 ) -> None:
     """Write plan.json, plan.png, and a CSV of positions [m] for each plan that has a path.
 
-    Where the robot's heading matters the CSV holds that, too [rad]. Where a planner improved its
-    path there is history.png with its best J over time.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be made or written.
+    Where the robot's heading matters, the CSV holds it, too [rad]. Where a planner improved its
+    path, history.png shows its best J over time.
     """
     from locplan import plotting
 
     make_folder(folder)
     for label, plan in plans.items():
-        if plan.path and plan.path.heading is not None:
-            poses = np.column_stack([plan.path.xy, plan.path.heading])
-            write_csv(folder / f"{label}.csv", poses, "x_m,y_m,heading_rad")
-        elif plan.path:
-            write_csv(folder / f"{label}.csv", plan.path.xy, "x_m,y_m")
+        if plan.path:
+            plan.path.save(folder / f"{label}.csv")
         else:
             (folder / f"{label}.csv").unlink(missing_ok=True)
-    about = {
-        **about_costs(costs),
-        "plans": plans_summary(plans),
-    }
-    with replacing(folder / "plan.json") as temporary:
-        temporary.write_text(json.dumps(about, indent=2) + "\n")
+    _write_json(folder / "plan.json", about_costs(costs) | {"plans": plans_summary(plans)})
     plotting.save_figure(plotting.plan_figure(costs, field, plans), folder / "plan.png")
     if any(len(plan.history) > 1 for plan in plans.values()):
         plotting.save_figure(plotting.history_figure(plans), folder / "history.png")
@@ -54,29 +41,24 @@ def write_plans(
 
 
 def write_front(folder: Path, front: ParetoFront, field: CovarianceField) -> None:
-    """Write front.json, front.csv, front.png, and a CSV of the positions [m] at the knee.
-
-    Raises
-    ------
-    LocplanError
-        If the folder cannot be made or written.
-    """
+    """Write front.json, front.csv, front.png, and a CSV of the positions [m] at the knee."""
     from locplan import plotting
 
     make_folder(folder)
-    about = front_summary(front) | {
-        **about_costs(front.costs.with_weight(0.0)),
-    }
-    with replacing(folder / "front.json") as temporary:
-        temporary.write_text(json.dumps(about, indent=2) + "\n")
+    about = front_summary(front) | about_costs(front.costs.with_weight(0.0))
+    _write_json(folder / "front.json", about)
     header = f"length_m,integral_{front.objective}"
     write_csv(folder / "front.csv", np.column_stack([front.length, front.integral]), header)
     if len(front):
         path = front.plan(front.knee).path
         assert path is not None
-        write_csv(folder / "knee.csv", path.xy, "x_m,y_m")
-        figure = plotting.front_figure(front, field.e_unit)
-        plotting.save_figure(figure, folder / "front.png")
+        path.save(folder / "knee.csv")
+        plotting.save_figure(plotting.front_figure(front, field.e_unit), folder / "front.png")
     else:
         for name in ("knee.csv", "front.png"):
             (folder / name).unlink(missing_ok=True)
+
+
+def _write_json(file: Path, about: Mapping[str, object]) -> None:
+    with replacing(file) as temporary:
+        temporary.write_text(json.dumps(about, indent=2) + "\n")

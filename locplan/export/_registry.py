@@ -1,4 +1,4 @@
-"""The formats of exports: a line here, and a module beside the others in `_formats`."""
+"""The formats of exports; a new one is a module in `_formats` and its name here."""
 
 from __future__ import annotations
 
@@ -13,17 +13,13 @@ if TYPE_CHECKING:
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
 
-MODULES = [
-    "locplan.export._formats._nav2",
-    "locplan.export._formats._ros",
-    "locplan.export._formats._plain",
-]
-"""Each has FORMATS, a tuple of `Format`, and imports what is heavy when it writes."""
+MODULES = [f"locplan.export._formats.{name}" for name in ("_nav2", "_ros", "_plain")]
+"""Modules that have FORMATS, a tuple of `Format`, and import what is heavy when they write."""
 
 
 @dataclass(frozen=True)
 class ExportJob:
-    """What there is to export."""
+    """The objects to export."""
 
     costs: Costmap
     """The costmap, with its map."""
@@ -35,12 +31,12 @@ class ExportJob:
 
 @dataclass(frozen=True)
 class ExportSummary:
-    """What a format tells of what it wrote."""
+    """Facts about an export that was written."""
 
     values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """The facts by name, fit for JSON."""
     rows: tuple[tuple[str, str], ...] = ()
-    """The same for people: a label and a text each."""
+    """The facts for people: a label and a text each."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +51,9 @@ class Format:
     name: str
     """The name on the command line."""
     about: str
-    """What it is, in a few words."""
+    """A few words that describe it."""
     write: Callable[[Path, ExportJob, Any], ExportSummary]
-    """Writes a job to a target, with an instance of `options`."""
+    """The function that writes a job to a target, with an instance of `options`."""
     options: type = NoOptions
     """A frozen dataclass whose docstrings say what each field does; it checks itself when made."""
     suffixes: tuple[str, ...] = ()

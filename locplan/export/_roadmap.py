@@ -24,16 +24,16 @@ from locplan.costs import Costmap
 from locplan.errors import ConfigError
 
 CLEAR, MERGED, SHIFT, APART = 0.25, 0.5, 0.5, 0.25
-"""In spacings: the clearance that is enough, how close nodes are merged if they see the same, how
-far nodes move, and how close neighbours may come then."""
+"""Distances in spacings: the clearance that is enough, the greatest distance of nodes that are
+merged, the greatest move of a node, and the least distance of neighbours after it."""
 ASIDE = 1.5
-"""How much longer than straight the way over a third node may be where two are not joined."""
+"""Greatest length of the way over a third node, as a multiple of the straight line."""
 LEVELS = 65535
 """Steps of worth that cells are sorted by; numbers of 16 bits are sorted ten times as fast."""
 FINENESS = 0.02
-"""How coarse single precision may be [cells]."""
+"""Coarsest step of single precision that is accepted [cells]."""
 ROUNDS, LANDMARKS = 2, 32
-"""How often nodes move, and from how many of them the routes lead that they move for."""
+"""Number of rounds in which nodes move, and of the nodes whose routes they move for."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,25 +45,25 @@ class RouteGraph:
     edges: NDArray[np.int64]
     """Pairs of nodes (m, 2), the lower one first."""
     length: NDArray[np.float64]
-    """(m,) [m]."""
+    """Length of each edge (m,) [m]."""
     cost: NDArray[np.float64]
-    """J (m,) [m], at least the length."""
+    """J of each edge (m,) [m], at least its length."""
     integrated_e: NDArray[np.float64]
-    """(m,) [m^2 rad m]; NaN without a field."""
+    """Integral of e over each edge (m,) [m^2 rad m]; NaN without a field."""
     integrated_u: NDArray[np.float64]
-    """(m,) [m]; NaN without a field."""
+    """Integral of u over each edge (m,) [m]; NaN without a field."""
 
     def __repr__(self) -> str:
         return f"RouteGraph({len(self.nodes)} nodes, {len(self.edges)} edges each way)"
 
     @property
     def penalty(self) -> NDArray[np.float64]:
-        """What J adds to the length (m,) [m]: weight * integrated_u."""
+        """Excess of J over the length (m,) [m]: weight * integrated_u."""
         return self.cost - self.length
 
     @property
     def components(self) -> int:
-        """Parts of the graph that no route joins."""
+        """Number of parts of the graph that no route joins."""
         return int(connected_components(self.matrix, directed=False)[0])
 
     @property
@@ -80,7 +80,7 @@ def roadmap(
     Parameters
     ----------
     costs : Costmap
-        What travel costs, and where the robot can be.
+        The costs of travel.
     spacing : float
         Distance of neighbouring nodes in open space [m]; in narrow places they are closer.
     detour : float
@@ -199,7 +199,7 @@ def _touching(
 def _merged(
     space: tuple[Any, ...], xy: NDArray[Any], pairs: NDArray[Any], within: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The same without nodes that one close by replaces, as it sees all that they are joined to."""
+    """The nodes and lines without nodes that a near one replaces, as it sees their neighbours."""
     joined: list[set[int]] = [set() for _ in xy]
     for i, j in pairs.tolist():
         joined[i].add(j)
@@ -227,7 +227,7 @@ def _merged(
 def _kept(
     space: tuple[Any, ...], xy: NDArray[Any], pairs: NDArray[Any], detour: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Those of the pairs that make a spanner, and their cost [density x cells]."""
+    """The pairs that make a spanner, and their cost [density x cells]."""
     cost = line_costs(*space, xy, pairs)
     cost[cost == 0] = np.inf  # Nav2 takes no edge of length 0
     order = np.argsort(cost, kind="stable")

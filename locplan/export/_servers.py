@@ -20,7 +20,7 @@ class Server:
     name: str
     parameters: Mapping[str, Any]
     files: Mapping[str, str] = field(default_factory=dict)
-    """Parameters that name a file in the folder, wherever that is."""
+    """Parameters that name a file in the folder."""
 
 
 def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) -> None:
@@ -38,17 +38,12 @@ def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) ->
     )
     lines = ["<launch>"]
     for node in nodes:
-        lines += [
-            f'  <node pkg="{node.package}" exec="{node.executable}" name="{node.name}">',
-            f'    <param from="$(dirname)/{SERVERS}"/>',
-            *(
-                f'    <param name="{key}" value="$(dirname)/{file}"/>'
-                for key, file in node.files.items()
-            ),
-            "  </node>",
-        ]
-    lines.append("</launch>")
-    (folder / LAUNCH).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        lines.append(f'  <node pkg="{node.package}" exec="{node.executable}" name="{node.name}">')
+        lines.append(f'    <param from="$(dirname)/{SERVERS}"/>')
+        for key, file in node.files.items():
+            lines.append(f'    <param name="{key}" value="$(dirname)/{file}"/>')
+        lines.append("  </node>")
+    (folder / LAUNCH).write_text("\n".join([*lines, "</launch>"]) + "\n", encoding="utf-8")
 
 
 def write_yaml(path: Path, content: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""What Nav2's planners charge for a costmap's values, and the values that make them charge J.
+"""The prices that Nav2's planners charge for costmap values, and values that make them charge J.
 
 Formulas read from ros-navigation/navigation2, branches humble to main (2026-08): node_2d.cpp,
 node_hybrid.cpp, navfn.cpp and theta_star.hpp.
@@ -8,50 +8,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import one_of
 from locplan.errors import ConfigError
 
-MASK_VALUES = np.arange(100)
-"""Of a mask, 0..99; 100 would be lethal."""
-STATIC_VALUES = np.arange(99)
-"""Of a static layer: newer versions take 99 for the inscribed radius."""
 NO_VALUE = -1
-"""Of a mask: leaves the cost as it is."""
+"""Value of a mask that leaves the cost as it is."""
 RETROSPECTIVE_PENALTY = 0.015
 """SmacPlannerHybrid's default, which multiplies every step by 1 minus it."""
 _DECIMALS = 3
-"""Of the parameters chosen here."""
-
-
-def mask_costs(values: NDArray[Any]) -> NDArray[np.float64]:
-    """What KeepoutFilter makes of a mask's 0..99: the nearest of 254ths."""
-    return np.floor(values * 254 / 100 + 0.5)
-
-
-def static_costs(values: NDArray[Any]) -> NDArray[np.float64]:
-    """What StaticLayer makes of 0..98 with ``trinary_costmap: false``: 254ths, truncated."""
-    return np.trunc(values / 100 * 254)
+"""Decimals of the parameters chosen here."""
 
 
 @dataclass(frozen=True)
 class NavPlanner:
-    """A planner of Nav2: what it charges per metre beyond free space, as a share of that."""
+    """A planner of Nav2, and what it charges per metre beyond free space, as a share of that."""
 
     name: str
     plugin: str
-    """From Iron on; Humble writes / for ::."""
+    """Name of the plugin from Iron on; Humble writes / for ::."""
     parameter: str | None
     """The parameter that scales costs; None if there is none."""
     excess: Callable[[NDArray[np.float64], float], NDArray[np.float64]]
-    """Of costmap values 0..252 and the parameter."""
+    """Function from costmap values 0..252 and the parameter to the share charged."""
     wanted: Callable[[float, float], float]
-    """The parameter at which a costmap value means this excess."""
-    assumed: Mapping[str, Any]
+    """Function from a costmap value and an excess to the parameter at which it means that."""
+    assumed: Mapping[str, Any] = field(default_factory=dict)
     """Other parameters that must be as they are here."""
 
 
@@ -82,7 +69,6 @@ PLANNERS = {
             "cost_travel_multiplier",
             lambda costs, k: k * costs / 252,
             lambda cost, excess: excess * 252 / cost,
-            {},
         ),
         NavPlanner(
             "smac-hybrid",
@@ -90,10 +76,7 @@ PLANNERS = {
             "cost_penalty",
             lambda costs, k: k * costs / 252 / (1 - RETROSPECTIVE_PENALTY),
             lambda cost, excess: excess * (1 - RETROSPECTIVE_PENALTY) * 252 / cost,
-            {
-                "retrospective_penalty": RETROSPECTIVE_PENALTY,
-                "use_quadratic_cost_penalty": False,
-            },
+            {"retrospective_penalty": RETROSPECTIVE_PENALTY, "use_quadratic_cost_penalty": False},
         ),
         NavPlanner(
             "navfn",
@@ -101,7 +84,6 @@ PLANNERS = {
             None,
             lambda costs, _: np.trunc(50 + 0.8 * costs) / 50 - 1,
             lambda cost, excess: np.nan,
-            {},
         ),
         NavPlanner(
             "thetastar",
@@ -117,11 +99,11 @@ PLANNERS = {
 
 @dataclass(frozen=True)
 class Conversion:
-    """How well a planner realises J = integral of (1 + weight u) ds with the values exported."""
+    """The accuracy of a planner's J = integral of (1 + weight u) ds with the exported values."""
 
     planner: NavPlanner
     param: float
-    """Of `planner.parameter`; NaN where there is none."""
+    """Value of `planner.parameter`; NaN where there is none."""
     greatest: float
     """The excess weight u at which the planner saturates."""
     saturated_share: float
@@ -129,10 +111,10 @@ class Conversion:
     quantisation: float
     """Largest difference of weight u and what the planner charges, in cells below that."""
     mean_quantisation: float
-    """Its mean over those cells."""
+    """Mean of that difference over those cells."""
 
     def summary(self) -> dict[str, float | str | None]:
-        """Fit for JSON."""
+        """The facts by name, fit for JSON."""
         return {
             "planner": self.planner.name,
             "parameter": self.planner.parameter,
@@ -144,7 +126,7 @@ class Conversion:
         }
 
     def rows(self) -> tuple[tuple[str, str], ...]:
-        """The same for people: labels and texts."""
+        """The facts for people: labels and texts."""
         parameter = self.planner.parameter
         with_value = f", {parameter}: {self.param:.4g}" if parameter else ""
         return (
@@ -157,15 +139,8 @@ class Conversion:
 
 
 def planner_named(name: str) -> NavPlanner:
-    """One of `PLANNERS`.
-
-    Raises
-    ------
-    ConfigError
-        If there is none of that name.
-    """
-    if name not in PLANNERS:
-        raise ConfigError(f"the planner must be one of {', '.join(PLANNERS)}, not {name!r}")
+    """One of `PLANNERS`; another name is a ConfigError."""
+    one_of("planner", name, PLANNERS)
     return PLANNERS[name]
 
 
@@ -188,30 +163,10 @@ def values_for(
     *,
     static: bool = False,
 ) -> tuple[NDArray[np.int8], Conversion]:
-    """The values of a mask that make a planner charge `density` per metre.
+    """The values of a mask, or of a `static` layer, that make a planner charge `density` per metre.
 
-    Parameters
-    ----------
-    density : (H, W) array
-        Cost per metre, at least 1; infinite where the mask is to change nothing.
-    planner : NavPlanner
-    greatest : float
-        The excess over 1 that must fit, where the parameter is free to choose.
-    param : float, optional
-        The planner's own parameter; by default such that `greatest` just fits.
-    static : bool
-        Of a static layer instead of a mask.
-
-    Returns
-    -------
-    values : (H, W) array of int8
-        0..99, or 98 of a static layer; -1 where the density is infinite.
-    conversion : Conversion
-
-    Raises
-    ------
-    ConfigError
-        If the parameter is not positive, the planner has none, or no cell is passable.
+    Where the density is infinite the values are -1. By default the planner's parameter is such
+    that the excess `greatest` over 1 just fits.
     """
     check_planner(planner.name, param)
     excess = density[np.isfinite(density)] - 1
@@ -220,10 +175,17 @@ def values_for(
             "no cell of the costmap is passable, so a mask would be empty; check the"
             " robot's radius [m]"
         )
-    choices = STATIC_VALUES if static else MASK_VALUES
-    costs = (static_costs if static else mask_costs)(choices)
-    if param is None:
-        param = _param_for(planner, float(costs[-1]), greatest)
+    if static:  # a StaticLayer truncates with trinary_costmap false, and may take 99 for inscribed
+        choices = np.arange(99)
+        costs = np.trunc(choices / 100 * 254)
+    else:  # a KeepoutFilter rounds to the nearest, and 100 would be lethal
+        choices = np.arange(100)
+        costs = np.floor(choices * 254 / 100 + 0.5)
+    if planner.parameter is None:
+        param = math.nan
+    elif param is None:  # the least of few decimals
+        wanted = planner.wanted(float(costs[-1]), greatest) if greatest > 0 else 1.0
+        param = float(math.ceil(wanted * 10**_DECIMALS - 1e-9) / 10**_DECIMALS)
     charged = planner.excess(costs, param)
     borders = (charged[1:] + charged[:-1]) / 2
     nearest = np.searchsorted(borders, excess)
@@ -239,11 +201,3 @@ def values_for(
         quantisation=float(error.max()) if error.size else 0.0,
         mean_quantisation=float(error.mean()) if error.size else 0.0,
     )
-
-
-def _param_for(planner: NavPlanner, cost: float, excess: float) -> float:
-    """The least parameter, of few decimals, at which a costmap value means so much."""
-    if planner.parameter is None:
-        return math.nan
-    wanted = planner.wanted(cost, excess) if excess > 0 else 1.0
-    return float(math.ceil(wanted * 10**_DECIMALS - 1e-9) / 10**_DECIMALS)

@@ -1,4 +1,4 @@
-"""Maps of values 0..100 as ROS's map servers publish them: an image and its YAML.
+"""Maps of values 0..100, such as u in per cent, as ROS's map servers publish them.
 
 Formulas read from nav2_map_server's map_io.cpp (humble and main) and ROS 1's image_loader.cpp.
 """
@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan.costs import Costmap, about_costs
+from locplan.errors import ConfigError
+from locplan.export._folders import export_folder
 from locplan.maps import OccupancyGrid
 
 PREVIEW = "preview.png"
 MODES = ("raw", "scale", "scale-ros1")
 _LOW, _HIGH = 20, 216
-"""Of "scale-ros1": the greys, counted from white, between which its 1..99 lie."""
+"""Greys, counted from white, between which the 1..99 of "scale-ros1" lie."""
 
 
 class YawWarning(UserWarning):
@@ -25,7 +28,7 @@ class YawWarning(UserWarning):
 
 
 def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
-    """The map as Nav2's and ROS 1's planners have it, who ignore its yaw; warns if there is one."""
+    """The map without its yaw, which Nav2's and ROS 1's planners ignore; warns if there is one."""
     x, y, yaw = grid.origin
     if yaw:
         warnings.warn(
@@ -41,19 +44,11 @@ def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
 def write_values(
     stem: Path, values: NDArray[np.int8], grid: OccupancyGrid, mode: str = "raw"
 ) -> None:
-    """Write values that every map server of its stack reads back unchanged.
+    """Write values 0..100, or -1 for unknown, that map servers read back unchanged.
 
-    Parameters
-    ----------
-    stem : Path
-        Of the YAML and of its image, .pgm in mode "raw", else .png.
-    values : (H, W) array of int8
-        0..100, or -1 for unknown; row 0 at the lowest y.
-    grid : OccupancyGrid
-        Where they lie: its resolution and origin.
-    mode : str
-        "raw": grey n for n, 255 for unknown; read alike by Nav2 and ROS 1. "scale": greys for
-        Nav2; "scale-ros1": for ROS 1, whose scale has other steps.
+    The YAML is `stem` with its suffix. The image is a .pgm in mode "raw", with grey n for n and
+    255 for unknown, which Nav2 and ROS 1 read alike. It is a .png in the modes "scale" for Nav2
+    and "scale-ros1" for ROS 1, whose scale has other steps.
     """
     import yaml
     from PIL import Image
@@ -92,6 +87,58 @@ def write_preview(
 
     figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}")
     save_figure(figure, folder / PREVIEW, dpi=90)
+
+
+def check_has_field(costs: Costmap) -> None:
+    """Raise a ConfigError unless the costmap tells how degenerate its cells are."""
+    if np.isnan(costs.u).all() and np.isfinite(costs.density).any():
+        raise ConfigError("this export needs a costmap made of a field (Costmap.from_field)")
+
+
+def percent(costs: Costmap) -> NDArray[np.int8]:
+    """u in per cent, 0..100, and -1 where it is not known, (H, W).
+
+    Raises
+    ------
+    ConfigError
+        If the costmap was made without a field.
+    """
+    check_has_field(costs)
+    values = np.floor(100 * np.nan_to_num(costs.u) + 0.5)
+    return np.where(np.isnan(costs.u), -1, values).astype(np.int8)
+
+
+def ros_map(folder: str | Path, costs: Costmap) -> None:
+    """Write u in per cent as maps in the modes raw and scale.
+
+    Parameters
+    ----------
+    folder : path
+        The folder; one that holds such an export without changes is replaced.
+    costs : Costmap
+        A costmap that was made of a field.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or there is no field.
+    """
+    values = percent(costs)
+    name = costs.grid.name or "a map"
+    readme = [
+        "- raw.yaml, raw.pgm: u in per cent, grey 0-100 as it is and 255 unknown, for every stack.",
+        "- scale.yaml (Nav2), scale_ros1.yaml (ROS 1): the same in mode scale, with their PNGs;"
+        f" {PREVIEW}; export.json: what they were made of.",
+        "- `ros2 run nav2_map_server map_server --ros-args -p yaml_filename:=$PWD/raw.yaml`, then"
+        " `ros2 run nav2_util lifecycle_bringup map_server`",
+        "- ROS 1: `rosrun map_server map_server raw.yaml`",
+    ]
+    about = {"kind": "ros-map"} | about_costs(costs)
+    grid = without_yaw(costs.grid)
+    with export_folder(Path(folder), f"Localizability of {name}", about, readme) as temporary:
+        for mode in MODES:
+            write_values(temporary / mode.replace("-", "_"), values, grid, mode)
+        write_preview(temporary, costs.grid, values, "degeneracy u [%]", "as it is published")
 
 
 def _greys(mode: str) -> tuple[NDArray[np.int64], tuple[float, float]]:

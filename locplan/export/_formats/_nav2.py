@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from locplan._util.checks import number
 from locplan.export._names import Distro, NavPlannerName
 from locplan.export._registry import ExportJob, ExportSummary, Format
-
-if TYPE_CHECKING:
-    from locplan.export._travel_costs import Conversion
+from locplan.maps._ros_parameters import read_parameters
 
 
 @dataclass(frozen=True, kw_only=True)
 class MaskOptions:
-    """Whose costs a mask is to make J."""
+    """The planner whose costs a mask makes J."""
 
     planner: NavPlannerName = "smac2d"
-    """The planner of Nav2 whose costs shall be J is smac2d by default."""
+    """The planner of Nav2 that charges J is smac2d by default."""
     planner_param: float | None = None
     """The planner's cost_travel_multiplier, cost_penalty or w_traversal_cost is by default such
     that weight · u just fits."""
@@ -32,69 +29,40 @@ class MaskOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Merged:
-    """Whose parameters ours go into."""
-
-    params: Path | None = None
-    """Our parameters are merged into this parameter file of Nav2."""
-
-    def __post_init__(self) -> None:
-        from locplan.maps._ros_parameters import read_parameters
-
-        read_parameters(self.params)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Nav2Options(MaskOptions, Merged):
+class Nav2Options(MaskOptions):
     """The options of masks that a planner charges."""
 
     distro: Distro = "jazzy"
     """The distribution of ROS 2 is jazzy by default; humble writes plugins in another way."""
+    params: Path | None = None
+    """Our parameters are merged into this parameter file of Nav2."""
 
     def __post_init__(self) -> None:
-        MaskOptions.__post_init__(self)
-        Merged.__post_init__(self)
+        super().__post_init__()
+        read_parameters(self.params)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeedOptions(Merged):
+class SpeedOptions:
     """The options of a speed mask."""
 
     slowest: float = 0.3
-    """The share of the speed left where nothing is seen is 0.3 by default."""
+    """The share of the speed that is left where u is 1 is 0.3 by default."""
+    params: Path | None = None
+    """Our parameters are merged into this parameter file of Nav2."""
 
     def __post_init__(self) -> None:
         from locplan.export._nav2 import check_slowest
 
         check_slowest(self.slowest)
-        super().__post_init__()
+        read_parameters(self.params)
 
 
-def write_keepout(target: Path, job: ExportJob, options: Nav2Options) -> ExportSummary:
-    """Write a mask for the keepout filter."""
-    from locplan.export._nav2 import nav2_keepout
+def write_mask(kind: str, target: Path, job: ExportJob, options: Nav2Options) -> ExportSummary:
+    """Write a mask for the keepout filter, or a map for a second static layer."""
+    from locplan.export._nav2 import nav2_keepout, nav2_static
 
-    return _mask(nav2_keepout, target, job, options)
-
-
-def write_static(target: Path, job: ExportJob, options: Nav2Options) -> ExportSummary:
-    """Write a map for a second static layer."""
-    from locplan.export._nav2 import nav2_static
-
-    return _mask(nav2_static, target, job, options)
-
-
-def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSummary:
-    """Write a mask for the speed filter."""
-    from locplan.export._nav2 import nav2_speed
-
-    nav2_speed(target, job.costs, slowest=options.slowest, params=options.params)
-    return ExportSummary({"slowest": options.slowest})
-
-
-def _mask(
-    write: Callable[..., Conversion], target: Path, job: ExportJob, options: Nav2Options
-) -> ExportSummary:
+    write = nav2_static if kind == "static" else nav2_keepout
     conversion = write(
         target,
         job.costs,
@@ -104,6 +72,14 @@ def _mask(
         params=options.params,
     )
     return ExportSummary(conversion.summary(), conversion.rows())
+
+
+def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSummary:
+    """Write a mask for the speed filter."""
+    from locplan.export._nav2 import nav2_speed
+
+    nav2_speed(target, job.costs, slowest=options.slowest, params=options.params)
+    return ExportSummary({"slowest": options.slowest})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,8 +108,15 @@ def write_graph(target: Path, job: ExportJob, options: GraphOptions) -> ExportSu
 
 
 FORMATS = (
-    Format("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, Nav2Options),
-    Format("nav2-static", "a map for a StaticLayer of Nav2", write_static, Nav2Options),
+    Format(
+        "nav2-keepout",
+        "a mask for Nav2's KeepoutFilter",
+        partial(write_mask, "keepout"),
+        Nav2Options,
+    ),
+    Format(
+        "nav2-static", "a map for a StaticLayer of Nav2", partial(write_mask, "static"), Nav2Options
+    ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
     Format("route-graph", "a GeoJSON graph for Nav2's route server", write_graph, GraphOptions),
 )

@@ -44,7 +44,7 @@ def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummar
 
 def write_map(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
     """Write u in per cent as maps in the modes raw and scale."""
-    from locplan.export._ros_maps import ros_map
+    from locplan.export._value_maps import ros_map
 
     ros_map(target, job.costs)
     return ExportSummary()
