@@ -191,7 +191,7 @@ class CostOptions:
     robot_radius: RobotRadius = None
 
     def check(self, config: FieldConfig) -> None:
-        """Raise a ConfigError for what is out of range; to be called before long work."""
+        """Raise a ConfigError if an option is out of range; to be called before long work."""
         from locplan.costs._costmap import check_weight
         from locplan.costs._degeneracy import check_criterion
 

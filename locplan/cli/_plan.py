@@ -8,29 +8,21 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import (
-    GENERAL,
-    PLANNER,
-    Json,
-    MapFile,
-    Text,
-    command,
-    option_group,
-    results,
-)
+from locplan.cli import _groups as groups
+from locplan.cli._groups import Json, MapFile, Text, option_group, results
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._values import load, outline_of, position, settings_of, show
 from locplan.planners import names
 
-app = command(
+app = groups.command(
     "plan",
     "plan lab.yaml --start 2,3 --goal 38,3 -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
 )
 
 
-@option_group(PLANNER)
+@option_group(groups.PLANNER)
 class PlannerOptions:
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
@@ -45,11 +37,11 @@ class PlannerOptions:
     time_limit: float | None = None
     """OMPL's planners stop after this time for each path [s]; 5 by default."""
     iterations: int | None = None
-    """OMPL's planners stop after so many iterations: with a seed, the same path again."""
+    """OMPL's planners stop after so many iterations; one seed then always gives one path."""
     convergence: float | None = None
     """OMPL's planners stop once J falls by no more than this share, such as 0.001."""
     seed: int | None = None
-    """OMPL's random numbers have this seed; 1 by default."""
+    """The seed of OMPL's random numbers is 1 by default."""
     from_grid: bool | None = None
     """OMPL's planner begins with the grid planner's path."""
     improve: bool | None = None
@@ -65,7 +57,7 @@ class PlannerOptions:
         return {**given, "settings": settings} if settings else given
 
 
-@option_group(GENERAL)
+@option_group(groups.GENERAL)
 class Query:
     """The places and limits of the path."""
 
@@ -110,8 +102,8 @@ def plan(
     outline = outline_of(query.footprint)
     if outline and costs.robot_radius is None:
         costs = dataclasses.replace(costs, robot_radius=outline.inscribed_radius)
-    limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget}
-    limits |= {"footprint": outline, "via": stops}
+    limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget, "via": stops}
+    limits["footprint"] = outline
     given = planning.given()
     planner = planners.planner_for(planning.planner, given, **limits)
     grid = load(map_file)

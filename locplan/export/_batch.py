@@ -33,7 +33,7 @@ class Job:
             check_target(self.picture, *PICTURES)
 
     def run(self, compute: Callable[[OccupancyGrid], CovarianceField]) -> CovarianceField:
-        """Load the map, compute its field, and write what is wanted."""
+        """Load the map, compute its field, and write the files that are wanted."""
         field = compute(load_map(self.map_file))
         if self.output:
             field.save(self.output)

@@ -1,4 +1,4 @@
-"""Figures of what is exported: the values of a mask, and a route graph."""
+"""Figures of exports: the values of a mask, and a route graph."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def route_graph(
     name = costs.grid.name or "a map"
     readme = [
         f"- {GRAPH}: {len(graph.nodes)} nodes, {len(graph.edges)} edges both ways with length,"
-        " integrated_e, integrated_u and penalty [m]; export.json: what it was made of.",
+        " integrated_e, integrated_u and penalty [m]; export.json: the input.",
         f"- {SERVERS}: the route server with the scorers that add up to J; {LAUNCH} starts it;"
         f" {PREVIEW}.",
         f"- `ros2 launch ./{LAUNCH}` (in this folder), or add the parameters to your own and",

@@ -13,17 +13,11 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
+from locplan.export import _value_maps as value_maps
 from locplan.export._folders import export_folder
 from locplan.export._parameters import with_costmap, with_planner
 from locplan.export._servers import LAUNCH, SERVERS, Server, write_servers, write_yaml
 from locplan.export._travel_costs import Conversion, planner_named, values_for
-from locplan.export._value_maps import (
-    PREVIEW,
-    check_has_field,
-    without_yaw,
-    write_preview,
-    write_values,
-)
 from locplan.maps._ros_parameters import Parameters, read_parameters
 
 PARAMS = "nav2.yaml"
@@ -34,7 +28,7 @@ FILTERS: dict[str, Parameters] = {
     "keepout": {"type": 0, "base": 0.0, "multiplier": 1.0},
     "speed": {"type": 1, "base": 100.0, "multiplier": -1.0},
 }
-"""Type of each filter, and the line from its mask's values to what they mean."""
+"""Type of each filter, and the linear map from its mask's values to costs or speeds."""
 
 
 def nav2_keepout(
@@ -123,7 +117,7 @@ def nav2_speed(
         If the folder cannot be written, `slowest` is out of its range, or there is no field.
     """
     check_slowest(slowest)
-    check_has_field(costs)
+    value_maps.check_has_field(costs)
     merged = with_costmap(read_parameters(params), "speed")
     known = ~np.isnan(costs.u)
     values = np.full(costs.grid.shape, -1, np.int8)
@@ -189,7 +183,7 @@ def _write(
     readme = [
         f"- {MASK}.yaml, {MASK}.pgm: the mask of {costs.grid.name or 'the map'} (grey 0-100 as it"
         f" is, not 0-255); {SERVERS} and {LAUNCH} publish it.",
-        f"- {PARAMS}: Nav2's parameters, {own}; {PREVIEW}; export.json: what all this was made of.",
+        f"- {PARAMS}: Nav2's parameters, {own}; {value_maps.PREVIEW}; export.json: the input.",
         f"- `ros2 launch ./{LAUNCH}` (in this folder)",
         f"- `ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:={file}`",
     ]
@@ -204,6 +198,6 @@ def _write(
     about = {"kind": f"nav2-{kind}"} | about_costs(costs) | about
     with export_folder(Path(folder), title, about, readme) as temporary:
         write_yaml(temporary / PARAMS, merged)
-        write_values(temporary / MASK, values, without_yaw(costs.grid))
+        value_maps.write_values(temporary / MASK, values, value_maps.without_yaw(costs.grid))
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
-        write_preview(temporary, costs.grid, values, f"{kind} mask [0-100]", title)
+        value_maps.write_preview(temporary, costs.grid, values, f"{kind} mask [0-100]", title)

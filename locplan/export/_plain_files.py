@@ -92,8 +92,7 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
     .csv: a row for each evaluated lattice point, its position, scalars and covariance. .npz: for
     ``numpy.load``, "covariance" on the lattice, its positions "x" and "y" in the world, "e" on the
     lattice and "e_map" on the map's cells, "cells", "resolution", "origin" and "config" (JSON).
-    .png: e over the map. In .csv and .png several
-    headings are merged by their mean information.
+    .png: e over the map. .csv and .png merge several headings by their mean information.
 
     Parameters
     ----------

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
 
-MODULES = [f"locplan.export._formats.{name}" for name in ("_nav2", "_ros", "_plain")]
-"""Modules that have FORMATS, a tuple of `Format`, and import what is heavy when they write."""
+MODULES = [f"locplan.export._formats.{name}" for name in ("_nav2", "_files")]
+"""Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
 
 
 @dataclass(frozen=True)

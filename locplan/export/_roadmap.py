@@ -145,7 +145,7 @@ def _symmetric(pairs: NDArray[Any], values: NDArray[Any], count: int) -> csr_arr
 def _cover(
     costs: Costmap, space: tuple[Any, ...], inside: NDArray[np.bool_], reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Nodes (n, 2) and free lines between them (m, 2) that join what is connected."""
+    """Nodes (n, 2) and free lines between them (m, 2) that join all connected cells."""
     flat, columns = inside.reshape(-1), inside.shape[1]
     clearance = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     clearance = clearance.reshape(-1)

@@ -18,7 +18,7 @@ from locplan._util.checks import one_of
 from locplan.errors import ConfigError
 
 NO_VALUE = -1
-"""Value of a mask that leaves the cost as it is."""
+"""Value of a mask that does not change the cost."""
 RETROSPECTIVE_PENALTY = 0.015
 """SmacPlannerHybrid's default, which multiplies every step by 1 minus it."""
 _DECIMALS = 3
@@ -27,7 +27,7 @@ _DECIMALS = 3
 
 @dataclass(frozen=True)
 class NavPlanner:
-    """A planner of Nav2, and what it charges per metre beyond free space, as a share of that."""
+    """A planner of Nav2, and its charge per metre beyond that of free space, as a share of it."""
 
     name: str
     plugin: str
@@ -109,7 +109,7 @@ class Conversion:
     saturated_share: float
     """Share of the cells whose excess is above that, 0..1."""
     quantisation: float
-    """Largest difference of weight u and what the planner charges, in cells below that."""
+    """Largest difference of weight u and the planner's charge, in cells that do not saturate."""
     mean_quantisation: float
     """Mean of that difference over those cells."""
 
@@ -193,11 +193,6 @@ def values_for(
     values[np.isfinite(density)] = choices[nearest]
     above = excess > charged[-1] * (1 + 1e-9)
     error = np.abs(charged[nearest] - excess)[~above]
-    return values, Conversion(
-        planner=planner,
-        param=param,
-        greatest=float(charged[-1]),
-        saturated_share=float(above.mean()),
-        quantisation=float(error.max()) if error.size else 0.0,
-        mean_quantisation=float(error.mean()) if error.size else 0.0,
-    )
+    greatest, saturated_share = float(charged[-1]), float(above.mean())
+    largest, mean = (float(error.max()), float(error.mean())) if error.size else (0.0, 0.0)
+    return values, Conversion(planner, param, greatest, saturated_share, largest, mean)

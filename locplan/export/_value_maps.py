@@ -128,7 +128,7 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     readme = [
         "- raw.yaml, raw.pgm: u in per cent, grey 0-100 as it is and 255 unknown, for every stack.",
         "- scale.yaml (Nav2), scale_ros1.yaml (ROS 1): the same in mode scale, with their PNGs;"
-        f" {PREVIEW}; export.json: what they were made of.",
+        f" {PREVIEW}; export.json: the input.",
         "- `ros2 run nav2_map_server map_server --ros-args -p yaml_filename:=$PWD/raw.yaml`, then"
         " `ros2 run nav2_util lifecycle_bringup map_server`",
         "- ROS 1: `rosrun map_server map_server raw.yaml`",

@@ -1,4 +1,4 @@
-"""Paths and fields as files that anything reads."""
+"""Bags, maps for the map servers of ROS, and paths and fields as files that anything reads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,48 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from locplan._util.checks import number
+from locplan.export._formats._nav2 import MaskOptions
 from locplan.export._registry import ExportJob, ExportSummary, Format, NoOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagOptions(MaskOptions):
+    """The options of a bag."""
+
+    spacing: float = 2.0
+    """The ellipses are this far apart at least [m]; 2 by default."""
+    frame: str = "map"
+    """The frame of the coordinates is map by default."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number("spacing", self.spacing, 0.1)
+
+
+def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummary:
+    """Write the map, a mask, the field and the paths as messages."""
+    from locplan.export._bags import bag
+    from locplan.export._nav2 import keepout_mask
+
+    mask, conversion = keepout_mask(job.costs, planner=options.planner, param=options.planner_param)
+    bag(
+        target,
+        job.costs.grid,
+        mask=mask,
+        field=job.field,
+        paths=job.paths,
+        frame=options.frame,
+        spacing=options.spacing,
+    )
+    return ExportSummary({"paths": list(job.paths)} | conversion.summary(), conversion.rows())
+
+
+def write_map(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
+    """Write u in per cent as maps in the modes raw and scale."""
+    from locplan.export._value_maps import ros_map
+
+    ros_map(target, job.costs)
+    return ExportSummary()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +82,10 @@ def write_field(target: Path, job: ExportJob, options: NoOptions) -> ExportSumma
 
 
 FORMATS = (
+    Format("ros-map", "u in per cent for the map servers of ROS", write_map),
+    Format(
+        "bag", "a ROS 2 bag (MCAP)", write_bag, BagOptions, suffixes=(".mcap",), paths="several"
+    ),
     Format(
         "path",
         "a path (.csv, .json or .yaml)",
