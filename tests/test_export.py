@@ -569,14 +569,14 @@ ROUTE = Path(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]]))
 
 def test_paths_are_read_back(tmp_path):
     export.path(tmp_path / "p.csv", ROUTE)
-    again = export.read_path(tmp_path / "p.csv")
+    again = Path.load(tmp_path / "p.csv")
     np.testing.assert_allclose(again.xy, ROUTE.xy)
     np.testing.assert_allclose(again.heading, ROUTE.facing, atol=1e-6)
     assert ROUTE.facing.tolist() == pytest.approx([math.atan2(4, 3), math.pi / 2, math.pi / 2])
     (tmp_path / "excel.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "p.csv").read_bytes())
-    np.testing.assert_array_equal(export.read_path(tmp_path / "excel.csv").xy, again.xy)
+    np.testing.assert_array_equal(Path.load(tmp_path / "excel.csv").xy, again.xy)
     export.path(tmp_path / "fine.CSV", ROUTE, step=0.5)
-    fine = export.read_path(tmp_path / "fine.CSV").xy
+    fine = Path.load(tmp_path / "fine.CSV").xy
     assert len(fine) == 13
     assert np.hypot(*np.diff(fine, axis=0).T).max() <= 0.5 + 1e-6
     export.path(tmp_path / "p.json", ROUTE, frame="odom")
@@ -608,9 +608,9 @@ def test_a_path_is_a_message_that_ros_takes(tmp_path):
 def test_files_that_hold_no_path_are_refused(tmp_path, text):
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(LocplanError):
-        export.read_path(tmp_path / "p.csv")
+        Path.load(tmp_path / "p.csv")
     with pytest.raises(LocplanError, match="cannot be read"):
-        export.read_path(tmp_path / "none.csv")
+        Path.load(tmp_path / "none.csv")
     with pytest.raises(LocplanError, match=r"\.csv, \.json, \.yaml"):
         export.path(tmp_path / "p.txt", ROUTE)
 

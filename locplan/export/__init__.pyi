@@ -13,7 +13,6 @@ from ._parameters import check_distro as check_distro
 from ._plain_files import (
     field as field,
     path as path,
-    read_path as read_path,
 )
 from ._registry import (
     ExportJob as ExportJob,

@@ -63,17 +63,6 @@ def path(
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def read_path(source: str | os.PathLike[str]) -> Path:
-    """Read a path from a CSV file whose header names x_m, y_m and perhaps heading_rad.
-
-    Raises
-    ------
-    LocplanError
-        If it cannot be read, or is no such file.
-    """
-    return Path.load(source)
-
-
 def _nav_path(poses: np.ndarray, frame: str) -> str:
     """A nav_msgs/Path in YAML, whose lines hold JSON: a pose a line."""
     stamp = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
