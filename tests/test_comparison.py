@@ -196,6 +196,13 @@ def test_random_queries_have_headings_for_those_who_need_them():
     assert all(len(query.start) == 3 for query in next(iter(found.sources.values())).queries)
 
 
+def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
+    settings = {"configs": QUICK, "workers": 1, "memory": 2e9, "weights": [0.0]}
+    locplan.compare(rooms(), ["grid"], 1, **settings).save(tmp_path)
+    (log,) = (tmp_path / "ompl_logs").glob("*.log")
+    assert "2000.0 MB per run" in log.read_text()
+
+
 def test_all_files_are_written(compared, tmp_path):
     written = compared.save(tmp_path / "out", command="locplan compare")
     assert all(path.exists() for path in written)

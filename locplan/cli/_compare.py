@@ -84,7 +84,8 @@ def compare(
         tuple[float, ...],
         Parameter(
             group=groups.COSTS,
-            help="The weight is the detour accepted per degenerate metre [m]; 4; repeatable.",
+            help="The weight is the detour accepted per degenerate metre [m], by default the"
+            " estimator's own; repeatable.",
         ),
     ] = (),
     criterion: Criterion = None,

@@ -118,7 +118,7 @@ class Comparison:
             target / "ompl_logs",
             baseline=self.baseline,
             time_limit=seconds,
-            memory_limit=size,
+            memory_limit=size / 1e6,  # in MB
             started=datetime.fromisoformat(self.about["began"]),
         )
         return [target / "report.html", *written, target / "comparison.json", target / "ompl_logs"]

@@ -33,8 +33,8 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
     """Cached fields with sizes and ages, and how full the folder is."""
     rows = [
         [
-            entry.about.get("map_name", "(damaged)"),
-            _unusual(entry.about.get("config", {})),
+            entry.about.get("map_name", "(not of this version)"),
+            _unusual(entry.about["config"]) if "config" in entry.about else "–",
             in_bytes(entry.size),
             f"{entry.share:.0%}",
             age(entry.computed),
