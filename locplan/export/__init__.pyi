@@ -1,19 +1,13 @@
 from ._bags import bag as bag
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
-from ._folders import check_export_folder as check_export_folder
 from ._geojson import route_graph as route_graph, to_geojson as to_geojson
 from ._nav2 import (
-    check_slowest as check_slowest,
     keepout_mask as keepout_mask,
     nav2_keepout as nav2_keepout,
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
 )
-from ._parameters import check_distro as check_distro
-from ._plain_files import (
-    field as field,
-    path as path,
-)
+from ._plain_files import field as field, path as path
 from ._registry import (
     ExportJob as ExportJob,
     ExportSummary as ExportSummary,
@@ -21,5 +15,5 @@ from ._registry import (
     formats as formats,
 )
 from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
-from ._travel_costs import Conversion as Conversion, check_planner as check_planner
+from ._travel_costs import Conversion as Conversion
 from ._value_maps import percent as percent, ros_map as ros_map
