@@ -2,8 +2,8 @@
 
 >>> import locplan
 >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
->>> field = locplan.covariance_field(grid, locplan.FieldConfig())
->>> costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=0.25)
+>>> field = locplan.covariance_field(grid, locplan.Sad())
+>>> costs = locplan.Costmap.from_field(grid, field, robot_radius=0.25)
 >>> plan = locplan.plan(costs, start=(2.0, 3.0), goal=(38.0, 3.0))
 >>> plan.status
 'solved'
@@ -11,5 +11,5 @@
 
 import lazy_loader
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -375,3 +375,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     assert (code, out, err.count("\n")) == (2, "", 1)
     code, _, err = run(*common, "--queries", "none.csv", "--resume")
     assert "exclude one another" in err
+    one = tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--queries", "none.csv"
+    for option in ("--seed", "--least-distance"):
+        code, _, err = run(*one, option, 3)
+        assert (code, f"{option} is not read with --queries" in err) == (2, True)

@@ -408,6 +408,12 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert "--config has all settings of the field; besides it only --range" in err
 
 
+def test_simulations_that_are_not_made_are_refused(run, map_file):
+    for error, unread in (("tracking", "scans"), ("match", "drives")):
+        err = refused(run("calibrate", map_file, "--error", error, f"--{unread}", 3))
+        assert f"--{unread} is not read with --error {error}" in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
@@ -426,6 +432,9 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
         ((*ENDS, "--weight", "-1"), "weight"),
         (("--start", "0,0.1", "--goal", "6,9"), "start"),
         (("--path", "none.csv"), "none.csv: cannot be read"),
+        (("--path", "a.csv", "--weight", "3"), "--weight is not read with --path"),
+        (("--path", "a.csv", "--stride", "1"), "--stride is not read with --path"),
+        ((*ENDS, "--least-distance", "3"), "--least-distance is not read without --random"),
     ],
 )
 def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reason):

@@ -1,6 +1,7 @@
 """The order of the packages, and what each of them may know."""
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -114,6 +115,17 @@ def test_within_a_package_modules_import_each_other_by_their_own_names():
                     what = line.strip().removeprefix(own).split(" as ")[0]
                     known = all(f"{package_of(name)}.{one}" in MODULES for one in what.split(", "))
                     assert known, f"{name}: {line.strip()}"
+
+
+def test_modules_that_are_named_in_texts_are_lower_but_for_pictures_and_registries():
+    for name, path in MODULES.items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            text = node.value if isinstance(node, ast.Constant) else None
+            if isinstance(text, str) and re.fullmatch(r"locplan\.[\w.]+(:\w+)?", text):
+                other = package_of(text.removeprefix("locplan."))
+                picture = other == "plotting" and f'_drawn_by: ClassVar[str] = "{text}"'
+                lower = LEVEL.get(other, -1) <= LEVEL.get(package_of(name), -1)
+                assert lower or (picture and picture in path.read_text()), f"{name}: {text}"
 
 
 @pytest.mark.parametrize("library", sorted(HOMES))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import drawn
 from PIL import Image
 
 from locplan.errors import MapError
@@ -75,6 +76,15 @@ def refusal(file: Path) -> str:
 
 
 # --- what a pixel means -----------------------------------------------------------------------
+
+
+def test_a_folder_with_one_map_is_that_map(tmp_path):
+    grid = drawn("..#")
+    save_map(grid, tmp_path / "hall.yaml")
+    assert load_map(tmp_path) == grid
+    save_map(grid, tmp_path / "lab.yaml")
+    with pytest.raises(MapError, match="holds 2 maps; name one, such as "):
+        load_map(tmp_path)
 
 
 def test_top_row_of_the_image_has_the_highest_y(tmp_path):

@@ -13,7 +13,7 @@ import locplan
 from locplan import Costmap, CovarianceField, Path
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.maps import environments
-from locplan.planners import Plan
+from locplan.planners import Found, Plan
 from locplan.simulation import Amcl, Simulator, simulate
 
 ENDS = (2.0, 3.0), (38.0, 3.0)
@@ -62,6 +62,14 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
         assert len(repr(each)) < 160, repr(each)
         assert "array" not in repr(each)
     assert " m² rad" in repr(field)
+
+
+def test_settings_name_what_is_not_by_default():
+    assert repr(locplan.Sad()) == "Sad()"
+    lidar = locplan.Lidar(range=8.0)
+    assert repr(locplan.Scan(lidar, max_beams=90)) == "Scan(lidar=Lidar(range=8.0), max_beams=90)"
+    assert repr(locplan.FieldConfig(stride=0.4)) == "FieldConfig(stride=0.4, headings=1)"
+    assert repr(Amcl(alpha1=0.1)) == "Amcl(alpha1=0.1)"
 
 
 def test_a_plan_without_a_path_says_why(grid):
@@ -160,6 +168,17 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         (lambda g, f, c: locplan.simulation.simulate("m", {"a": [(0, 0)]}), "grid must be"),
         (lambda g, f, c: locplan.simulation.evaluate(["m.yaml"]), "grid must be"),
         (lambda g, f, c: locplan.plan(c, ENDS), "goal"),
+        (lambda g, f, c: Path.load(3), "a path file must be a path, not 3"),
+        (lambda g, f, c: CovarianceField.load(3), "a field must be a path"),
+        (lambda g, f, c: locplan.load_config(3), "a file of settings must be a path"),
+        (lambda g, f, c: locplan.save_config("a.json", g), "config must be a FieldConfig"),
+        (lambda g, f, c: f.update("m.yaml"), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: f.scalar("foo"), "scalar must be one of e, "),
+        (lambda g, f, c: locplan.pareto_front(c, *ENDS).plan(999), "paths, from 0 on; there is no"),
+        (lambda g, f, c: simulate(g, Path([(2, 3), (4, 3)])), "paths must be a mapping of names"),
+        (lambda g, f, c: Simulator(g, lidar="utm-30lx"), "lidar must be a Lidar, not 'utm-30lx'"),
+        (lambda g, f, c: Simulator(g, amcl=3), "amcl must be an Amcl"),
+        (lambda g, f, c: Found(Path([(0, 0)]), "timeout"), "a path is found: its status is solved"),
     ],
 )
 def test_arguments_of_another_kind_are_named(grid, field, costs, call, message):

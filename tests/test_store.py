@@ -143,6 +143,7 @@ def test_another_config_is_another_field(grid, other):
         (QUICK, dataclasses.replace(QUICK, stride=0.21)),
         (FieldConfig(Scan(LIDAR)), FieldConfig(Scan(dataclasses.replace(LIDAR, range_sigma=0.01)))),
         (FieldConfig(Scan(LIDAR)), FieldConfig(Scan(LIDAR), headings=1)),
+        (QUICK, changed(QUICK, weights=Exponential(0.57))),
     ],
 )
 def test_what_decides_no_value_makes_no_other_field(grid, config, other):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Collection
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard, cast
 
 from locplan.errors import ConfigError, LocplanError, PoseError
 
@@ -76,6 +77,20 @@ def shown(value: object) -> str:
     plain = isinstance(value, (str, int, float, bool, type(None), list, tuple, dict))
     text = repr(value) if plain else f"a value of type {type(value).__name__}"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+class Settings:
+    """Settings in a dataclass whose repr names only what is not by default."""
+
+    def __repr__(self) -> str:
+        shown_fields = []
+        for each in dataclasses.fields(cast("Any", self)):
+            value = getattr(self, each.name)
+            made = each.default_factory
+            default = each.default if made is dataclasses.MISSING else made()
+            if value != default:
+                shown_fields.append(f"{each.name}={value!r}")
+        return f"{type(self).__name__}({', '.join(shown_fields)})"
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -8,9 +8,10 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from locplan.cli._groups import Json, MapFiles, command, results
+from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, SimulationOptions
-from locplan.cli._values import show
+from locplan.cli._values import refuse, show
 
 app = command("calibrate", "calibrate lab.yaml -o lab.json", "field lab.yaml --config lab.json")
 
@@ -49,15 +50,15 @@ def calibrate(
     from locplan.simulation._places import places_of
 
     check_target(output, ".json")
+    unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
+    refuse(f"with --error {error}", **unread)
     config = options.to_config()
     simulated = simulation.simulated(config)
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],
             **simulated,
-            places=at.places,
-            drives=at.drives if error == "tracking" else 0,
-            scans=at.scans if error == "match" else 0,
+            **given_of(at) | ({"scans": 0} if error == "tracking" else {"drives": 0}),
             robot_radius=radius_of(robot_radius),
             threads=threads,
             progress=progress,

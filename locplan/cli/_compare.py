@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from locplan.cli import _groups as groups
 from locplan.cli._groups import Count, Json, Seed, option_group, results
 from locplan.cli._options import Computing, Criterion, FieldOptions, RobotRadius, radius_of
-from locplan.cli._values import show
+from locplan.cli._values import refuse, show
 from locplan.errors import ConfigError
 
 app = groups.command(
@@ -45,9 +45,9 @@ class Queries:
 
     random: Count | None = None
     """The number of random queries on each map is 10 by default."""
-    least_distance: float = 5.0
+    least_distance: float | None = None
     """Random queries are this far from start to goal at least [m]; 5 by default."""
-    seed: Seed = 1
+    seed: Seed | None = None
     """The seed of random queries is 1 by default."""
     queries: Path | None = None
     """The file of queries: CSV of name,start_x,start_y,goal_x,goal_y [m], or MovingAI .scen."""
@@ -101,18 +101,20 @@ def compare(
 
     if asked.random is not None and asked.queries is not None:
         raise ConfigError("--random and --queries exclude one another")
+    if asked.queries is not None:
+        refuse("with --queries", least_distance=asked.least_distance, seed=asked.seed)
     if asked.ranges and options.range is not None:
         raise ConfigError("--range and --ranges exclude one another")
     made = options.to_configs(asked.ranges)
     configs = {f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made}
-    comparison.specs_of(compared.planner or ["grid"])
+    comparison.specs_of(compared.planner or comparison.PLANNERS)
     comparison.check_result_folder(output)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
 
     with progress_bar("runs", "runs") as progress:
         result = comparison.compare(
             maps,
-            compared.planner or ["grid", "any-angle"],
+            compared.planner or comparison.PLANNERS,
             asked.queries or asked.random or 10,
             weights=weight or None,
             seeds=range(1, compared.seeds + 1),
@@ -120,8 +122,8 @@ def compare(
             robot_radius=radius_of(robot_radius),
             criterion=criterion,
             time_limit=compared.time_limit,
-            least_distance=asked.least_distance,
-            query_seed=asked.seed,
+            least_distance=5.0 if asked.least_distance is None else asked.least_distance,
+            query_seed=1 if asked.seed is None else asked.seed,
             baseline=compared.baseline,
             workers=running.workers,
             memory=None if running.memory is None else running.memory * 1e9,

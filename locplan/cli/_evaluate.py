@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from locplan.cli._groups import FIELD, Json, MapFiles, command
+from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
 from locplan.cli._values import show
@@ -43,9 +44,7 @@ def evaluate(
         result = evaluation.evaluate(
             [load_map(file) for file in find_maps(*maps)],
             **simulated,
-            places=at.places,
-            drives=at.drives,
-            scans=at.scans,
+            **given_of(at),
             disc=config.estimator.reach,
             robot_radius=radius_of(robot_radius),
             threads=threads,

@@ -88,7 +88,7 @@ def export(
     field = computing.field(grid, config)
     costmap = costs.costmap(grid, field)
     if ends:
-        found = plan(costmap, *ends, planner="any-angle")
+        found = plan(costmap, *ends)
         if found.path is None:
             reason = found.note or found.status
             raise ConfigError(f"no path leads from --start to --goal: {reason}")

@@ -11,7 +11,7 @@ app = command("maps", "maps maps --name two_corridors --resolution 0.1")
 
 
 @option_group(GENERAL)
-class Wanted:
+class MapOptions:
     """The maps that are written."""
 
     name: tuple[str, ...] = ()
@@ -25,7 +25,7 @@ class Wanted:
 
 
 @app.default
-def maps(folder: Path = Path("maps"), *, wanted: Wanted = Wanted()) -> None:
+def maps(folder: Path = Path("maps"), *, options: MapOptions = MapOptions()) -> None:
     """Write the generated maps as PGM and YAML.
 
     Parameters
@@ -37,10 +37,10 @@ def maps(folder: Path = Path("maps"), *, wanted: Wanted = Wanted()) -> None:
     from locplan.maps import environments, save_map
 
     make_folder(folder)
-    noise, seed = wanted.boundary_noise, wanted.seed
-    for each in wanted.name or environments.names():
+    noise, seed = options.boundary_noise, options.seed
+    for each in options.name or environments.names():
         grid = environments.make(
-            each, resolution=wanted.resolution, boundary_noise=noise, seed=seed
+            each, resolution=options.resolution, boundary_noise=noise, seed=seed
         )
         stem = f"{each}_noise{noise:g}_seed{seed}" if noise else each
         save_map(grid, folder / f"{stem}.yaml")

@@ -81,6 +81,7 @@ class FieldOptions:
         """The settings of a field that were asked for; `reach` replaces the range."""
         from locplan.field import FieldConfig, Lidar, load_config
         from locplan.field._registry import estimator_class
+        from locplan.field.estimators._sad import PAPER_RANGE
 
         given = given_of(self)
         own = given.pop("range", None)
@@ -104,7 +105,7 @@ class FieldOptions:
         others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
         if _takes(kind, "lidar"):
             named, view = given.pop("lidar", None), given.pop("field_of_view", None)
-            lidar = Lidar.preset(named) if named else Lidar(range=6.0)
+            lidar = Lidar.preset(named) if named else Lidar(range=PAPER_RANGE)
             turned = lidar if view is None else dataclasses.replace(lidar, field_of_view_deg=view)
             estimator = kind(turned, **given)
         else:
@@ -134,9 +135,14 @@ def _reaching(estimator: Any, reach: float | None) -> Any:
     """An estimator with another range [m], unless that is None."""
     if reach is None:
         return estimator
+    from locplan.field._registry import estimator_class
+
     if _takes(type(estimator), "lidar"):
         lidar = dataclasses.replace(estimator.lidar, range=reach)
         return dataclasses.replace(estimator, lidar=lidar)
+    kinds = [estimator_class(name) for name in ESTIMATORS]
+    having = [kind.name for kind in kinds if _takes(kind, "range") or _takes(kind, "lidar")]
+    check_has("--range", "--estimator", estimator.name, having)
     return dataclasses.replace(estimator, range=reach)
 
 
@@ -186,7 +192,8 @@ class CostOptions:
     """The costs of a path."""
 
     weight: float | None = None
-    """The weight is the detour accepted per degenerate metre [m]; 4 by default."""
+    """The weight is the detour accepted per degenerate metre [m]; by default the estimator's own,
+    4 for sad."""
     criterion: Criterion = None
     robot_radius: RobotRadius = None
 

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from locplan.cli._groups import GENERAL, MapFile, Text, command, option_group, results
+from locplan.cli._kinds import check_has, given_of
 from locplan.cli._options import Computing, FieldOptions
 from locplan.cli._values import load, say_written, two_numbers
 from locplan.errors import ConfigError
@@ -27,20 +28,31 @@ class FigureOptions:
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
     """The figure shows a field (default), the paper's e or ellipses, or a place (--at)."""
-    scalar: str = "e"
-    """The figure field shows e, position_std, position_rms, heading_std; ambiguity or entropy."""
+    scalar: str | None = None
+    """The figure field shows e (default), position_std, position_rms, heading_std; ambiguity or
+    entropy."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
     """The figures e and ellipses show these ranges of the lidar side by side [m]."""
     limits: Annotated[Text | None, Parameter(metavar="LOW,HIGH")] = None
     """The colours of the figure e end here [m² rad]."""
-    spacing: Annotated[float, Parameter(validator=Number(gte=0.1))] = 2.0
+    spacing: Annotated[float | None, Parameter(validator=Number(gte=0.1))] = None
     """The ellipses are this far apart at least [m]; 2 by default."""
-    magnify: Annotated[float, Parameter(validator=Number(gte=0.01))] = 1.0
+    magnify: Annotated[float | None, Parameter(validator=Number(gte=0.01))] = None
     """The ellipses are drawn so many times as large."""
     at: Annotated[Text | None, Parameter(metavar="X,Y")] = None
     """The figures distribution and models (all seven) show the mismatch at this place [m]."""
-    axis: Literal["x", "y", "theta"] = "x"
-    """The models are drawn along this axis."""
+    axis: Literal["x", "y", "theta"] | None = None
+    """The models are drawn along this axis, x by default."""
+
+
+READ = {
+    "field": ("scalar",),
+    "e": ("ranges", "limits"),
+    "ellipses": ("ranges", "spacing", "magnify"),
+    "distribution": ("at",),
+    "models": ("at", "axis"),
+}
+"""The options that each figure reads."""
 
 
 @app.default
@@ -49,7 +61,7 @@ def plot(
     /,
     *,
     output: Annotated[Path, results("The picture is written here (.png, .pdf, .svg).")],
-    wanted: FigureOptions = FigureOptions(),
+    shown: FigureOptions = FigureOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
 ) -> None:
@@ -60,9 +72,12 @@ def plot(
     from locplan.paper.template_matching import along_axis, mismatch
     from locplan.plotting._captions import how
 
-    configs = options.to_configs(wanted.ranges)
+    given = given_of(shown)
+    figure, scalar = given.pop("figure"), given.get("scalar", "e")
+    for name in given:
+        check_has(f"--{name}", "--figure", figure, [each for each in READ if name in READ[each]])
+    configs = options.to_configs(shown.ranges)
     estimator: Any = configs[0].estimator
-    figure, scalar = wanted.figure, wanted.scalar
     at_a_place = figure in ("distribution", "models")
     known = [*SCALARS, *(layer.name for layer in estimator.layers)]
     if scalar not in known:
@@ -70,22 +85,20 @@ def plot(
         raise ConfigError(f"--scalar must be one of {', '.join(known)}, not {scalar!r}{more}")
     if at_a_place and estimator.name != "sad":
         raise ConfigError(f"--figure {figure} is of --estimator sad")
-    if wanted.ranges and figure not in ("e", "ellipses"):
-        raise ConfigError("--ranges is for --figure e and ellipses")
     check_target(output, *PICTURES)
-    place = two_numbers("at", wanted.at) if wanted.at else None
-    colours = two_numbers("limits", wanted.limits) if wanted.limits else None
+    place = two_numbers("at", shown.at) if shown.at else None
+    colours = two_numbers("limits", shown.limits) if shown.limits else None
     if colours and colours[0] >= colours[1]:
-        raise ConfigError(f"--limits must rise, not {wanted.limits!r}")
+        raise ConfigError(f"--limits must rise, not {shown.limits!r}")
     if at_a_place and place is None:
         raise ConfigError(f"--figure {figure} needs --at X,Y")
-    grid = load(map_file)
+    grid, axis = load(map_file), shown.axis or "x"
     if at_a_place and place:
         x, y = place
         title = f"{grid.name} at {x:g}, {y:g} m, range {estimator.range:g} m"
         if figure == "models":
-            lines = along_axis(grid, *place, wanted.axis, estimator)
-            drawn = paper.models_figure(*lines, wanted.axis, title)
+            lines = along_axis(grid, *place, axis, estimator)
+            drawn = paper.models_figure(*lines, axis, title)
         else:
             window = estimator.window.on(grid.resolution)
             drawn = paper.distribution_figure({title: mismatch(grid, *place, estimator)}, window)
@@ -97,7 +110,9 @@ def plot(
         if figure == "e":
             drawn = plotting.e_figure(fields, colours)
         elif figure == "ellipses":
-            drawn = plotting.ellipses_figure(fields, spacing=wanted.spacing, magnify=wanted.magnify)
+            drawn = plotting.ellipses_figure(
+                fields, **{k: v for k, v in given.items() if k != "ranges"}
+            )
         else:
             drawn = plotting.field_figure(next(iter(fields.values())), scalar)
     plotting.save_figure(drawn, output)

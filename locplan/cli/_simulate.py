@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from locplan.cli._groups import GENERAL, Json, MapFiles, Pair, Text, command, option_group
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._simulation_options import Folder, SimulationOptions
-from locplan.cli._values import read_paths, show, two_numbers
+from locplan.cli._values import read_paths, refuse, show, two_numbers
 from locplan.errors import ConfigError
 
 app = command(
@@ -19,6 +19,9 @@ app = command(
     "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
     "simulate lab.yaml --random 20 -o queries",
 )
+
+LEAST_DISTANCE = 10.0
+"""Least distance from start to goal of random queries [m]."""
 
 
 @option_group(GENERAL)
@@ -33,7 +36,7 @@ class Driven:
     """The shortest and the aware path lead here [m]."""
     random: Pair | None = None
     """Both paths of so many random queries on each map are driven; 5 or more give intervals."""
-    least_distance: float = 10.0
+    least_distance: float | None = None
     """Random queries are this far from start to goal at least [m]; 10 by default."""
     drives: Pair = 100
     """The number of drives along each path is 100 by default."""
@@ -64,6 +67,13 @@ def simulate(
     asked = bool(driven.path), bool(start or goal), driven.random is not None
     if asked.count(True) != 1 or bool(start) != bool(goal):
         raise ConfigError("give one of --path, --start with --goal, and --random")
+    if driven.random is None:
+        refuse("without --random", least_distance=driven.least_distance)
+    if driven.path:
+        own = {
+            name: getattr(options, name) for name in ("preset", "template", "headings", "stride")
+        }
+        refuse("with --path: no path is planned", **vars(costs), **own)
     config = options.to_config()
     costs.check(config)
     simulated = simulation.simulated(config)
@@ -79,7 +89,7 @@ def simulate(
 
     def drive_at_random(costmap: Costmap, count: int) -> routes.Routes:
         queries = planners.random_queries(
-            costmap, count, simulation.seed, least_distance=driven.least_distance
+            costmap, count, simulation.seed, least_distance=driven.least_distance or LEAST_DISTANCE
         )
         with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
             return routes.simulate_queries(

@@ -70,7 +70,7 @@ class AtPlaces:
 
     places: Pair = 100
     """The number of places on each map is 100 by default."""
-    drives: Count = 16
+    drives: Count | None = None
     """The number of drives of 10 m to each place is 16 by default."""
-    scans: Count = 16
+    scans: Count | None = None
     """The number of single scans matched at each place is 16 by default."""

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from locplan.errors import LocplanError
+from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
     from locplan.costs import Footprint, Path as Route
@@ -18,12 +18,9 @@ if TYPE_CHECKING:
 
 def load(map_file: Path) -> OccupancyGrid:
     """The map in a file, or the only one in a folder."""
-    from locplan.maps import find_maps, load_map
+    from locplan.maps import load_map
 
-    found = find_maps(map_file)
-    if len(found) > 1:
-        raise LocplanError(f"{map_file}: holds {len(found)} maps; name one, such as {found[0]}")
-    return load_map(found[0])
+    return load_map(map_file)
 
 
 def read_paths(files: Sequence[Path]) -> dict[str, Route]:
@@ -96,6 +93,13 @@ def outline_of(text: str | None) -> Footprint | None:
         raise LocplanError(
             f"--footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not {text!r}"
         ) from None
+
+
+def refuse(why: str, **options: object) -> None:
+    """Raise a ConfigError if an option was given that is not read; `why` says when that is so."""
+    for name, value in options.items():
+        if value is not None:
+            raise ConfigError(f"--{name.replace('_', '-')} is not read {why}; leave it out")
 
 
 def show(as_json: bool, about: object, table: str, *written: Path | None) -> None:

@@ -1,4 +1,4 @@
-from ._comparing import compare as compare
+from ._comparing import PLANNERS as PLANNERS, compare as compare
 from ._pairs import Contrast as Contrast
 from ._result import Comparison as Comparison, check_result_folder as check_result_folder
 from ._runs import MEASURES as MEASURES, STATUSES as STATUSES, Run as Run, Task as Task

@@ -19,26 +19,28 @@ from locplan.comparison._result import Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._workers import PATIENCE, usable_cores
 from locplan.comparison.report._data import Case
-from locplan.costs import Costmap
+from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.planners import AnyPlanner, Planner, Query
+from locplan.planners import DEFAULT, AnyPlanner, Planner, Query
 
-BASELINE = "any-angle"
+BASELINE = DEFAULT
 """The planner that the others are compared with by default, if it is there."""
+PLANNERS = ("grid", DEFAULT)
+"""The planners that are compared by default."""
 PACKAGES = ("numpy", "numba", "scipy", "ompl")
 
 
 def compare(
     maps: Any,
-    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] = ("grid", "any-angle"),
+    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] = PLANNERS,
     queries: Any = 10,
     *,
     weights: Sequence[float] | None = None,
     seeds: Sequence[int] = (1,),
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None = None,
-    robot_radius: float = 0.25,
+    robot_radius: float = ROBOT_RADIUS,
     criterion: str | None = None,
     time_limit: float | None = None,
     least_distance: float = 5.0,

@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 from locplan._util.intervals import Interval
 from locplan.comparison._runs import MEASURES, Run
 from locplan.comparison._statistics import Array, Setting, query_medians
+from locplan.costs import DEGENERATE
 from locplan.errors import LocplanError
 
 RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
@@ -42,9 +43,12 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     "cost": ("cheaper", "costlier"),
     "integrated_u": ("fewer degenerate metres", "more degenerate metres"),
     "integrated_e": ("less ∫e ds", "more ∫e ds"),
-    "max_e": ("lower in greatest e", "higher in greatest e"),
-    "degenerate_share": ("less with u > 0.5", "more with u > 0.5"),
-    "longest_degenerate": ("shorter at a stretch with u > 0.5", "longer at a stretch with u > 0.5"),
+    "max_e": ("lower in max e", "higher in max e"),
+    "degenerate_share": (f"less with u > {DEGENERATE:g}", f"more with u > {DEGENERATE:g}"),
+    "longest_degenerate": (
+        f"shorter at a stretch with u > {DEGENERATE:g}",
+        f"longer at a stretch with u > {DEGENERATE:g}",
+    ),
     "clearance": ("less clearance", "more clearance"),
     "turning": ("less turning", "more turning"),
     "seconds": ("less planning time", "more planning time"),

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from locplan.costs import DEGENERATE
+
 STATUSES = (
     "solved",
     "unreachable",
@@ -23,9 +25,9 @@ MEASURES: Mapping[str, tuple[str, str]] = {
     "cost": ("cost J", "m"),
     "integrated_u": ("degenerate, ∫u ds", "m"),
     "integrated_e": ("∫e ds", "m² rad m"),
-    "max_e": ("greatest e", "m² rad"),
-    "degenerate_share": ("share with u > 0.5", ""),
-    "longest_degenerate": ("longest with u > 0.5", "m"),
+    "max_e": ("max e", "m² rad"),
+    "degenerate_share": (f"share with u > {DEGENERATE:g}", ""),
+    "longest_degenerate": (f"longest with u > {DEGENERATE:g}", "m"),
     "clearance": ("least clearance", "m"),
     "turning": ("turning", "rad"),
     "seconds": ("planning time", "s"),

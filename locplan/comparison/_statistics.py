@@ -30,7 +30,7 @@ class Setting(NamedTuple):
     weight: float
 
 
-class Spread(NamedTuple):
+class Quartiles(NamedTuple):
     """Median and quartiles of `known` finite values; NaN if there are none."""
 
     median: float
@@ -49,7 +49,7 @@ class Summary:
     solved: int
     success: Interval
     """The mean over the queries of the share of seeds that solved them."""
-    measures: Mapping[str, Spread]
+    measures: Mapping[str, Quartiles]
     """Median and quartiles over the solved runs, by the names of `MEASURES`."""
 
 
@@ -111,16 +111,16 @@ def _summary(setting: Setting, planner: str, runs: Sequence[Run]) -> Summary:
         by_query.setdefault((run.task.map, run.task.query), []).append(run.status == "solved")
     success = wilson(float(np.mean([np.mean(each) for each in by_query.values()])), len(by_query))
     columns = _finite([_values(run) for run in solved]).T
-    spreads = {name: _spread(column) for name, column in zip(MEASURES, columns, strict=True)}
-    return Summary(setting, planner, len(runs), len(solved), success, spreads)
+    measures = {name: _quartiles(column) for name, column in zip(MEASURES, columns, strict=True)}
+    return Summary(setting, planner, len(runs), len(solved), success, measures)
 
 
-def _spread(values: Array) -> Spread:
+def _quartiles(values: Array) -> Quartiles:
     known = values[~np.isnan(values)]
     if not known.size:
-        return Spread(np.nan, np.nan, np.nan, 0)
+        return Quartiles(np.nan, np.nan, np.nan, 0)
     lower, median, upper = np.quantile(known, (0.25, 0.5, 0.75)).tolist()
-    return Spread(median, lower, upper, known.size)
+    return Quartiles(median, lower, upper, known.size)
 
 
 def _medians(runs: Sequence[Run]) -> Medians:

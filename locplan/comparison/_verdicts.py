@@ -35,7 +35,7 @@ def rows_of(runs: Sequence[Run], baseline: str, cases: Iterable[Case]) -> list[R
             weight=summary.setting.weight,
             planner=summary.planner,
             solved_share=summary.success.value,
-            measures={name: spread[:3] for name, spread in shared.get(key, {}).items()},
+            measures={name: quartiles[:3] for name, quartiles in shared.get(key, {}).items()},
             ratio=ratio.value,
             ratio_low=ratio.low,
             ratio_high=ratio.high,
@@ -101,7 +101,9 @@ def summary_json(summary: Summary) -> dict[str, Any]:
         **summary.setting._asdict(),
         **{name: getattr(summary, name) for name in ("planner", "runs", "solved")},
         "success": finite(summary.success._asdict()),
-        "measures": {name: finite(spread._asdict()) for name, spread in summary.measures.items()},
+        "measures": {
+            name: finite(quartiles._asdict()) for name, quartiles in summary.measures.items()
+        },
     }
 
 

@@ -2,5 +2,10 @@ from ._about import about_costs as about_costs
 from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap, check_costs as check_costs
 from ._degeneracy import CostSettings as CostSettings
 from ._footprint import Footprint as Footprint
-from ._metrics import PathMetrics as PathMetrics, path_metrics as path_metrics, profile as profile
+from ._metrics import (
+    DEGENERATE as DEGENERATE,
+    PathMetrics as PathMetrics,
+    path_metrics as path_metrics,
+    profile as profile,
+)
 from ._path import Path as Path

@@ -157,7 +157,7 @@ class Costmap(Pictured):
         The other parameters are those of `from_field`.
         """
         check_grid(grid)
-        fields = list(fields)
+        fields = [fields] if isinstance(fields, CovarianceField) else list(fields)
         for field in fields:
             instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
             if field.grid.digest != grid.digest:

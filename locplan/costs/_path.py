@@ -7,11 +7,11 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path as FilePath
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from locplan._util.checks import file_path
 from locplan._util.files import check_target
 from locplan._util.tables import write_csv
 from locplan.errors import LocplanError
@@ -78,15 +78,18 @@ class Path:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write x_m, y_m, and heading_rad if there are headings, as CSV with a row per position.
 
+        Positions are rounded to the micrometre.
+
         Raises
         ------
         LocplanError
             If the file cannot be written, or its name does not end in .csv.
         """
-        check_target(FilePath(path), ".csv")
+        file = file_path("a path file", path)
+        check_target(file, ".csv")
         columns = [*self.xy.T] if self.heading is None else [*self.xy.T, self.heading]
         header = ",".join(("x_m", "y_m", "heading_rad")[: len(columns)])
-        write_csv(FilePath(path), np.column_stack(columns), header)
+        write_csv(file, np.column_stack(columns), header)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Path:
@@ -97,7 +100,7 @@ class Path:
         LocplanError
             If the file cannot be read, or does not hold a path.
         """
-        file = FilePath(path)
+        file = file_path("a path file", path)
         try:
             lines = file.read_text(encoding="utf-8-sig").splitlines()
             columns = [name.strip() for name in lines[0].split(",")]

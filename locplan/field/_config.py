@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, keep, positive, shown, whole
+from locplan._util.checks import Settings, instance, keep, positive, shown, whole
 from locplan.errors import ConfigError
 from locplan.field._estimator import Estimator
 from locplan.field._registry import estimator_class
@@ -18,8 +18,8 @@ from locplan.field.estimators._sad import Sad
 MAX_HEADINGS = 360
 
 
-@dataclass(frozen=True)
-class FieldConfig:
+@dataclass(frozen=True, repr=False)
+class FieldConfig(Settings):
     """Settings of a covariance field: its estimator, and where it is evaluated.
 
     Functions that take a FieldConfig also take an estimator, for ``FieldConfig(estimator)``.

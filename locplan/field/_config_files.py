@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 from typing import Any
 
 from locplan import __version__
+from locplan._util.checks import file_path, instance
 from locplan._util.files import check_target, replacing
 from locplan.errors import ConfigError
 from locplan.field._config import FieldConfig
@@ -23,7 +23,8 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: obje
     LocplanError
         If the file cannot be written, or its name does not end in .json.
     """
-    target = Path(path)
+    target = file_path("a file of settings", path)
+    instance("config", config, FieldConfig)
     check_target(target, SUFFIX)
     content = {"locplan": __version__, "config": config.to_json(), **about}
     with replacing(target) as temporary:
@@ -42,7 +43,7 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
         If the file cannot be read, or holds other settings or values.
     """
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+        content = json.loads(file_path("a file of settings", path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError):

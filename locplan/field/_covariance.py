@@ -7,6 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._util.checks import shown
+from locplan.errors import ConfigError
+
 
 class Quantity(NamedTuple):
     """Label and unit of a scalar or a layer of a field, for pictures and tables."""
@@ -62,7 +65,7 @@ def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
         if matrix.shape[-1] == 2:
             return np.where(np.isnan(matrix[..., 0, 0]), np.nan, 0.0)
         return np.asarray(np.sqrt(matrix[..., 2, 2]))
-    raise ValueError(f"scalar must be one of {', '.join(SCALARS)}, not {name!r}")
+    raise ConfigError(f"scalar must be one of {', '.join(SCALARS)}, not {shown(name)}")
 
 
 def position_axes(

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, keep, positive
+from locplan._util.checks import Settings, instance, keep, positive
 from locplan.errors import ConfigError
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.field._settings import settings_of
@@ -68,8 +68,8 @@ class MapPart:
         return cls(cells, rows, cols, resolution, (cells.shape[0], cells.shape[1]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Estimator(ABC):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Estimator(Settings, ABC):
     """Base class of the estimators of a pose match's covariance, frozen dataclasses of settings.
 
     A setting out of its range is a ConfigError when the estimator is made. A new estimator is a

@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import position
+from locplan._util.checks import file_path, position
 from locplan._util.files import replacing_folder
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
@@ -31,7 +30,7 @@ from locplan.field._covariance import (
 from locplan.field._estimator import Values
 from locplan.field._lattice import interpolate, neighbours, stride_cells
 from locplan.field._search_window import OffsetLattice
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, check_grid
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -83,7 +82,8 @@ class CovarianceField(Pictured):
         median = f", median e {np.median(e):.3g} {self.e_unit}" if e.size else ""
         return (
             f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} cells every"
-            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.summary}{median})"
+            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.summary},"
+            f" range {self.config.estimator.reach:g} m{median})"
         )
 
     @property
@@ -302,6 +302,7 @@ class CovarianceField(Pictured):
         FieldError
             If the maps differ in more than their cells.
         """
+        check_grid(grid)
         same = tiles.untouched_points(self.grid, grid, self.config)
         values = tiles.nothing_known(grid, self.config)
         for name, known in self.values.items():
@@ -320,7 +321,9 @@ class CovarianceField(Pictured):
         LocplanError
             If the folder cannot be written, or exists and is not a field.
         """
-        with replacing_folder(path, field_files.SUFFIX, field_files.is_field) as temporary:
+        with replacing_folder(
+            file_path("a field", path), field_files.SUFFIX, field_files.is_field
+        ) as temporary:
             field_files.write(temporary, self.values, self.grid, self.config)
 
     @classmethod
@@ -332,4 +335,4 @@ class CovarianceField(Pictured):
         FieldError
             If the folder is missing, damaged, or no covariance field.
         """
-        return cls.of(*field_files.read(Path(path)))
+        return cls.of(*field_files.read(file_path("a field", path)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import keep, number, one_of, positive, whole
+from locplan._util.checks import Settings, keep, number, one_of, positive, whole
 from locplan.errors import ConfigError
 
 FULL_CIRCLE = 360.0
@@ -17,8 +17,8 @@ MIN_SIGMA = 1e-6
 """Least `range_sigma` [m]; with less, rounding errors would dominate a covariance."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Lidar:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Lidar(Settings):
     """A 2D lidar on a robot.
 
     Raises

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import keep, number, positive
+from locplan._util.checks import Settings, keep, number, positive
 from locplan.errors import ConfigError
 
 MAX_STEPS = 1000
 """Greatest number of steps from the centre of the search window to its edge."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchWindow:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class SearchWindow(Settings):
     """Pose offsets around a place at which a match is searched; the defaults are the paper's.
 
     Raises

@@ -62,7 +62,10 @@ class FieldSummary:
                 ["estimator", f"{estimator.summary}, range {estimator.reach:g} m{several}"],
                 ["cells evaluated", f"{self.cells_evaluated:,}"],
                 ["e, 10 % / median / 90 %", f"{' / '.join(map(shown, values))} {self.e_unit}"],
-                ["saturated", f"{self.saturated_share:.0%} of the cells: e at its least value"],
+                [
+                    "saturated",
+                    f"{self.saturated_share:.0%} of the cells: e + Q is least",
+                ],
             ],
         )
         resolved = self.saturated_share <= SATURATED

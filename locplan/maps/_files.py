@@ -64,7 +64,11 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     """
     file = file_path("a map file", path)
     if file.is_dir():
-        raise _fault(file, "is a folder without any map", "give a map YAML, or a folder of them")
+        (file, *others) = find_maps(file)
+        if file.is_dir():
+            raise _fault(file, "is a folder without any map", "give a map's YAML")
+        if others:
+            raise _fault(file.parent, f"holds {1 + len(others)} maps", f"name one, such as {file}")
     header = _read_header(file)
     image = file.parent / header.image
     pixels, transparent, rescaled = _read_pixels(image)

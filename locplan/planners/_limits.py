@@ -40,7 +40,7 @@ class Limited(Wrapper):
         """Plan within all limits."""
         stops = start, *self.via, goal
         found = self._clear(costs, stops) if self.max_e is None else self._below(costs, stops)
-        return dataclasses.replace(found, solve_time=None)
+        return found
 
     def _below(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan where e allows it; if nothing joins the stops there, find the least e that does."""

@@ -69,6 +69,8 @@ class ParetoFront(Pictured):
 
     def plan(self, index: int) -> Plan:
         """One of the paths as a plan, with its metrics."""
+        if not -len(self) <= index < len(self):
+            raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = through_centres(self.costs, self._cells[index], self.start, self.goal)
         return finished("pareto", self.costs, self.start, self.goal, Found(path), self.solve_time)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
+from locplan.errors import ConfigError
+
 if TYPE_CHECKING:
     from locplan.costs import Costmap, Path
 
@@ -20,7 +22,7 @@ class Found:
     path: Path | None = field(default=None, repr=False)
     """The path from start to goal, or None."""
     status: Status = "unreachable"
-    """The reason why there is no path; with a path it is always "solved"."""
+    """The reason why there is no path; with a path it becomes "solved"."""
     note: str = ""
     """A text on why there is no path and what would help, if that is known."""
     history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
@@ -34,6 +36,8 @@ class Found:
 
     def __post_init__(self) -> None:
         if self.path is not None:
+            if self.status not in ("unreachable", "solved"):
+                raise ConfigError(f"a path is found: its status is solved, not {self.status!r}")
             object.__setattr__(self, "status", "solved")
 
 

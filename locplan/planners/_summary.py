@@ -19,7 +19,7 @@ _METRICS = (
     ("degenerate, ∫u ds", "integrated_u", "m", ".2f"),
     ("∫e ds", "integrated_e", "m² rad m", ".3g"),
     ("mean e", "mean_e", "m² rad", ".3g"),
-    ("greatest e", "max_e", "m² rad", ".3g"),
+    ("max e", "max_e", "m² rad", ".3g"),
     (f"share with u > {DEGENERATE:g}", "degenerate_share", "", ".0%"),
     (f"longest with u > {DEGENERATE:g}", "longest_degenerate", "m", ".2f"),
     ("least clearance", "clearance", "m", ".2f"),

@@ -47,7 +47,8 @@ class Evaluation:
 
     def __repr__(self) -> str:
         places = sum(len(each.points) for each in self.places)
-        return f"Evaluation({places} places on {len(self.places)} maps)"
+        names = ", ".join(each.grid.name or "map" for each in self.places)
+        return f"Evaluation({places} places of {names})"
 
     @cached_property
     def ranks(self) -> dict[tuple[Predictor, ErrorKind], Rank]:

@@ -29,7 +29,7 @@ SHORTEST, AWARE = "shortest", "localizability-aware"
 
 def planned(costs: Costmap, query: Query) -> dict[str, Path]:
     """Shortest and localizability-aware path by any-angle; empty if there is no path."""
-    plans = plan_beside_shortest(costs, query.start, query.goal, planner="any-angle")
+    plans = plan_beside_shortest(costs, query.start, query.goal)
     return {name: plan.path for name, plan in plans.items() if plan.path is not None}
 
 

@@ -8,18 +8,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from locplan._util.checks import keep, number, one_of, positive, whole
+from locplan._util.checks import Settings, keep, number, one_of, positive, whole
 from locplan.errors import ConfigError
 from locplan.field import Lidar
+from locplan.field.estimators._sad import PAPER_RANGE
 
 MODELS = ("likelihood_field", "likelihood_field_prob")
 MIN_BEAMS = 2
-SHORT_LIDAR = Lidar(range=6.0, range_sigma=0.025)
+SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
 """Lidar that is simulated where none is named; its range is that of the paper's disc."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Amcl:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Amcl(Settings):
     """Parameters of Nav2's AMCL, by its names and with its defaults.
 
     They are those of its differential motion model and its likelihood fields. As by default in
@@ -100,8 +101,8 @@ class Amcl:
             raise ConfigError("one of z_hit and z_rand must be above 0")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Disturbances:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Disturbances(Settings):
     """Disturbances of a robot: noise, errors of odometry, and worlds that differ from the map.
 
     The defaults are those of a small robot indoors, set before anything was measured with them.

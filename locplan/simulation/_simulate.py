@@ -116,6 +116,8 @@ def simulate(
     0.0
     """
     whole("drives", drives, 2)
+    if not isinstance(paths, Mapping):
+        raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:
         raise ConfigError("there must be at least one path to drive")
     simulator = Simulator(

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import whole
+from locplan._util.checks import instance, whole
 from locplan._util.progress import ProgressCallback
 from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
@@ -76,6 +76,9 @@ class Simulator:
         self.grid, self.seed, self.threads = grid, seed, threads
         self.lidar = lidar or SHORT_LIDAR
         self.amcl, self.disturbances = amcl or Amcl(), disturbances or Disturbances()
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        instance("amcl", self.amcl, Amcl)
+        instance("disturbances", self.disturbances, Disturbances)
 
     def __repr__(self) -> str:
         lidar = f"lidar of {self.lidar.range:g} m"

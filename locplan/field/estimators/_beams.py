@@ -18,7 +18,7 @@ HEADINGS = 8
 """Default number of headings where what the lidar sees depends on the heading."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LidarEstimator(Estimator):
     """An estimator that simulates a lidar."""
 

@@ -27,7 +27,7 @@ class Scene(NamedTuple):
     normals: NDArray[np.float32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fisher(LidarEstimator):
     """The covariance that the Fisher information of a lidar's beams allows.
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, keep, one_of, positive
+from locplan._util.checks import Settings, instance, keep, one_of, positive
 from locplan.field._estimator import Estimator, MapPart, Values
 from locplan.field._search_window import OffsetLattice
 from locplan.field._template import BEHIND, beam_count, beam_of_cell, disc, map_centre
@@ -22,12 +22,14 @@ from locplan.maps import FREE, OCCUPIED
 
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""
+PAPER_RANGE = 6.0
+"""Radius of the paper's template disc [m]."""
 TAU = {"disc": 0.57, "visible": 0.23}
 """Scale of the exponential weights that ranks places best, for each template [m^2]."""
 
 
-@dataclass(frozen=True)
-class Exponential:
+@dataclass(frozen=True, repr=False)
+class Exponential(Settings):
     """Weights exp(-S / tau) of offsets with the mismatch area S."""
 
     name: ClassVar[str] = "exponential"
@@ -39,8 +41,8 @@ class Exponential:
             keep(self, tau=positive("tau", self.tau, "m^2"))
 
 
-@dataclass(frozen=True)
-class InverseSquare:
+@dataclass(frozen=True, repr=False)
+class InverseSquare(Settings):
     """Weights 1 / max(S, floor)^2 of offsets with the mismatch area S (Eq. 9)."""
 
     name: ClassVar[str] = "inverse-square"
@@ -52,7 +54,7 @@ class InverseSquare:
             keep(self, floor=positive("floor", self.floor, "m^2"))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Sad(Estimator):
     """The paper's estimator, which correlates the map around a place with the map itself.
 
@@ -74,7 +76,7 @@ class Sad(Estimator):
         "a lidar's beams tell more apart: --estimator scan or fisher, with --sensor"
     )
 
-    range: float = 6.0
+    range: float = PAPER_RANGE
     """Radius of the template disc [m]."""
     template: Literal["disc", "visible"] = "disc"
     """Compared part of the disc: all of it, as in the paper, or what a ray from the cell sees."""
@@ -89,7 +91,7 @@ class Sad(Estimator):
             instance("weights", self.weights, Exponential)
 
     @classmethod
-    def paper(cls, *, range: float = 6.0, noise_level: float = 1.0) -> Sad:
+    def paper(cls, *, range: float = PAPER_RANGE, noise_level: float = 1.0) -> Sad:
         """Settings for Eq. 8-10 of the paper as printed: inverse-square weights, no Q."""
         law = InverseSquare()
         return cls(range=range, noise_level=noise_level, weights=law, quantisation=False)
@@ -110,6 +112,12 @@ class Sad(Estimator):
         if isinstance(self.weights, InverseSquare):
             return math.inf
         return TAU[self.template] if self.weights.tau is None else self.weights.tau
+
+    def identity(self) -> dict[str, object]:
+        """All settings, with the scale that the weights have without one of their own."""
+        if isinstance(self.weights, InverseSquare):
+            return super().identity()
+        return {**super().identity(), "weights": {"name": "exponential", "tau": self.tau}}
 
     def covariances(self, part: MapPart) -> Values:
         """Weighted covariance of the offsets about their mean, times k (Eq. 8)."""

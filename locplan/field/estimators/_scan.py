@@ -29,7 +29,7 @@ class Scene(NamedTuple):
     likelihood: Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scan(LidarEstimator):
     """The covariance of the posterior of a simulated scan over the search window.
 
