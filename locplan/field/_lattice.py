@@ -32,9 +32,9 @@ def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
 def standing_cells(
     free: NDArray[np.bool_], rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Cells to put a sensor on: each cell, or the nearest free one within `reach` rows and columns.
+    """Cells to put a lidar on: each cell, or the nearest free one within `reach` rows and columns.
 
-    A lattice point in a wall serves free cells beside it; a sensor inside the wall sees nothing.
+    A lattice point in a wall serves free cells beside it; a lidar inside the wall sees nothing.
     """
     rows, cols = rows.copy(), cols.copy()
     lost = np.flatnonzero(~free[rows, cols])
