@@ -1,3 +1,7 @@
+import math
+import pickle
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest import drawn
@@ -106,3 +110,72 @@ def test_cells_are_copied_and_read_only():
 def test_unusable_grids_are_refused(cells, resolution, origin, message):
     with pytest.raises(MapError, match=message):
         OccupancyGrid(cells, resolution, origin)
+
+
+def test_true_is_occupied():
+    grid = OccupancyGrid.from_occupancy([[True, False]], 0.1)
+    assert grid.cells.tolist() == [[OCCUPIED, FREE]]
+
+
+def test_probabilities_are_accepted_when_they_are_said_to_be_some():
+    values = [[0.0, 0.195, 0.2], [0.65, 1.0, math.nan]]
+    grid = OccupancyGrid.from_occupancy(values, 0.1, probabilities=True)
+    assert grid.cells.tolist() == [[FREE, FREE, UNKNOWN], [OCCUPIED, OCCUPIED, UNKNOWN]]
+
+
+@pytest.mark.parametrize(
+    ("values", "probabilities", "remedy"),
+    [
+        ([[0, 1]], False, "give a bool array"),
+        ([[-1, 1]], False, "give a bool array"),
+        ([[0.0, 1.0]], False, "say probabilities=True"),
+        ([[0, 255]], False, "there is 255; an image is read by locplan.load_map"),
+        ([[0, -2]], False, "there is -2"),
+        ([["wall"]], False, "is ambiguous"),
+        ([[0, 100], [0]], False, "must be an array"),
+        ([[0.0, 1.5]], True, "0.0 to 1.0, or NaN where unknown, but there is 1.5"),
+        ([[0.0, -1.0]], True, "there is -1"),
+        ([[0.0, math.inf]], True, "there is inf"),
+        ([["wall"]], True, "must be numbers"),
+    ],
+)
+def test_occupancy_that_could_mean_anything_is_refused(values, probabilities, remedy):
+    with pytest.raises(MapError, match=remedy):
+        OccupancyGrid.from_occupancy(values, 0.1, probabilities=probabilities)
+
+
+def message(data, yaw=0.0):
+    """Return what has the fields of a nav_msgs/OccupancyGrid of 2 rows and 3 columns."""
+    position = SimpleNamespace(x=-1.0, y=2.0, z=0.0)
+    orientation = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    origin = SimpleNamespace(position=position, orientation=orientation)
+    info = SimpleNamespace(height=2, width=3, resolution=0.5, origin=origin)
+    return SimpleNamespace(info=info, data=data)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, -2.5])
+def test_a_message_of_ros_is_read_with_its_origin(yaw):
+    grid = OccupancyGrid.from_message(message([0, 100, -1, 0, 0, 0], yaw), "lab")
+    assert grid.cells.tolist() == [[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]]
+    assert (grid.resolution, grid.name) == (0.5, "lab")
+    np.testing.assert_allclose(grid.origin, (-1.0, 2.0, yaw), atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [message([0, 100]), message(None), [0, 100], None])
+def test_what_is_no_message_is_refused(wrong):
+    with pytest.raises(MapError, match="nav_msgs/OccupancyGrid"):
+        OccupancyGrid.from_message(wrong)
+
+
+@pytest.mark.parametrize(
+    ("cells", "remedy"), [([0, 254], "from_message"), ([[0, 100]], "from_occupancy")]
+)
+def test_the_constructor_names_what_reads_other_values(cells, remedy):
+    with pytest.raises(MapError, match=remedy):
+        OccupancyGrid(cells, 0.1)
+
+
+def test_cells_stay_read_only_when_pickled():
+    grid = pickle.loads(pickle.dumps(OccupancyGrid(np.full((2, 2), FREE), 0.1)))
+    with pytest.raises(ValueError, match="read-only"):
+        grid.cells[0, 0] = OCCUPIED

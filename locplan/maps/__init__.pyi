@@ -5,11 +5,6 @@ from ._files import (
     name_of as name_of,
     save_map as save_map,
 )
-from ._grid import (
-    FREE as FREE,
-    OCCUPIED as OCCUPIED,
-    UNKNOWN as UNKNOWN,
-    OccupancyGrid as OccupancyGrid,
-    check_grid as check_grid,
-)
+from ._grid import OccupancyGrid as OccupancyGrid, check_grid as check_grid
+from ._occupancy import FREE as FREE, OCCUPIED as OCCUPIED, UNKNOWN as UNKNOWN
 from ._ros_parameters import read_parameters as read_parameters

@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps._grid import OccupancyGrid
+from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 Box = tuple[float, float, float, float]
 """Limits x0, y0, x1, y1 [m]."""

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path
 from locplan.errors import MapError
-from locplan.maps._grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, check_grid
+from locplan.maps._grid import OccupancyGrid, check_grid
+from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 
 if TYPE_CHECKING:
     import yaml

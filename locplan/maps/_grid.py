@@ -15,9 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import instance, keep, position
 from locplan._util.notebook import Pictured
 from locplan.errors import MapError
-
-OCCUPIED, UNKNOWN, FREE = 0, 127, 254
-"""The three levels of a cell (the paper's values)."""
+from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN, levels_of, parts_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,9 +62,15 @@ class OccupancyGrid(Pictured):
     def __post_init__(self) -> None:
         cells = np.asarray(self.cells)
         if cells.ndim != 2 or cells.size == 0:
-            raise MapError(f"cells must be a non-empty (rows, cols) array, not {cells.shape}")
+            raise MapError(
+                f"cells must be a non-empty (rows, cols) array, not {cells.shape}; the data of a"
+                " nav_msgs/OccupancyGrid is read by OccupancyGrid.from_message"
+            )
         if not np.isin(cells, (OCCUPIED, UNKNOWN, FREE)).all():
-            raise MapError("cells may only hold 0 (occupied), 127 (unknown) and 254 (free)")
+            raise MapError(
+                "cells may only hold 0 (occupied), 127 (unknown) and 254 (free); other values are"
+                " read by OccupancyGrid.from_occupancy"
+            )
         resolution = _numbers(self.resolution)
         if len(resolution) != 1 or not resolution[0] > 0:
             raise MapError(f"resolution must be positive metres per cell, not {self.resolution!r}")
@@ -84,17 +88,41 @@ class OccupancyGrid(Pictured):
         resolution: float,
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
         name: str = "",
+        *,
+        probabilities: bool = False,
     ) -> OccupancyGrid:
-        """Make a grid from the values of a nav_msgs/OccupancyGrid, (H, W).
+        """Make a grid from occupancy values (H, W), row 0 at the lowest y.
 
-        Values 0 to 19 are free, 65 to 100 are occupied, and all others are unknown, by
-        map_server's default thresholds.
+        Parameters
+        ----------
+        occupancy : (H, W) array
+            Per cent as in a nav_msgs/OccupancyGrid: 0 to 19 is free, 65 to 100 occupied, -1 and
+            what lies between is unknown, by map_server's default thresholds. Or bool: True is
+            occupied, False is free.
+        resolution, origin, name
+            As for `OccupancyGrid`.
+        probabilities : bool
+            Whether the values are probabilities of 0.0 to 1.0, or NaN where unknown.
+
+        Raises
+        ------
+        MapError
+            If a value is out of its range, or 0 and 1 or numbers with a decimal point are given
+            that could mean one thing or the other.
         """
-        values = np.asarray(occupancy)
-        cells = np.full(values.shape, UNKNOWN, np.uint8)
-        cells[(values >= 0) & (values <= 19)] = FREE
-        cells[(values >= 65) & (values <= 100)] = OCCUPIED
-        return cls(cells, resolution, origin, name)
+        return cls(levels_of(occupancy, probabilities=probabilities), resolution, origin, name)
+
+    @classmethod
+    def from_message(cls, message: Any, name: str = "") -> OccupancyGrid:
+        """Make a grid from a nav_msgs/OccupancyGrid: its flat data, size, resolution and origin.
+
+        Raises
+        ------
+        MapError
+            If it is no such message, or holds other values than -1 to 100.
+        """
+        values, resolution, origin = parts_of(message)
+        return cls.from_occupancy(values, resolution, origin, name)
 
     def __repr__(self) -> str:
         rows, cols = self.shape
@@ -109,6 +137,11 @@ class OccupancyGrid(Pictured):
     def __eq__(self, other: object) -> bool:
         """Return whether the other grid is the same map; its name does not count."""
         return isinstance(other, OccupancyGrid) and self.digest == other.digest
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a pickled grid, with its cells read-only as before."""
+        vars(self).update(state)
+        self.cells.setflags(write=False)
 
     def __hash__(self) -> int:
         return hash(self.digest)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import number, one_of, whole
 from locplan.maps._drawing import Box, Canvas
-from locplan.maps._grid import FREE, OCCUPIED, OccupancyGrid
+from locplan.maps._grid import OccupancyGrid
+from locplan.maps._occupancy import FREE, OCCUPIED
 
 _FINEST, _COARSEST = 0.01, 0.1  # limits of the resolution at which plans keep their walls [m]
 
