@@ -12,9 +12,10 @@ import pytest
 from conftest import SHARED_DATA, drawn, refused
 
 import locplan
-from locplan import CovarianceField, load_map, save_map
+from locplan import CovarianceField, FieldConfig, load_map, save_map
 from locplan.cli import _options
 from locplan.cli._application import COMMANDS
+from locplan.field import save_config
 from locplan.maps import environments
 
 
@@ -650,3 +651,37 @@ def test_what_fails_leaves_no_folder(run, tmp_path, command):
     ends = () if command in ("compare", "evaluate") else ("--start", "1,1", "--goal", "2,2")
     refused(run(command, tmp_path / "none.yaml", *ends, "-o", tmp_path / "out"))
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "field room.yaml --picture room.png",
+        "field . --picture .",
+        "field room.yaml --picture link/room.png",
+        "plot room.yaml -o room.png",
+        "export room.yaml --to png -o room.png",
+        "export room.yaml --to path --path p.csv -o p.csv",
+        "calibrate room.yaml --config c.json -o c.json",
+        "plan plan.yaml --start 1,2 --goal 4,3 -o .",
+    ],
+)
+def test_no_result_is_written_over_an_input(run, room, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    room.with_suffix(".pgm").unlink()
+    grid = drawn("##########", *["#........#"] * 6, "##########", resolution=0.5)
+    for name in ("room", "plan"):
+        save_map(grid, f"{name}.yaml", image_format="png")
+    (tmp_path / "link").symlink_to(tmp_path)
+    (tmp_path / "p.csv").write_text("x_m,y_m\n1,2\n4,3\n")
+    save_config(tmp_path / "c.json", FieldConfig())
+    before = {file: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
+    code, out, err = run(*command.split())
+    assert code == 2
+    assert "an input; choose another name" in out + err
+    assert {file: file.read_bytes() for file in before} == before
+
+
+def test_in_python_a_map_may_be_written_over(room, run):
+    run("field", room)
+    save_map(load_map(room), room)

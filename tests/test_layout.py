@@ -31,7 +31,13 @@ LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 HOMES = {
     "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._bindings",),
-    "yaml": ("maps._files", "maps._ros_parameters", "export._servers", "export._value_maps"),
+    "yaml": (
+        "maps._files",
+        "maps._yaml",
+        "maps._ros_parameters",
+        "export._servers",
+        "export._value_maps",
+    ),
     "mcap": ("export._bags",),
     "cloudpickle": ("comparison._specs", "comparison._workers"),
     "pandas": ("comparison._frames",),

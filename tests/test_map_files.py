@@ -18,7 +18,8 @@ from PIL import Image
 
 from locplan.errors import MapError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map, save_map
-from locplan.maps._files import MAX_YAML_BYTES, MapWarning
+from locplan.maps._files import MapWarning
+from locplan.maps._yaml import MAX_YAML_BYTES
 
 F, U, X = FREE, UNKNOWN, OCCUPIED
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -113,6 +114,13 @@ def test_raw_reads_per_cent_and_ignores_negate(tmp_path):
     for negate in ("0", "1"):
         cells = load(tmp_path, [[0, 19, 20, 64, 65, 100, 101, 255]], mode="raw", negate=negate)
         assert cells == [[F, F, U, U, X, X, U, U]]
+
+
+def test_blanks_in_a_header_take_linear_time(tmp_path):
+    write_yaml(tmp_path)
+    content = b"P5" + b" " * 400 + b"2 1 255\n" + bytes([0, 255])
+    (tmp_path / "map.pgm").write_bytes(content)
+    assert load_map(tmp_path / "map.yaml").cells.tolist() == [[X, F]]
 
 
 def test_raw_ignores_alpha_but_refuses_16_bits(tmp_path):

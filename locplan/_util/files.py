@@ -7,12 +7,32 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from locplan.errors import LocplanError
 
 PICTURES = (".png", ".pdf", ".svg")
 """Suffixes of the picture formats that can be written."""
+
+_INPUTS: ContextVar[set[Path] | None] = ContextVar("_INPUTS", default=None)
+
+
+@contextmanager
+def inputs_are_kept() -> Iterator[None]:
+    """Refuse in this block to write over the files that `keep_input` names in it."""
+    before = _INPUTS.set(set())
+    try:
+        yield
+    finally:
+        _INPUTS.reset(before)
+
+
+def keep_input(path: Path) -> None:
+    """Tell that a file is an input; outside of `inputs_are_kept` that has no effect."""
+    inputs = _INPUTS.get()
+    if inputs is not None:
+        inputs.add(_real(path))
 
 
 @contextmanager
@@ -23,6 +43,7 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
     exception the temporary file is removed and `target` stays as it was.
     """
     path = Path(target)
+    _check_no_input(path)
     with _errors_in_one_line(path):
         handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}-", path.parent)
         os.close(handle)
@@ -70,6 +91,7 @@ def check_target(path: Path, *suffixes: str) -> None:
         raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
     if path.is_dir():
         raise LocplanError(f"{path}: is a folder; name a file in it")
+    _check_no_input(path)
     _check_parent(path)
 
 
@@ -82,6 +104,7 @@ def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], b
         raise LocplanError(f"{path}: must end in {suffix}")
     if path.exists() and not ours(path):
         raise LocplanError(f"{path}: is there and not as locplan wrote it; choose another name")
+    _check_no_input(path)
     _check_parent(path)
 
 
@@ -105,6 +128,18 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LocplanError(f"{folder}: cannot be made ({error.strerror})") from None
+
+
+def _check_no_input(path: Path) -> None:
+    """Raise a LocplanError if writing there replaces an input, or a folder with one in it."""
+    target = _real(path)
+    for each in _INPUTS.get() or ():
+        if target in (each, *each.parents):
+            raise LocplanError(f"{path}: replaces {each.name}, an input; choose another name")
+
+
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))
 
 
 def _check_parent(path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, cast
 
 from cyclopts import CoercionError, CycloptsError, Parameter, UnusedCliTokensError
 
+from locplan._util.files import inputs_are_kept
 from locplan.cli._application import COMMANDS, application
 from locplan.cli._groups import OUTPUT
 from locplan.errors import LocplanError
@@ -25,7 +26,7 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
     try:
-        with _warnings_as_lines():
+        with _warnings_as_lines(), inputs_are_kept():
             code = _launched(sys.argv[1:])
         sys.stdout.flush()
     except LocplanError as error:

@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from locplan.cli import _groups as groups
-from locplan.cli._groups import Count, Json, Seed, option_group, results
+from locplan.cli._groups import INPUT, MAP_INPUT, Count, Json, Seed, option_group, results
 from locplan.cli._options import Computing, Criterion, FieldOptions, RobotRadius, radius_of
 from locplan.cli._values import refuse, show
 from locplan.errors import ConfigError
@@ -49,7 +49,7 @@ class Queries:
     """Random queries are this far from start to goal at least [m]; 5 by default."""
     seed: Seed | None = None
     """The seed of random queries is 1 by default."""
-    queries: Path | None = None
+    queries: Annotated[Path | None, INPUT] = None
     """The file of queries: CSV of name,start_x,start_y,goal_x,goal_y [m], or MovingAI .scen."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
     """The planners are compared for each of these ranges of the lidar [m]."""
@@ -73,7 +73,8 @@ class Running:
 def compare(
     maps: Annotated[
         list[Path],
-        Parameter(name="MAP", help="The maps are map_server YAML files, folders of them, or .map."),
+        MAP_INPUT,
+        Parameter(help="The maps are map_server YAML files, folders of them, or .map."),
     ],
     /,
     *,

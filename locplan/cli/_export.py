@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from locplan.cli._groups import Json, MapFile, Text, command, results
+from locplan.cli._groups import INPUT, Json, MapFile, Text, command, results
 from locplan.cli._kinds import check_has, joint_options, options_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._values import load, read_paths, show, two_numbers
@@ -45,6 +45,7 @@ def export(
     ],
     path: Annotated[
         tuple[Path, ...],
+        INPUT,
         Parameter(metavar="CSV", help=f"This path (x_m,y_m) is exported {WITH_PATHS}."),
     ] = (),
     start: Annotated[

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, TypeVar, dataclass_transform
 
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import Number
+
+from locplan._util.files import keep_input
 
 Options = TypeVar("Options")
 
@@ -20,12 +22,29 @@ FIELD = Group("Field", sort_key=5)
 COMPUTING = Group("Computing", sort_key=6)
 OUTPUT = Group("Output", sort_key=7)
 
+
+def _keep(_: object, files: Path | Sequence[Path] | None) -> None:
+    for file in [files] if isinstance(files, Path) else files or ():
+        keep_input(file)
+
+
+def _keep_maps(_: object, maps: Path | Sequence[Path]) -> None:
+    from locplan.maps._files import files_of
+
+    for path in [maps] if isinstance(maps, Path) else maps:
+        _keep(None, files_of(path))
+
+
+INPUT, MAP_INPUT = Parameter(validator=_keep), Parameter(name="MAP", validator=_keep_maps)
+"""Of a file that is read: no result is written over it."""
+
 MapFile = Annotated[
-    Path, Parameter(name="MAP", help="The map is a map_server YAML file, or a folder with one.")
+    Path, MAP_INPUT, Parameter(help="The map is a map_server YAML file, or a folder with one.")
 ]
 MapFiles = Annotated[
     list[Path],
-    Parameter(name="MAP", help="The maps are map_server YAML files, or folders of them."),
+    MAP_INPUT,
+    Parameter(help="The maps are map_server YAML files, or folders of them."),
 ]
 Text = Annotated[str, Parameter(allow_leading_hyphen=True)]
 """A text that may begin with a minus sign, such as -2,3."""

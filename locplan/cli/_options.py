@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import COMPUTING, COSTS, FIELD, Count, option_group
+from locplan.cli._groups import COMPUTING, COSTS, FIELD, INPUT, Count, option_group
 from locplan.cli._kinds import check_has, field_names, given_of
 from locplan.cli._values import numbers
 from locplan.errors import ConfigError
@@ -58,7 +58,7 @@ CacheDir = Annotated[
 class FieldOptions:
     """The settings of the covariance field."""
 
-    config: Annotated[Path | None, Parameter(metavar="FILE.json")] = None
+    config: Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")] = None
     """This file has all settings, as calibrate wrote them; only --range may be given beside it."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
     """The estimator is the paper's sad by default; fisher and scan know the lidar."""

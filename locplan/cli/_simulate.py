@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import GENERAL, Json, MapFiles, Pair, Text, command, option_group
+from locplan.cli._groups import GENERAL, INPUT, Json, MapFiles, Pair, Text, command, option_group
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._simulation_options import Folder, SimulationOptions
 from locplan.cli._values import read_paths, refuse, show, two_numbers
@@ -28,7 +28,7 @@ LEAST_DISTANCE = 10.0
 class Driven:
     """The paths that are driven, and how often."""
 
-    path: Annotated[tuple[Path, ...], Parameter(metavar="CSV")] = ()
+    path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
     """This path (x_m,y_m) is driven, as plan wrote it; repeatable."""
     start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
     """The shortest and the aware path from here are driven [m]."""

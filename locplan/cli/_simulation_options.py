@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import SIMULATION, Count, Pair, Seed, option_group, results
+from locplan.cli._groups import INPUT, SIMULATION, Count, Pair, Seed, option_group, results
 from locplan.cli._options import LIDARS
 from locplan.cli._values import settings_of
 
@@ -34,7 +34,7 @@ class SimulationOptions:
 
     lidar: Annotated[str | None, Parameter(choices=LIDARS)] = None
     """The simulated lidar is one of these, or that of the field by default."""
-    params: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    params: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
     """The settings of amcl in this parameter file of Nav2 are simulated."""
     set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """A setting of AMCL (alpha1, max_particles, laser_model_type, ...) or a disturbance

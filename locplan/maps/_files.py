@@ -7,11 +7,10 @@ import math
 import os
 import re
 import shutil
-import stat
 import tempfile
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +19,25 @@ from locplan._util.checks import file_path
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
+from locplan.maps._yaml import (
+    MAX_YAML_BYTES,
+    MODES,
+    Header,
+    fault_of,
+    read_content,
+    read_header,
+    reason_of,
+)
 
 if TYPE_CHECKING:
-    import yaml
     from PIL import Image
 
-MODES = ("trinary", "scale", "raw")
 PIXELS = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
 LEVELS = [FREE, UNKNOWN, OCCUPIED]  # in the order of PIXELS
-NEGATE = {"0": False, "1": True, "false": False, "true": True}
-SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool", "null")}
-OTHER_RANGE = re.compile(rb"P[25](\s+|#.*\n)+\d+(\s+|#.*\n)+\d+(\s+|#.*\n)+(?!255\s)\d")
+_GAP = rb"(?:\s|#.*\n)+"  # one way only to match each text, or blanks take exponential time
+OTHER_RANGE = re.compile(rb"P[25]%b\d+%b\d+%b(?!255\s)\d" % (_GAP, _GAP, _GAP))
 IMAGE_FORMATS = ("PPM", "PNG", "BMP")  # Pillow's PPM also reads PBM and PGM
-MAX_YAML_BYTES, MAX_IMAGE_BYTES, MAX_PIXELS = 2**16, 2**30, 2**28
+MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
 PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
 
 
@@ -67,15 +72,17 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     if file.is_dir():
         (file, *others) = find_maps(file)
         if file.is_dir():
-            raise _fault(file, "is a folder without any map", "give a map's YAML")
+            raise fault_of(file, "is a folder without any map", "give a map's YAML")
         if others:
-            raise _fault(file.parent, f"holds {1 + len(others)} maps", f"name one, such as {file}")
-    header = _read_header(file)
+            raise fault_of(
+                file.parent, f"holds {1 + len(others)} maps", f"name one, such as {file}"
+            )
+    header = read_header(file)
     image = file.parent / header.image
     pixels, transparent, rescaled = _read_pixels(image)
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
-        raise _fault(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
+        raise fault_of(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
     top = int(np.iinfo(pixels.dtype).max)
     cells = _level_of_value(header, top)[pixels]
     if transparent is not None and not raw:
@@ -85,13 +92,19 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     if not raw and count > 0.01 * cells.size:
         fault = f"{count} pixels ({count / cells.size:.0%}) of map_saver's unknown grey are free"
         remedy = f"if unknown is meant, set free_thresh: 0.196 (it is {header.free_thresh})"
-        warnings.warn(MapWarning(_fault(file, fault, remedy)), stacklevel=2)
+        warnings.warn(MapWarning(fault_of(file, fault, remedy)), stacklevel=2)
     return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file))
 
 
 def name_of(map_file: Path) -> str:
     """Name of the map in a file: the file's stem, or for a map.yaml its folder's name."""
     return map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem
+
+
+def files_of(path: Path) -> list[Path]:
+    """Files that a map, or the maps in a folder, are read from, as far as they can be told."""
+    maps = find_maps(path)
+    return [*maps, *(image for file in maps if (image := _image_of(file)))]
 
 
 def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
@@ -132,99 +145,24 @@ def save_map(
     check_grid(grid)
     file = file_path("a map file", path)
     if file.suffix not in (".yaml", ".yml"):
-        raise _fault(file, "is no name for a map", "end it in .yaml")
+        raise fault_of(file, "is no name for a map", "end it in .yaml")
     if mode not in MODES:
-        raise _fault(file, "mode is unknown", "use trinary, scale or raw")
+        raise fault_of(file, "mode is unknown", "use trinary, scale or raw")
     if image_format not in ("pgm", "png"):
-        raise _fault(file, "image_format is unknown", "use pgm or png")
+        raise fault_of(file, "image_format is unknown", "use pgm or png")
     if mode == "scale" and image_format == "pgm":
-        raise _fault(file, "mode scale needs transparency", "use image_format png")
+        raise fault_of(file, "mode scale needs transparency", "use image_format png")
     image = file.with_suffix(f".{image_format}")
     # Readers disagree on what negate does to raw values, so that it is never set there.
     negate = bool(negate) and mode != "raw"
-    header = _Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
+    header = Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
     entries = header._asdict() | {"negate": int(negate)}  # ROS 1 does not read true and false
     text = yaml.safe_dump(entries, default_flow_style=None, allow_unicode=True, width=math.inf)
     try:
         _replace_both(file, text, image, _draw(grid, header))
     except (OSError, ValueError) as error:
         remedy = "choose a name in an existing, writable folder"
-        raise _fault(file, f"cannot be written ({_reason(error)})", remedy) from error
-
-
-class _Header(NamedTuple):
-    image: str
-    resolution: float
-    origin: tuple[float, float, float]
-    negate: bool
-    occupied_thresh: float
-    free_thresh: float
-    mode: str
-
-
-def _read_header(file: Path) -> _Header:
-    entries = {"negate": "0", "mode": "trinary"} | _read_entries(file)
-    image, origin, mode = entries.get("image"), entries.get("origin"), entries["mode"]
-    place = [_number(item) for item in origin] if isinstance(origin, list) else []
-    negate = NEGATE.get(str(entries["negate"]).lower())
-    resolution, occupied, free = (
-        _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
-    )
-    finite = len(place) == 3 and all(map(math.isfinite, place))
-    for key, rule, example, holds in (
-        ("image", "the name of a file", "map.pgm", isinstance(image, str) and image.strip()),
-        ("resolution", "a positive number of metres", "0.05", 0 < resolution < math.inf),
-        ("origin", "three finite numbers x, y, yaw", "[0.0, 0.0, 0.0]", finite),
-        ("negate", "0 or 1", "0", negate is not None),
-        ("occupied_thresh", "a fraction in 0..1, not per cent", "0.65", 0 <= occupied <= 1),
-        ("free_thresh", "a fraction up to the other, not per cent", "0.196", 0 <= free <= occupied),
-        ("mode", "trinary, scale or raw", "trinary", mode in MODES),
-    ):
-        if not holds:
-            fault = f"{key} must be {rule}, but is {_shown(entries.get(key))}"
-            raise _fault(file, fault, f"write e.g. {key}: {example}")
-    name, (x, y, yaw) = os.path.expanduser(str(image)), place
-    return _Header(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
-
-
-def _read_entries(file: Path) -> dict[str, Any]:
-    """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
-    import yaml
-
-    content = _read(file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image")
-    try:
-        root = yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
-    except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
-        raise _fault(file, fault, "write lines such as image: map.pgm") from error
-    if not isinstance(root, yaml.MappingNode):
-        raise _fault(file, "holds no keys", "write lines such as image: map.pgm")
-    entries: dict[str, Any] = {}
-    for key, value in root.value:
-        name = "".join(_plain(key))
-        if name in entries:
-            raise _fault(file, f"{_shown(name)} occurs twice", "keep one of the two")
-        entries[name] = _plain(value)
-    return entries
-
-
-def _plain(node: yaml.Node) -> str | list[str]:
-    """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
-    import yaml
-
-    if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
-        return str(node.value)
-    items = node.value if isinstance(node, yaml.SequenceNode) else [None]
-    return [str(item.value) if isinstance(item, yaml.ScalarNode) else "..." for item in items]
-
-
-def _number(entry: str | list[str] | None) -> float:
-    """Number in a text (also 5e-2, which PyYAML takes for a string), or else NaN."""
-    try:
-        return float(entry) if isinstance(entry, str) else math.nan
-    except ValueError:
-        return math.nan
+        raise fault_of(file, f"cannot be written ({reason_of(error)})", remedy) from error
 
 
 def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
@@ -232,7 +170,7 @@ def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bo
     all of uint8 or uint16; the top row comes first."""
     from PIL import Image
 
-    content = _read(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
+    content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow's, about size, animation, palette
             with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
@@ -242,8 +180,8 @@ def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bo
             with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
                 return *_decode(image), OTHER_RANGE.match(content) is not None
     except Exception as error:  # decoders raise almost anything on damaged files
-        fault = f"is no intact PGM, PBM, PNG or BMP image ({_reason(error)})"
-        raise _fault(file, fault, "export it again") from error
+        fault = f"is no intact PGM, PBM, PNG or BMP image ({reason_of(error)})"
+        raise fault_of(file, fault, "export it again") from error
 
 
 def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
@@ -258,7 +196,7 @@ def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]
     return np.asarray(colours.convert("L")), np.asarray(colours.getchannel("A")) < 255
 
 
-def _level_of_value(header: _Header, top: int) -> NDArray[np.uint8]:
+def _level_of_value(header: Header, top: int) -> NDArray[np.uint8]:
     """Level that each pixel value 0..top stands for."""
     raw = header.mode == "raw"
     occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)
@@ -270,7 +208,7 @@ def _level_of_value(header: _Header, top: int) -> NDArray[np.uint8]:
     return level
 
 
-def _draw(grid: OccupancyGrid, header: _Header) -> Image.Image:
+def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
     from PIL import Image
 
     value_of_level = np.zeros(256, np.uint8)
@@ -301,34 +239,11 @@ def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> N
             raise
 
 
-def _read(file: Path, limit: int, remedy: str) -> bytes:
+def _image_of(file: Path) -> Path | None:
     try:
-        status = file.stat()
-        if not stat.S_ISREG(status.st_mode) or status.st_size > limit:  # a pipe would block
-            raise OSError(f"it is no plain file of up to {limit // 1024} KB")
-        content = file.read_bytes()
-    except (OSError, ValueError) as error:
-        raise _fault(file, f"cannot be read ({_reason(error)})", remedy) from error
-    if not content:
-        raise _fault(file, "is empty", "copy or export it again")
-    if content.startswith(b"version https://git-lfs.github.com/spec/"):
-        raise _fault(file, "is a Git LFS pointer, not the content", "run git lfs pull")
-    return content
-
-
-def _fault(file: Path, fault: str, remedy: str) -> MapError:
-    message = f"{str(file)[-200:]}: {fault}; {remedy}"
-    return MapError("".join(c if c.isprintable() else "?" for c in message))
-
-
-def _shown(entry: str | list[str] | None) -> str:
-    text = f"[{', '.join(entry[:4])}]" if isinstance(entry, list) else entry
-    return "missing" if text is None else repr(text if len(text) <= 40 else text[:40] + "...")
-
-
-def _reason(error: Exception) -> str:
-    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr or Pillow's alarm
+        return file.parent / read_header(file).image
+    except MapError:
+        return None
 
 
 def _names_an_image(file: Path) -> bool:

@@ -1,0 +1,132 @@
+"""The YAML file of a map, whose entries ROS's map_server defines."""
+
+from __future__ import annotations
+
+import math
+import os
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from locplan.errors import MapError
+
+if TYPE_CHECKING:
+    import yaml
+
+MODES = ("trinary", "scale", "raw")
+NEGATE = {"0": False, "1": True, "false": False, "true": True}
+SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool", "null")}
+MAX_YAML_BYTES = 2**16
+
+
+class Header(NamedTuple):
+    """The entries of a map's YAML, as `read_header` checks them."""
+
+    image: str
+    resolution: float
+    origin: tuple[float, float, float]
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+    mode: str
+
+
+def read_header(file: Path) -> Header:
+    """Read the entries of a map's YAML; a missing or a wrong one is a MapError."""
+    entries = {"negate": "0", "mode": "trinary"} | _read_entries(file)
+    image, origin, mode = entries.get("image"), entries.get("origin"), entries["mode"]
+    place = [_number(item) for item in origin] if isinstance(origin, list) else []
+    negate = NEGATE.get(str(entries["negate"]).lower())
+    resolution, occupied, free = (
+        _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
+    )
+    finite = len(place) == 3 and all(map(math.isfinite, place))
+    for key, rule, example, holds in (
+        ("image", "the name of a file", "map.pgm", isinstance(image, str) and image.strip()),
+        ("resolution", "a positive number of metres", "0.05", 0 < resolution < math.inf),
+        ("origin", "three finite numbers x, y, yaw", "[0.0, 0.0, 0.0]", finite),
+        ("negate", "0 or 1", "0", negate is not None),
+        ("occupied_thresh", "a fraction in 0..1, not per cent", "0.65", 0 <= occupied <= 1),
+        ("free_thresh", "a fraction up to the other, not per cent", "0.196", 0 <= free <= occupied),
+        ("mode", "trinary, scale or raw", "trinary", mode in MODES),
+    ):
+        if not holds:
+            fault = f"{key} must be {rule}, but is {_shown(entries.get(key))}"
+            raise fault_of(file, fault, f"write e.g. {key}: {example}")
+    name, (x, y, yaw) = os.path.expanduser(str(image)), place
+    return Header(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
+
+
+def _read_entries(file: Path) -> dict[str, Any]:
+    """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
+    import yaml
+
+    content = read_content(
+        file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image"
+    )
+    try:
+        root = yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
+    except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
+        raise fault_of(file, fault, "write lines such as image: map.pgm") from error
+    if not isinstance(root, yaml.MappingNode):
+        raise fault_of(file, "holds no keys", "write lines such as image: map.pgm")
+    entries: dict[str, Any] = {}
+    for key, value in root.value:
+        name = "".join(_plain(key))
+        if name in entries:
+            raise fault_of(file, f"{_shown(name)} occurs twice", "keep one of the two")
+        entries[name] = _plain(value)
+    return entries
+
+
+def _plain(node: yaml.Node) -> str | list[str]:
+    """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
+    import yaml
+
+    if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
+        return str(node.value)
+    items = node.value if isinstance(node, yaml.SequenceNode) else [None]
+    return [str(item.value) if isinstance(item, yaml.ScalarNode) else "..." for item in items]
+
+
+def _number(entry: str | list[str] | None) -> float:
+    """Number in a text (also 5e-2, which PyYAML takes for a string), or else NaN."""
+    try:
+        return float(entry) if isinstance(entry, str) else math.nan
+    except ValueError:
+        return math.nan
+
+
+def read_content(file: Path, limit: int, remedy: str) -> bytes:
+    """Read a plain file of up to `limit` bytes; what is none is a MapError with the remedy."""
+    try:
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > limit:  # a pipe would block
+            raise OSError(f"it is no plain file of up to {limit // 1024} KB")
+        content = file.read_bytes()
+    except (OSError, ValueError) as error:
+        raise fault_of(file, f"cannot be read ({reason_of(error)})", remedy) from error
+    if not content:
+        raise fault_of(file, "is empty", "copy or export it again")
+    if content.startswith(b"version https://git-lfs.github.com/spec/"):
+        raise fault_of(file, "is a Git LFS pointer, not the content", "run git lfs pull")
+    return content
+
+
+def fault_of(file: Path, fault: str, remedy: str) -> MapError:
+    """Make the error of a file in one line that can be printed."""
+    message = f"{str(file)[-200:]}: {fault}; {remedy}"
+    return MapError("".join(c if c.isprintable() else "?" for c in message))
+
+
+def _shown(entry: str | list[str] | None) -> str:
+    text = f"[{', '.join(entry[:4])}]" if isinstance(entry, list) else entry
+    return "missing" if text is None else repr(text if len(text) <= 40 else text[:40] + "...")
+
+
+def reason_of(error: Exception) -> str:
+    """Return the short reason in the message of another library's error."""
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr or Pillow's alarm
