@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,11 @@ from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+respects_permissions = pytest.mark.skipif(
+    sys.platform == "win32" or getattr(os, "geteuid", int)() == 0,
+    reason="no permission stops root, nor are folders read-only on Windows",
+)
 
 
 @pytest.fixture(autouse=True)

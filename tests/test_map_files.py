@@ -6,14 +6,13 @@ import math
 import os
 import re
 import struct
-import sys
 import warnings
 import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import drawn
+from conftest import drawn, respects_permissions
 from PIL import Image
 
 from locplan.errors import MapError
@@ -408,9 +407,7 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, name, options, phrase):
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.skipif(
-    sys.platform == "win32" or getattr(os, "geteuid", int)() == 0, reason="root may write anywhere"
-)
+@respects_permissions
 def test_an_unwritable_folder_is_refused(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(MapError, match="Permission denied"):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import changed, random_rooms
+from conftest import changed, random_rooms, respects_permissions
 
 from locplan.field import (
     Exponential,
@@ -266,7 +266,7 @@ def test_a_full_disk_is_a_warning_and_what_was_written_counts(
     np.testing.assert_array_equal(again.covariance, field.covariance)
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+@respects_permissions
 def test_a_read_only_cache_serves_what_it_holds(grid, tmp_path, computed):
     store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
     computed.clear()

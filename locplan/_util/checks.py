@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard, cast
@@ -107,3 +107,11 @@ def keep(owner: object, **values: object) -> None:
     """Set fields of a frozen dataclass while it is being made."""
     for name, value in values.items():
         object.__setattr__(owner, name, value)
+
+
+def keep_checked(
+    owner: object, names: Iterable[str], check: Callable[..., object], *limits: object
+) -> None:
+    """Set these fields of a frozen dataclass to what one of the checks above makes of them."""
+    for name in names:
+        keep(owner, **{name: check(name, getattr(owner, name), *limits)})

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, keep, number, one_of, positive, whole
+from locplan._util.checks import Settings, keep_checked, number, one_of, positive, whole
 from locplan.errors import ConfigError
 
 FULL_CIRCLE = 360.0
@@ -50,10 +50,9 @@ class Lidar(Settings):
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
-        for name, unit in (("range", "m"), ("range_sigma", "m"), ("field_of_view_deg", "deg")):
-            keep(self, **{name: positive(name, getattr(self, name), unit)})
-        for name in ("mount_x", "mount_y", "mount_yaw_deg"):
-            keep(self, **{name: number(name, getattr(self, name))})
+        keep_checked(self, ("range", "range_sigma"), positive, "m")
+        keep_checked(self, ("field_of_view_deg",), positive, "deg")
+        keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
         if self.range_sigma < MIN_SIGMA:
             raise ConfigError(
                 f"range_sigma must be at least {MIN_SIGMA:g} m, not {self.range_sigma!r}"
@@ -62,7 +61,7 @@ class Lidar(Settings):
             raise ConfigError(
                 f"field_of_view_deg must be at most 360 deg, not {self.field_of_view_deg!r}"
             )
-        keep(self, beams=whole("beams", self.beams, 1, MAX_BEAMS))
+        keep_checked(self, ("beams",), whole, 1, MAX_BEAMS)
 
     @classmethod
     def preset(cls, name: str) -> Lidar:

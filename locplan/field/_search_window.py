@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, keep, number, positive
+from locplan._util.checks import Settings, keep_checked, number, positive
 from locplan.errors import ConfigError
 
 MAX_STEPS = 1000
@@ -40,10 +40,9 @@ class SearchWindow(Settings):
     """Spacing of the turns [deg]."""
 
     def __post_init__(self) -> None:
-        for name, unit in (("half_width", "m"), ("step", "m"), ("rotation_step_deg", "deg")):
-            keep(self, **{name: positive(name, getattr(self, name), unit)})
-        half_rotation = number("half_rotation_deg", self.half_rotation_deg, 0.0, 180.0)
-        keep(self, half_rotation_deg=half_rotation)
+        keep_checked(self, ("half_width", "step"), positive, "m")
+        keep_checked(self, ("rotation_step_deg",), positive, "deg")
+        keep_checked(self, ("half_rotation_deg",), number, 0.0, 180.0)
         if self.step > self.half_width:
             raise ConfigError(
                 f"step ({self.step} m) must not exceed half_width ({self.half_width} m)"

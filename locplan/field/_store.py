@@ -162,7 +162,7 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
             except Timeout:
                 if progress:
                     progress(int(lacking * cache.CacheEntry.read(path).share), lacking)
-    except (OSError, NotImplementedError) as error:
+    except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
         lock = None
         _warn(f"the field is not cached: {path.parent} cannot be written ({_reason(error)})")
     try:

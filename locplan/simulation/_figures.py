@@ -11,6 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
@@ -107,18 +108,10 @@ def queries_figure(routes: Routes) -> Figure:
     left, right = figure.subplots(1, 2)
     rmse = np.array([each.rmse for each in routes.routes])
     lost = np.array([each.lost for each in routes.routes])
-    ends = rmse.min() * 0.8, rmse.max() * 1.25
+    ends = _equal_ends(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
     left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
-    for axis in (left.xaxis, left.yaxis):
-        _logarithmic(axis)
-    left.set(
-        xlim=tuple(ends),
-        ylim=tuple(ends),
-        aspect="equal",
-        xlabel="RMSE along the shortest path [m]",
-        ylabel="RMSE along the aware path [m]",
-    )
+    left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
     right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
     right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
     right.set(
@@ -203,17 +196,11 @@ def calibration_figure(calibration: Calibration) -> Figure:
     """Measured errors over the calibrated deviation of each place."""
     figure = Picture(figsize=(6.2, 5.6), layout="constrained")
     axes = figure.subplots()
-    both = np.concatenate([calibration.predicted, calibration.measured])
-    ends = np.array([both.min() * 0.8, both.max() * 1.25])
+    ends = _equal_ends(axes, np.concatenate([calibration.predicted, calibration.measured]))
     axes.fill_between(ends, ends / 2, ends * 2, color="0.92", label="within a factor 2")
     axes.plot(ends, ends, color="0.5", linewidth=1)
     axes.plot(calibration.predicted, calibration.measured, "o", color=POOLED, ms=4, alpha=0.5)
-    for axis in (axes.xaxis, axes.yaxis):
-        _logarithmic(axis)
     axes.set(
-        xlim=tuple(ends),
-        ylim=tuple(ends),
-        aspect="equal",
         xlabel="rms deviation of the position by Σ [m]",
         ylabel=f"{KIND_LABELS[calibration.error]}: RMSE [m]",
     )
@@ -227,6 +214,15 @@ def calibration_figure(calibration: Calibration) -> Figure:
     )
     axes.legend(loc="upper left", frameon=False)
     return figure
+
+
+def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
+    ends = np.array([values.min() * 0.8, values.max() * 1.25])
+    for axis in (axes.xaxis, axes.yaxis):
+        _logarithmic(axis)
+    axes.set(xlim=tuple(ends), ylim=tuple(ends), aspect="equal")
+    return ends
 
 
 def _logarithmic(axis: Any) -> None:

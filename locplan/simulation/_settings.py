@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from locplan._util.checks import Settings, keep, number, one_of, positive, whole
+from locplan._util.checks import Settings, keep_checked, number, one_of, positive, whole
 from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.field.estimators._sad import PAPER_RANGE
@@ -77,21 +76,14 @@ class Amcl(Settings):
 
     def __post_init__(self) -> None:
         one_of("laser_model_type", self.laser_model_type, MODELS)
-        for name in ("laser_likelihood_max_dist", "sigma_hit", "pf_err", "pf_z"):
-            keep(self, **{name: positive(name, getattr(self, name))})
-        for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
-            keep(self, **{name: number(name, getattr(self, name), 0.0, math.inf)})
-        keep(
-            self,
-            laser_max_range=number("laser_max_range", self.laser_max_range, -math.inf, math.inf),
-        )
-        for name in ("update_min_a", "update_min_d"):
-            keep(self, **{name: number(name, getattr(self, name), 0.0, math.inf)})
-        for name in ("z_hit", "z_rand"):
-            keep(self, **{name: number(name, getattr(self, name), 0.0, 1.0)})
-        for name in ("resample_interval", "min_particles", "max_particles"):
-            keep(self, **{name: whole(name, getattr(self, name), 1)})
-        keep(self, max_beams=whole("max_beams", self.max_beams, MIN_BEAMS))
+        above_0 = ("laser_likelihood_max_dist", "sigma_hit", "pf_err", "pf_z")
+        from_0 = ("alpha1", "alpha2", "alpha3", "alpha4", "update_min_a", "update_min_d")
+        keep_checked(self, above_0, positive)
+        keep_checked(self, from_0, number, 0.0)
+        keep_checked(self, ("laser_max_range",), number)
+        keep_checked(self, ("z_hit", "z_rand"), number, 0.0, 1.0)
+        keep_checked(self, ("resample_interval", "min_particles", "max_particles"), whole)
+        keep_checked(self, ("max_beams",), whole, MIN_BEAMS)
         if self.min_particles > self.max_particles:
             raise ConfigError(
                 f"min_particles ({self.min_particles}) must not exceed max_particles"
@@ -149,16 +141,13 @@ class Disturbances(Settings):
     """Standard deviation of the filter's first heading [deg]."""
 
     def __post_init__(self) -> None:
-        for name in ("boundary_noise", "outliers", "occlusion"):
-            keep(self, **{name: number(name, getattr(self, name), 0.0, 1.0)})
-        keep(self, worlds=whole("worlds", self.worlds, 1))
-        keep(self, occlusion_deg=number("occlusion_deg", self.occlusion_deg, 0.0, 360.0))
-        others = {"boundary_noise", "outliers", "occlusion", "occlusion_deg", "worlds"}
-        for each in dataclasses.fields(self):
-            if each.name not in others:
-                keep(
-                    self, **{each.name: number(each.name, getattr(self, each.name), 0.0, math.inf)}
-                )
+        shares = ("boundary_noise", "outliers", "occlusion")
+        keep_checked(self, shares, number, 0.0, 1.0)
+        keep_checked(self, ("worlds",), whole)
+        keep_checked(self, ("occlusion_deg",), number, 0.0, 360.0)
+        names = [each.name for each in dataclasses.fields(self)]
+        others = [name for name in names if name not in (*shares, "worlds", "occlusion_deg")]
+        keep_checked(self, others, number, 0.0)
 
 
 def changed(
