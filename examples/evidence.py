@@ -43,10 +43,12 @@ def main(
     evaluations, routes = {}, {}
     for name, amcl in FILTERS.items():
         evaluations[name] = evaluate(grids, amcl=amcl, places=places)
-        reports.write_evaluation(target / f"{name}, places", evaluations[name])
+        reports.write_evaluation(
+            reports.EVALUATION.into(target / f"{name}, places"), evaluations[name]
+        )
         print(f"{name}\n{reports.evaluation_table(evaluations[name])}", flush=True)
         routes[name] = [driven(grid, amcl, queries, drives) for grid in grids]
-        reports.write_routes(target / f"{name}, paths", routes[name])
+        reports.write_routes(reports.QUERIES.into(target / f"{name}, paths"), routes[name])
         print(reports.routes_table(routes[name]), flush=True)
     text = "\n\n".join([predictors(evaluations), errors(evaluations), paths(routes)])
     (target / "evidence.md").write_text(text + "\n", encoding="utf-8")

@@ -51,6 +51,7 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     assert code == 0
     assert "∫e ds" in out
     assert sorted(path.name for path in out_dir.iterdir()) == [
+        ".locplan.json",
         "localizability-aware.csv",
         "plan.json",
         "plan.png",
@@ -305,7 +306,7 @@ def test_pareto_prints_the_front_and_writes_it(run, room, tmp_path):
     assert "exact" in out
     assert "knee" in out
     files = sorted(path.name for path in (tmp_path / "front").iterdir())
-    assert files == ["front.csv", "front.json", "front.png", "knee.csv"]
+    assert files == [".locplan.json", "front.csv", "front.json", "front.png", "knee.csv"]
     about = json.loads(run("pareto", room, *ends, "--objective", "e", "--json")[1])
     assert about["epsilon"] == 0
     assert len(about["length_m"]) == len(about["integral"]) > 0

@@ -151,7 +151,7 @@ def test_an_evaluation_is_the_same_again_and_on_one_thread(grid):
 
 
 def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
-    reports.write_evaluation(tmp_path / "out", evaluation)
+    reports.write_evaluation(reports.EVALUATION.into(tmp_path / "out"), evaluation)
     about = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert [each["name"] for each in about["maps"]] == ["two_corridors", "places"]
     assert about["amcl"]["sigma_hit"] == 0.2

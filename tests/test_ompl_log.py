@@ -165,12 +165,3 @@ def test_they_join_a_database(tmp_path):
 def test_no_runs_are_no_log(tmp_path):
     with pytest.raises(LocplanError, match="no runs"):
         write_ompl_logs([], tmp_path / "logs")
-
-
-def test_logs_of_before_are_replaced_and_nothing_else_is(tmp_path):
-    runs = made_up({"any-angle": 1.0}, queries=3, maps=("rooms",))
-    write_ompl_logs(runs, tmp_path / "logs")
-    (log,) = write_ompl_logs(runs[:1], tmp_path / "logs")
-    assert list((tmp_path / "logs").iterdir()) == [log]
-    with pytest.raises(LocplanError, match="not as locplan wrote it"):
-        write_ompl_logs(runs, tmp_path)

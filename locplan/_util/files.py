@@ -43,8 +43,8 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
     exception the temporary file is removed and `target` stays as it was.
     """
     path = Path(target)
-    _check_no_input(path)
-    with _errors_in_one_line(path):
+    check_no_input(path)
+    with errors_in_one_line(path):
         handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}-", path.parent)
         os.close(handle)
         try:
@@ -66,7 +66,7 @@ def replacing_folder(
     """
     check_folder_target(Path(target), suffix, ours)
     path = Path(os.path.realpath(target))
-    with _errors_in_one_line(path):
+    with errors_in_one_line(path):
         temporary = Path(tempfile.mkdtemp(path.suffix, f".{path.stem}-", path.parent))
         aside = temporary.with_name(temporary.name + ".old")
         try:
@@ -91,7 +91,7 @@ def check_target(path: Path, *suffixes: str) -> None:
         raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
     if path.is_dir():
         raise LocplanError(f"{path}: is a folder; name a file in it")
-    _check_no_input(path)
+    check_no_input(path)
     _check_parent(path)
 
 
@@ -103,8 +103,8 @@ def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], b
     if suffix is not None and path.suffix != suffix:
         raise LocplanError(f"{path}: must end in {suffix}")
     if path.exists() and not ours(path):
-        raise LocplanError(f"{path}: is there and not as locplan wrote it; choose another name")
-    _check_no_input(path)
+        raise LocplanError(f"{path}: is there, and not as locplan wrote it; choose another name")
+    check_no_input(path)
     _check_parent(path)
 
 
@@ -130,7 +130,7 @@ def make_folder(folder: Path) -> None:
         raise LocplanError(f"{folder}: cannot be made ({error.strerror})") from None
 
 
-def _check_no_input(path: Path) -> None:
+def check_no_input(path: Path) -> None:
     """Raise a LocplanError if writing there replaces an input, or a folder with one in it."""
     target = _real(path)
     for each in _INPUTS.get() or ():
@@ -150,7 +150,7 @@ def _check_parent(path: Path) -> None:
 
 
 @contextmanager
-def _errors_in_one_line(path: Path) -> Iterator[None]:
+def errors_in_one_line(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:

@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from locplan.cli import _groups as groups
-from locplan.cli._groups import INPUT, MAP_INPUT, Count, Json, Seed, option_group, results
+from locplan.cli._groups import INPUT, MAP_INPUT, Count, Force, Json, Seed, option_group, results
 from locplan.cli._options import Computing, Criterion, FieldOptions, RobotRadius, radius_of
 from locplan.cli._values import refuse, show
 from locplan.errors import ConfigError
@@ -94,6 +94,7 @@ def compare(
     options: FieldOptions = FieldOptions(),
     running: Running = Running(),
     computing: Computing = Computing(),
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Run planners side by side, and report which one is best, where and by how much."""
@@ -109,7 +110,7 @@ def compare(
     made = options.to_configs(asked.ranges)
     configs = {f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made}
     comparison.specs_of(compared.planner or comparison.PLANNERS)
-    comparison.check_result_folder(output)
+    comparison.check_result_folder(output, force=force)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
 
     with progress_bar("runs", "runs") as progress:
@@ -134,5 +135,5 @@ def compare(
             field_of=computing.field,
             progress=progress,
         )
-    written = result.save(output, command=shlex.join(["locplan", *sys.argv[1:]]))
+    written = result.save(output, force=force, command=shlex.join(["locplan", *sys.argv[1:]]))
     show(json, result.to_json(), result.table(), *written)

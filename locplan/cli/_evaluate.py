@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import FIELD, Json, MapFiles, command
+from locplan.cli._groups import FIELD, Force, Json, MapFiles, command
 from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
@@ -28,18 +28,17 @@ def evaluate(
     robot_radius: RobotRadius = None,
     threads: Threads = None,
     output: Folder = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Tell how well each field predicts where a robot is badly localized on your maps."""
-    from locplan._util.files import check_folder
     from locplan._util.progress import progress_bar
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _evaluation as evaluation, _reports as reports
 
     config = FieldOptions(range=range).to_config()
     simulated = simulation.simulated(config)
-    if output:
-        check_folder(output)
+    folder = reports.EVALUATION.into(output, force=force) if output else None
     with progress_bar("driving", "drives") as progress:
         result = evaluation.evaluate(
             [load_map(file) for file in find_maps(*maps)],
@@ -50,5 +49,5 @@ def evaluate(
             threads=threads,
             progress=progress,
         )
-    written = reports.write_evaluation(output, result) if output else []
+    written = reports.write_evaluation(folder, result) if folder else []
     show(json, result.summary(), reports.evaluation_table(result), *written)

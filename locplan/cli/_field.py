@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import OUTPUT, Json, MapFiles, command, results
+from locplan.cli._groups import OUTPUT, Force, Json, MapFiles, command, results
 from locplan.cli._options import Computing, FieldOptions
 from locplan.cli._values import show
 
@@ -31,6 +31,7 @@ def field(
     ] = None,
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
+    force: Force = False,
     json: Json = False,
 ) -> int:
     """Compute how uncertain a pose match is all over a map, or over many."""
@@ -38,7 +39,7 @@ def field(
     from locplan.field._summary import FieldSummary
 
     config = options.to_config()
-    jobs = jobs_for(maps, output, picture)
+    jobs = jobs_for(maps, output, picture, force=force)
     with computing.of(config) as compute:
         if len(jobs) == 1:
             summary = FieldSummary.of(jobs[0].run(compute))

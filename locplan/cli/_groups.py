@@ -57,6 +57,12 @@ Json = Annotated[
 ]
 
 
+Force = Annotated[
+    bool,
+    Parameter(group=OUTPUT, help="Files in the way are replaced, whoever wrote them."),
+]
+
+
 def results(what: str) -> Parameter:
     """The option that says where results go."""
     return Parameter(name=("--output", "-o"), group=OUTPUT, help=what)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from locplan.cli._groups import GENERAL, command, option_group
+from locplan.cli._groups import GENERAL, Force, command, option_group
 from locplan.cli._values import say_written
 
 app = command("maps", "maps maps --name two_corridors --resolution 0.1")
@@ -25,7 +25,9 @@ class MapOptions:
 
 
 @app.default
-def maps(folder: Path = Path("maps"), *, options: MapOptions = MapOptions()) -> None:
+def maps(
+    folder: Path = Path("maps"), *, options: MapOptions = MapOptions(), force: Force = False
+) -> None:
     """Write the generated maps as PGM and YAML.
 
     Parameters
@@ -33,15 +35,16 @@ def maps(folder: Path = Path("maps"), *, options: MapOptions = MapOptions()) -> 
     folder
         The maps are written here, in maps by default.
     """
-    from locplan._util.files import make_folder
+    from locplan._util.results import ResultFolder
     from locplan.maps import environments, save_map
 
-    make_folder(folder)
     noise, seed = options.boundary_noise, options.seed
-    for each in options.name or environments.names():
-        grid = environments.make(
-            each, resolution=options.resolution, boundary_noise=noise, seed=seed
-        )
-        stem = f"{each}_noise{noise:g}_seed{seed}" if noise else each
-        save_map(grid, folder / f"{stem}.yaml")
-        say_written(folder / f"{stem}.yaml")
+    names = options.name or environments.names()
+    ending = f"_noise{noise:g}_seed{seed}" if noise else ""
+    with ResultFolder(folder, "maps", force).writing(others_stay=True) as new:
+        for name in names:
+            grid = environments.make(
+                name, resolution=options.resolution, boundary_noise=noise, seed=seed
+            )
+            save_map(grid, new / f"{name}{ending}.yaml")
+    say_written(*(folder / f"{name}{ending}.yaml" for name in names))

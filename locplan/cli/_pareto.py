@@ -7,7 +7,16 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import GENERAL, Json, MapFile, Text, command, option_group, results
+from locplan.cli._groups import (
+    GENERAL,
+    Force,
+    Json,
+    MapFile,
+    Text,
+    command,
+    option_group,
+    results,
+)
 from locplan.cli._options import Computing, CostOptions, FieldOptions, RobotRadius
 from locplan.cli._values import load, position, show
 
@@ -43,12 +52,12 @@ def pareto(
         Path | None,
         results("The files front.png, front.csv, front.json and knee.csv go to this folder."),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Find all best trade-offs between length and localizability, and where they bend."""
     from locplan import planners
-    from locplan._util.files import check_folder
-    from locplan.export._plan_folders import write_front
+    from locplan.export._plan_folders import FRONT, write_front
     from locplan.planners._summary import front_summary, front_table
     from locplan.planners._trade_offs import check_caps
 
@@ -58,8 +67,7 @@ def pareto(
     grid = load(map_file)
     config = options.to_config()
     planners.check_ends(costs.blank(grid), *ends)
-    if output:
-        check_folder(output)
+    folder = FRONT.into(output, force=force) if output else None
     field = computing.field(grid, config)
     front = planners.pareto_front(
         costs.costmap(grid, field),
@@ -68,6 +76,6 @@ def pareto(
         time_limit=search.time_limit,
         max_labels=search.max_labels,
     )
-    if output:
-        write_front(output, front, field)
+    if folder:
+        write_front(folder, front, field)
     show(json, front_summary(front), front_table(front, field.e_unit), output)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from locplan.cli import _groups as groups
-from locplan.cli._groups import Json, MapFile, Text, option_group, results
+from locplan.cli._groups import Force, Json, MapFile, Text, option_group, results
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._values import load, outline_of, position, settings_of, show
@@ -86,15 +86,16 @@ def plan(
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
     output: Annotated[
-        Path | None, results("The paths (CSV), plan.json and plan.png are written to this folder.")
+        Path | None,
+        results("The paths (CSV), plan.json and plan.png are written to this folder."),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Plan a path that the robot can localize on, beside the shortest one."""
     from locplan import planners
-    from locplan._util.files import check_folder
     from locplan._util.progress import in_turn, progress_bar
-    from locplan.export._plan_folders import write_plans
+    from locplan.export._plan_folders import PLAN, write_plans
     from locplan.planners._summary import plans_summary, plans_table
 
     start, goal = position("start", query.start), position("goal", query.goal)
@@ -110,8 +111,7 @@ def plan(
     config = options.to_config()
     planners.check_ends(costs.blank(grid), start, goal, stops, space=planning.space or "R2")
     costs.check(config)
-    if output:
-        check_folder(output)
+    folder = PLAN.into(output, force=force) if output else None
     field = computing.field(grid, config)
     costmap = costs.costmap(grid, field)
     untimed = planning.iterations and planning.time_limit is None
@@ -121,6 +121,6 @@ def plan(
         plans = planners.plan_beside_shortest(
             costmap, start, goal, planner=planning.planner, **(limits | given)
         )
-    if output:
-        write_plans(output, costmap, field, plans)
+    if folder:
+        write_plans(folder, costmap, field, plans)
     show(json, plans_summary(plans), plans_table(plans, field.e_unit), output)

@@ -7,7 +7,17 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import GENERAL, INPUT, Json, MapFiles, Pair, Text, command, option_group
+from locplan.cli._groups import (
+    GENERAL,
+    INPUT,
+    Force,
+    Json,
+    MapFiles,
+    Pair,
+    Text,
+    command,
+    option_group,
+)
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._simulation_options import Folder, SimulationOptions
 from locplan.cli._values import read_paths, refuse, show, two_numbers
@@ -53,11 +63,11 @@ def simulate(
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
     output: Folder = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m)."""
     from locplan import planners
-    from locplan._util.files import check_folder
     from locplan._util.progress import progress_bar
     from locplan.costs import Costmap
     from locplan.maps import find_maps, load_map
@@ -84,8 +94,12 @@ def simulate(
             f"one path is of one map: name one of these {len(files)}, or give --random"
         )
     grids = [load_map(file) for file in files]
-    if output:
-        check_folder(output)
+    folder = None
+    if output and driven.random is not None:
+        pictures = reports.picture_names([grid.name for grid in grids])
+        folder = reports.QUERIES.into(output, *pictures, force=force)
+    elif output:
+        folder = reports.SIMULATION.into(output, force=force)
 
     def drive_at_random(costmap: Costmap, count: int) -> routes.Routes:
         queries = planners.random_queries(
@@ -99,7 +113,7 @@ def simulate(
     with computing.of(config) as compute:
         if driven.random is not None:
             every = [drive_at_random(costs.costmap(g, compute(g)), driven.random) for g in grids]
-            written = reports.write_routes(output, every) if output else []
+            written = reports.write_routes(folder, every) if folder else []
             show(json, reports.routes_summary(every), reports.routes_table(every), *written)
             return
         if not (start and goal):
@@ -122,5 +136,5 @@ def simulate(
             costs=costmap,
             progress=progress,
         )
-    written = reports.write_simulation(output, result) if output else []
+    written = reports.write_simulation(folder, result) if folder else []
     show(json, result.summary(), reports.simulation_table(result), *written)

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from locplan import __version__
-from locplan._util.files import replacing_folder
 from locplan.comparison._convergence import baseline_costs, best_so_far
 from locplan.comparison._runs import MEASURES, Run
 from locplan.comparison._statistics import Array, query_of
@@ -63,7 +62,7 @@ def write_ompl_logs(
     aggregate, or which they take apart. Where a problem has a single query it is no parameter:
     Planner Arena's progress page fails on parameters with one value.
 
-    A folder with nothing but logs is replaced. ``ompl_benchmark_statistics -d arena.db
+    The folder is made for them. ``ompl_benchmark_statistics -d arena.db
     FOLDER/*.log`` makes the database, and replaces an `arena.db` that is there. The relative cost
     is J divided by the `baseline` planner's of the same query. The limits of a run [s, MB] are
     unknown if NaN. `settings` are texts by the planner's label.
@@ -72,16 +71,12 @@ def write_ompl_logs(
     if not ordered:
         raise LocplanError("there are no runs to write a log of")
     logs = _logs(ordered, baseline, (time_limit, memory_limit), settings or {}, started)
-    with replacing_folder(folder, None, only_logs) as temporary:
-        for name, lines in logs.items():
-            text = "".join(f"{line}\n" for line in lines)
-            (temporary / name).write_text(text, "ascii", "backslashreplace", newline="\n")
-    return [Path(folder) / name for name in logs]
-
-
-def only_logs(folder: Path) -> bool:
-    """Return whether a path is a folder with nothing but logs, which may be replaced."""
-    return folder.is_dir() and all(path.suffix == ".log" for path in folder.iterdir())
+    folder = Path(folder)
+    folder.mkdir()
+    for name, lines in logs.items():
+        text = "".join(f"{line}\n" for line in lines)
+        (folder / name).write_text(text, "ascii", "backslashreplace", newline="\n")
+    return [folder / name for name in logs]
 
 
 def _logs(

@@ -12,16 +12,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from locplan._util.files import (
-    check_folder,
-    check_folder_target,
-    check_target,
-    make_folder,
-    replacing,
-)
+from locplan._util.checks import file_path
+from locplan._util.results import ResultFolder, Results
 from locplan.comparison._cases import Source
 from locplan.comparison._frames import to_frame, write_table
-from locplan.comparison._ompl_log import only_logs, write_ompl_logs
+from locplan.comparison._ompl_log import write_ompl_logs
 from locplan.comparison._pairs import Contrast, contrasts
 from locplan.comparison._runs import Run
 from locplan.comparison._statistics import Summary, summaries
@@ -46,13 +41,18 @@ FRONT_TIME = 20.0
 """Time limit of the exact front of a query in a report [s]."""
 
 
-def check_result_folder(folder: Path) -> None:
-    """Raise a LocplanError unless results can be written into the folder, which need not exist."""
-    check_folder(folder)
-    if folder.exists():
-        check_target(folder / "report.html", ".html")
-        check_target(folder / "runs.csv", ".csv")
-        check_folder_target(folder / "ompl_logs", None, only_logs)
+COMPARISON = Results("comparison", ("report.html", "comparison.json", "runs.csv", "runs.parquet"))
+
+
+def check_result_folder(folder: Path, *, force: bool = False) -> ResultFolder:
+    """The folder, if results can be written into it; it need not exist.
+
+    Raises
+    ------
+    LocplanError
+        If they cannot be written, or, but for `force`, would replace files of others.
+    """
+    return COMPARISON.into(folder, force=force)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +84,9 @@ class Comparison:
         """A pandas data frame with one row for every run; a LocplanError without pandas."""
         return to_frame(self.runs)
 
-    def save(self, folder: str | os.PathLike[str], *, command: str = "") -> list[Path]:
+    def save(
+        self, folder: str | os.PathLike[str], *, command: str = "", force: bool = False
+    ) -> list[Path]:
         """Write report.html, runs.csv (and runs.parquet with pyarrow), comparison.json, ompl_logs.
 
         Parameters
@@ -93,6 +95,8 @@ class Comparison:
             Folder of the results, which need not exist.
         command : str
             Command that repeats the comparison, for the report.
+        force : bool
+            Whether files of these names are replaced that locplan did not write.
 
         Returns
         -------
@@ -101,27 +105,28 @@ class Comparison:
         Raises
         ------
         LocplanError
-            If a file cannot be written.
+            If a file cannot be written, or would replace one that locplan did not write.
         """
-        target = Path(folder)
-        check_result_folder(target)
-        make_folder(target)
-        write_report(target / "report.html", self._report(command))
+        results = check_result_folder(file_path("a folder of results", folder), force=force)
         tables = ["runs.csv", *(["runs.parquet"] if find_spec("pyarrow") else [])]
-        written = [write_table(self.runs, target / name) for name in tables]
-        with replacing(target / "comparison.json") as temporary:
-            temporary.write_text(json.dumps(self.to_json(), indent=2) + "\n", encoding="utf-8")
         limits = [self.about.get(name) for name in ("time_limit", "memory")]
         seconds, size = (math.nan if limit is None else limit for limit in limits)
-        write_ompl_logs(
-            self.runs,
-            target / "ompl_logs",
-            baseline=self.baseline,
-            time_limit=seconds,
-            memory_limit=size / 1e6,  # in MB
-            started=datetime.fromisoformat(self.about["began"]),
-        )
-        return [target / "report.html", *written, target / "comparison.json", target / "ompl_logs"]
+        with results.writing() as new:
+            write_report(new / "report.html", self._report(command))
+            for name in tables:
+                write_table(self.runs, new / name)
+            about = json.dumps(self.to_json(), indent=2)
+            (new / "comparison.json").write_text(about + "\n", encoding="utf-8")
+            write_ompl_logs(
+                self.runs,
+                new / "ompl_logs",
+                baseline=self.baseline,
+                time_limit=seconds,
+                memory_limit=size / 1e6,  # in MB
+                started=datetime.fromisoformat(self.about["began"]),
+            )
+        names = ("report.html", *tables, "comparison.json", "ompl_logs")
+        return [results.folder / name for name in names]
 
     def to_json(self) -> dict[str, Any]:
         """The settings and all statistics, fit for JSON."""

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from locplan._util.files import PICTURES, check_folder_target, check_target, make_folder
+from locplan._util.results import ResultFolder
 from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField
 from locplan.field._summary import FieldSummary, shown
-from locplan.field._zarr import SUFFIX, is_field
+from locplan.field._zarr import SUFFIX, is_untouched
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
 
@@ -24,35 +25,48 @@ class Job:
     map_file: Path
     output: Path | None = None
     picture: Path | None = None
+    pictures: ResultFolder | None = None
+    """The folder of the picture, unless the user named the file."""
+    force: bool = False
+    """Whether files in the way are replaced."""
 
     def check(self) -> None:
         """Raise a LocplanError unless both can be written."""
         if self.output:
-            check_folder_target(self.output, SUFFIX, is_field)
+            check_folder_target(self.output, SUFFIX, Path.is_dir if self.force else is_untouched)
         if self.picture:
             check_target(self.picture, *PICTURES)
+        if self.picture and self.pictures:
+            self.pictures.check(self.picture.name)
 
     def run(self, compute: Callable[[OccupancyGrid], CovarianceField]) -> CovarianceField:
         """Load the map, compute its field, and write the files that are wanted."""
         field = compute(load_map(self.map_file))
         if self.output:
-            field.save(self.output)
+            field.save(self.output, force=self.force)
         if self.picture:
             from locplan import plotting
 
-            plotting.save_figure(plotting.field_figure(field), self.picture)
+            figure = plotting.field_figure(field)
+            if self.pictures:
+                with self.pictures.writing(others_stay=True) as folder:
+                    plotting.save_figure(figure, folder / self.picture.name)
+            else:
+                plotting.save_figure(figure, self.picture)
         return field
 
 
-def jobs_for(maps: Sequence[Path], output: Path | None, picture: Path | None) -> list[Job]:
+def jobs_for(
+    maps: Sequence[Path], output: Path | None, picture: Path | None, *, force: bool = False
+) -> list[Job]:
     """One job for each map file that is named or lies in a folder that is named.
 
     For a single map `output` is its field and `picture` its picture; for several they are
-    folders, with a file by the name of each map.
+    folders, with a file by the name of each map. With `force` files in the way are replaced.
     """
     files = find_maps(*maps)
     if len(files) == 1:
-        job = Job(files[0], output, picture)
+        job = Job(files[0], output, picture, force=force)
         job.check()
         return [job]
     for folder, suffixes in ((output, [SUFFIX]), (picture, PICTURES)):
@@ -71,6 +85,8 @@ def jobs_for(maps: Sequence[Path], output: Path | None, picture: Path | None) ->
             file,
             output / f"{name_of(file)}{SUFFIX}" if output else None,
             picture / f"{name_of(file)}.png" if picture else None,
+            ResultFolder(picture, "pictures", force) if picture else None,
+            force,
         )
         for file in files
     ]

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -311,19 +312,19 @@ class CovarianceField(Pictured):
             pass
         return CovarianceField.of(values, grid, self.config)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
 
-        A field of that name is replaced; any other folder is refused.
+        A field of that name is replaced; any other folder is refused, and a field with other
+        files in it, unless `force` is set.
 
         Raises
         ------
         LocplanError
-            If the folder cannot be written, or exists and is not a field.
+            If the folder cannot be written, or may not be replaced.
         """
-        with replacing_folder(
-            file_path("a field", path), field_files.SUFFIX, field_files.is_field
-        ) as temporary:
+        ours = FilePath.is_dir if force else field_files.is_untouched
+        with replacing_folder(file_path("a field", path), field_files.SUFFIX, ours) as temporary:
             field_files.write(temporary, self.values, self.grid, self.config)
 
     @classmethod

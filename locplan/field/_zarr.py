@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -76,13 +77,19 @@ def read_attributes(folder: Path) -> dict[str, Any]:
     raise FieldError(f"{folder}: not a covariance field ({what})")
 
 
-def is_field(folder: Path) -> bool:
-    """Return whether the folder holds a covariance field, judged by its attributes."""
+def is_untouched(folder: Path) -> bool:
+    """Return whether the folder holds a covariance field, and nothing that locplan did not write.
+
+    A field is known by its attributes, and a file by its name.
+    """
     try:
-        read_attributes(folder)
-    except FieldError:
+        layers = FieldConfig.from_json(read_attributes(folder)["config"]).estimator.layers
+    except (LocplanError, KeyError, TypeError):
         return False
-    return True
+    arrays = "|".join(("covariance", "cells", "y", "x", "heading", *(each.name for each in layers)))
+    ours = re.compile(rf"zarr\.json|({arrays})/(zarr\.json|c([./]\d+)*(\.\w+\.partial)?)")
+    files = (path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir())
+    return all(ours.fullmatch(file.as_posix()) for file in files)
 
 
 def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:

@@ -15,6 +15,9 @@ from locplan.planners._request import AnyPlanner, outline_of, planner_for, takes
 from locplan.planners._result import Plan, finished
 from locplan.planners._spaces import check_pose
 
+SHORTEST, AWARE = "shortest", "localizability-aware"
+"""Labels of the paths that `plan_beside_shortest` gives."""
+
 
 def check_ends(
     costs: Costmap,
@@ -157,4 +160,4 @@ def plan_beside_shortest(
             min(both, key=lambda one: getattr(one.metrics, measure))
             for measure in ("length", "cost")
         )
-    return {"shortest": shortest, "localizability-aware": aware}
+    return {SHORTEST: shortest, AWARE: aware}

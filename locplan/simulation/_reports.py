@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from locplan import __version__
-from locplan._util.files import make_folder, replacing
+from locplan._util.files import replacing
 from locplan._util.intervals import Interval
+from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
 from locplan.field import save_config
 from locplan.simulation._calibration import Calibration
@@ -21,6 +22,10 @@ from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
 from locplan.simulation._predictors import CLEARANCE, Predictor
 from locplan.simulation._routes import COLUMNS, Routes
 from locplan.simulation._simulate import Simulation
+
+SIMULATION = Results("simulation", ("simulation.png", "simulation.json", "errors.csv"))
+QUERIES = Results("queries", ("queries.json", "queries.csv"))
+EVALUATION = Results("evaluation", ("evaluation.png", "evaluation.json", "places.csv"))
 
 FEW_PLACES = 20
 """Number of places below which predictors are not judged."""
@@ -161,7 +166,7 @@ def calibration_table(calibration: Calibration) -> str:
     return f"{table([], rows)}\n{verdict}"
 
 
-def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
+def write_simulation(results: ResultFolder, simulation: Simulation) -> list[Path]:
     """Write simulation.json, simulation.png, and errors.csv with the error along each path.
 
     Raises
@@ -172,16 +177,16 @@ def write_simulation(folder: Path, simulation: Simulation) -> list[Path]:
     from locplan.plotting import save_figure
     from locplan.simulation import _figures
 
-    make_folder(folder)
-    files = [folder / name for name in ("simulation.png", "simulation.json", "errors.csv")]
-    save_figure(_figures.simulation_figure(simulation), files[0])
-    _write_json(files[1], simulation.summary())
-    rows = ([name, *row] for name, each in simulation.drives.items() for row in each.profile())
-    _write_rows(files[2], ["path", *PROFILE], rows)
-    return files
+    with results.writing() as folder:
+        picture, about, errors = (folder / name for name in SIMULATION.names)
+        save_figure(_figures.simulation_figure(simulation), picture)
+        _write_json(about, simulation.summary())
+        rows = ([name, *row] for name, each in simulation.drives.items() for row in each.profile())
+        _write_rows(errors, ["path", *PROFILE], rows)
+    return [results.folder / name for name in SIMULATION.names]
 
 
-def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
+def write_routes(results: ResultFolder, every: Sequence[Routes]) -> list[Path]:
     """Write queries.json, queries.csv, and a picture of each map.
 
     Raises
@@ -192,20 +197,23 @@ def write_routes(folder: Path, every: Sequence[Routes]) -> list[Path]:
     from locplan.plotting import save_figure
     from locplan.simulation import _figures
 
-    make_folder(folder)
-    _write_json(folder / "queries.json", routes_summary(every))
-    table_file = folder / "queries.csv"
-    rows = ([routes.grid.name, *row] for routes in every for row in routes.rows())
-    _write_rows(table_file, ["map", *COLUMNS], rows)
-    written = [folder / "queries.json", table_file]
-    for number, routes in enumerate(every, 1):
-        file = folder / f"{number:02}-{_file_name(routes.grid.name or 'map')}.png"
-        save_figure(_figures.queries_figure(routes), file)
-        written.append(file)
-    return written
+    pictures = picture_names([routes.grid.name for routes in every])
+    with results.writing() as folder:
+        about, table_file = (folder / name for name in QUERIES.names)
+        _write_json(about, routes_summary(every))
+        rows = ([routes.grid.name, *row] for routes in every for row in routes.rows())
+        _write_rows(table_file, ["map", *COLUMNS], rows)
+        for name, routes in zip(pictures, every, strict=True):
+            save_figure(_figures.queries_figure(routes), folder / name)
+    return [results.folder / name for name in (*QUERIES.names, *pictures)]
 
 
-def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
+def picture_names(maps: Sequence[str]) -> list[str]:
+    """Names of the pictures of queries on maps of these names."""
+    return [f"{number:02}-{_file_name(name or 'map')}.png" for number, name in enumerate(maps, 1)]
+
+
+def write_evaluation(results: ResultFolder, evaluation: Evaluation) -> list[Path]:
     """Write evaluation.json, evaluation.png, and places.csv with one row per place.
 
     Raises
@@ -216,14 +224,13 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
     from locplan.plotting import save_figure
     from locplan.simulation import _figures
 
-    make_folder(folder)
-    files = [folder / f"evaluation{suffix}" for suffix in (".png", ".json")]
-    save_figure(_figures.evaluation_figure(evaluation), files[0])
-    _write_json(files[1], evaluation.summary())
-    rows = folder / "places.csv"
-    each = ([name, *row] for name, values in evaluation.rows() for row in values)
-    _write_rows(rows, ["map", *evaluation.columns], each)
-    return [*files, rows]
+    with results.writing() as folder:
+        picture, about, places = (folder / name for name in EVALUATION.names)
+        save_figure(_figures.evaluation_figure(evaluation), picture)
+        _write_json(about, evaluation.summary())
+        rows = ([name, *row] for name, values in evaluation.rows() for row in values)
+        _write_rows(places, ["map", *evaluation.columns], rows)
+    return [results.folder / name for name in EVALUATION.names]
 
 
 def write_calibration(target: Path, calibration: Calibration) -> list[Path]:

@@ -18,13 +18,11 @@ from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
+from locplan.planners._plan import AWARE, SHORTEST
 from locplan.simulation._drives import Drives, contrasts
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
-
-SHORTEST, AWARE = "shortest", "localizability-aware"
-"""Names of the paths of `locplan.planners.plan_beside_shortest`."""
 
 
 def planned(costs: Costmap, query: Query) -> dict[str, Path]:

@@ -1,0 +1,201 @@
+"""Folders of results, written whole or not at all beside the user's own files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from locplan._util.files import check_folder, check_no_input, errors_in_one_line
+from locplan.errors import LocplanError
+
+MANIFEST = ".locplan.json"
+"""The file in a folder of results that lists what was written there, with SHA-256 digests."""
+
+Written = dict[str, dict[str, str]]
+"""The digests of files by kind of result and by name, relative to the folder."""
+
+
+@dataclass(frozen=True)
+class ResultFolder:
+    """A folder that results of one kind are written into, which need not exist.
+
+    Only a file that an earlier run wrote, and that nobody has changed since, is replaced or
+    removed; the manifest in the folder tells which these are.
+    """
+
+    folder: Path
+    """The folder, in which there may be other results and files of the user's."""
+    kind: str
+    """The kind of the results, such as plan: files of other kinds are never removed."""
+    force: bool = False
+    """Whether files of the same names are replaced, whoever wrote them."""
+
+    def check(self, *names: str) -> None:
+        """Raise a LocplanError unless files of these names can be written; before long work."""
+        check_folder(self.folder)
+        known = self._known()
+        for name in names:
+            self._check_way(name, known)
+
+    @contextmanager
+    def writing(self, *, others_stay: bool = False) -> Iterator[Path]:
+        """Yield a new folder, whose files are moved into the folder when the block succeeds.
+
+        What an earlier run wrote of this kind and this block did not is removed, unless
+        `others_stay`. On an exception the folder stays as it was; one that is raised while files
+        move is put off until they have moved.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written, or would replace one that locplan did not write.
+        """
+        check_folder(self.folder)
+        with (
+            errors_in_one_line(self.folder),
+            tempfile.TemporaryDirectory(
+                prefix=".locplan-", dir=_nearest(self.folder), ignore_cleanup_errors=True
+            ) as temporary,
+        ):
+            new, old = Path(temporary, "new"), Path(temporary, "old")
+            new.mkdir()
+            try:
+                yield new
+            except LocplanError as error:  # it names the file's last place
+                raise type(error)(str(error).replace(str(new), str(self.folder))) from None
+            known, written = self._known(), _digests(new)
+            for name, digest in written.items():
+                self._check_way(name, known, digest)
+            before = known.pop(self.kind, {})
+            stale = [] if others_stay else self._untouched(before, written)
+            kept = {name: before[name] for name in before if others_stay and name not in written}
+            others = {
+                kind: {name: digest for name, digest in files.items() if name not in written}
+                for kind, files in known.items()
+            }
+            manifest = json.dumps({**others, self.kind: {**kept, **written}}, indent=1)
+            (new / MANIFEST).write_text(manifest + "\n", encoding="utf-8")
+            with interrupts_put_off():
+                _move(new, self.folder, old, [*written, MANIFEST], stale)
+
+    def _known(self) -> Written:
+        try:
+            known = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
+            return {str(kind): dict(files) for kind, files in known.items()}
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+            return {}  # there is none, or none that helps: nothing is known to be ours
+
+    def _check_way(self, name: str, known: Written, digest: str | None = None) -> None:
+        file = self.folder / name
+        check_no_input(file)
+        if file.is_dir():
+            raise LocplanError(f"{file}: is a folder, and in the way of a file; move it")
+        if self.force or not os.path.lexists(file):
+            return
+        ours = {files.get(name) for files in known.values()} | {digest}
+        if _digest(file) not in ours - {None}:
+            raise LocplanError(
+                f"{file}: is in the way, and not as locplan wrote it; move it, name another folder,"
+                " or replace it with --force (in Python force=True)"
+            )
+
+    def _untouched(self, before: Mapping[str, str], besides: Collection[str]) -> list[str]:
+        """The files of an earlier run that nobody changed, besides those written now."""
+        return [
+            name
+            for name, digest in before.items()
+            if name not in besides
+            and ".." not in PurePath(name).parts
+            and _digest(self.folder / name) == digest
+        ]
+
+
+@dataclass(frozen=True)
+class Results:
+    """A kind of results, which are written together."""
+
+    kind: str
+    """The name of the kind, such as plan."""
+    names: tuple[str, ...]
+    """The files that are known before the work."""
+
+    def into(self, folder: Path, *names: str, force: bool = False) -> ResultFolder:
+        """The folder that takes these results, and files of more names, checked before the work.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written, or would replace one that locplan did not write.
+        """
+        results = ResultFolder(folder, self.kind, force)
+        results.check(*self.names, *names)
+        return results
+
+
+@contextmanager
+def interrupts_put_off() -> Iterator[None]:
+    """Put off what Ctrl-C and SIGTERM do until the block has ended; it must be short."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # they reach the main thread only
+        return
+    caught: list[int] = []
+    before: dict[int, Any] = {}
+    for each in (signal.SIGINT, signal.SIGTERM):
+        before[each] = signal.signal(each, lambda number, _: caught.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if caught:
+            signal.raise_signal(caught[0])
+
+
+def _move(
+    new: Path, folder: Path, old: Path, written: Collection[str], stale: Collection[str]
+) -> None:
+    """Move all files into the folder, and the stale ones out of it, or none."""
+    if not folder.exists():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        new.rename(folder)
+        return
+    with ExitStack() as undo:
+        for name in [*stale, *written]:
+            if os.path.lexists(folder / name):
+                _rename(folder / name, old / name, undo.callback)
+            if name in written:
+                _rename(new / name, folder / name, undo.callback)
+        undo.pop_all()
+
+
+def _rename(source: Path, target: Path, undo: Callable[..., object]) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    source.rename(target)
+    undo(target.rename, source)
+
+
+def _nearest(folder: Path) -> Path:
+    """The folder itself, or the nearest one above it that exists."""
+    return next(each for each in (folder, *folder.absolute().parents) if each.exists())
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    files = sorted(each for each in folder.rglob("*") if each.is_file())
+    return {file.relative_to(folder).as_posix(): _digest(file) or "" for file in files}
+
+
+def _digest(file: Path) -> str | None:
+    """SHA-256 of a file, or None if there is none that can be read."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return None

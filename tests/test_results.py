@@ -1,0 +1,237 @@
+"""Folders of results: whole or not at all, and nothing of the user's lost."""
+
+import json
+import os
+import signal
+
+import pytest
+from conftest import drawn
+
+from locplan import plotting
+from locplan._util import results
+from locplan._util.results import MANIFEST, ResultFolder, Results, interrupts_put_off
+from locplan.errors import LocplanError
+from locplan.maps import save_map
+
+ENDS = ("--start", "1,3", "--goal", "4,3")
+PLAN = ("plan", *ENDS, "--stride", "0.5")
+
+
+def write(folder, files, kind="plan", **options):
+    with ResultFolder(folder, kind, **options).writing() as new:
+        for name, text in files.items():
+            (new / name).parent.mkdir(exist_ok=True)
+            (new / name).write_text(text)
+
+
+def content(folder):
+    files = (each for each in folder.rglob("*") if each.is_file() and each.name != MANIFEST)
+    return {each.relative_to(folder).as_posix(): each.read_text() for each in files}
+
+
+def test_files_of_an_earlier_run_are_replaced_and_removed_and_no_others(tmp_path):
+    folder = tmp_path / "new" / "out"
+    write(folder, {"a": "1", "b": "1", "logs/c": "1"})
+    write(folder, {"x": "1"}, kind="pareto")
+    (folder / "mine").write_text("mine")
+    write(folder, {"a": "2", "logs/c": "2"})
+    assert content(folder) == {"a": "2", "logs/c": "2", "x": "1", "mine": "mine"}
+    assert list(tmp_path.rglob(".locplan-*")) == []
+
+
+@pytest.mark.parametrize("earlier", [{}, {"a": "1"}], ids=["never written", "changed since"])
+def test_a_file_that_is_not_as_locplan_wrote_it_is_in_the_way(tmp_path, earlier):
+    write(tmp_path, earlier | {"z": "1"})
+    (tmp_path / "a").write_text("mine")
+    with pytest.raises(LocplanError, match=r"a: is in the way.*--force"):
+        Results("plan", ("a",)).into(tmp_path)
+    with pytest.raises(LocplanError, match="a: is in the way"):
+        write(tmp_path, {"a": "2", "z": "2"})
+    assert content(tmp_path) == {"a": "mine", "z": "1"}
+    write(tmp_path, {"a": "2", "z": "2"}, force=True)
+    assert content(tmp_path) == {"a": "2", "z": "2"}
+
+
+def test_a_file_that_is_no_longer_written_stays_if_it_was_changed(tmp_path):
+    write(tmp_path, {"history.png": "1", "a": "1"})
+    (tmp_path / "history.png").write_text("mine")
+    write(tmp_path, {"a": "2"})
+    assert content(tmp_path) == {"history.png": "mine", "a": "2"}
+
+
+def test_a_file_with_the_same_content_is_not_in_the_way(tmp_path):
+    (tmp_path / "a").write_text("1")
+    write(tmp_path, {"a": "1"})
+    assert content(tmp_path) == {"a": "1"}
+
+
+def test_others_stay_where_wanted(tmp_path):
+    for name in "ab":
+        with ResultFolder(tmp_path, "maps").writing(others_stay=True) as new:
+            (new / name).write_text("1")
+    assert set(content(tmp_path)) == {"a", "b"}
+    write(tmp_path, {"a": "2"}, kind="maps")  # the manifest knows b still
+    assert set(content(tmp_path)) == {"a"}
+
+
+def test_a_folder_in_the_way_is_never_replaced(tmp_path):
+    (tmp_path / "a").mkdir()
+    with pytest.raises(LocplanError, match="is a folder"):
+        write(tmp_path, {"a": "1"}, force=True)
+
+
+@pytest.mark.parametrize(
+    "manifest", ["", "[" * 5000, "[1]", '{"plan": 3}', '{"plan": {"../mine": 0}}', "\xff"]
+)
+def test_a_damaged_manifest_means_that_nothing_is_known(tmp_path, manifest):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (tmp_path / "mine").write_text("mine")
+    (folder / "a").write_text("mine")
+    (folder / MANIFEST).write_text(manifest, encoding="latin-1")
+    with pytest.raises(LocplanError, match="in the way"):
+        write(folder, {"a": "1"})
+    write(folder, {"b": "1"})
+    assert content(tmp_path) == {"mine": "mine", "out/a": "mine", "out/b": "1"}
+
+
+def test_a_manifest_removes_nothing_outside_of_its_folder(tmp_path):
+    (tmp_path / "mine").write_text("1")
+    write(tmp_path / "out", {"a": "1"})
+    known = json.loads((tmp_path / "out" / MANIFEST).read_text())
+    known["plan"]["../mine"] = known["plan"]["a"]
+    (tmp_path / "out" / MANIFEST).write_text(json.dumps(known))
+    write(tmp_path / "out", {"b": "1"})
+    assert (tmp_path / "mine").exists()
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, LocplanError("x: no")])
+@pytest.mark.parametrize("there", [False, True])
+def test_an_interrupted_block_leaves_the_folder_as_it_was(tmp_path, error, there):
+    folder = tmp_path / "above" / "out"
+    if there:
+        write(folder, {"a": "1"})
+    before = sorted(tmp_path.rglob("*")), content(tmp_path)
+
+    def interrupted():
+        with ResultFolder(folder, "plan").writing() as new:
+            (new / "a").write_text("2")
+            raise error
+
+    with pytest.raises((KeyboardInterrupt, LocplanError)):
+        interrupted()
+    assert (sorted(tmp_path.rglob("*")), content(tmp_path)) == before
+
+
+@pytest.mark.parametrize("fails_at", range(1, 6))
+def test_a_failure_while_files_move_undoes_all_moves(tmp_path, monkeypatch, fails_at):
+    write(tmp_path, {"a": "1", "b": "1", "c": "1"})
+    before = content(tmp_path)
+    rename, done = results._rename, []
+
+    def failing(*arguments):
+        done.append(arguments)
+        if len(done) == fails_at:
+            raise OSError(28, "No space left on device")
+        rename(*arguments)
+
+    monkeypatch.setattr(results, "_rename", failing)
+    with pytest.raises(LocplanError, match="No space left"):
+        write(tmp_path, {"a": "2", "b": "2", "d": "2"})
+    assert content(tmp_path) == before
+    assert list(tmp_path.rglob(".locplan-*")) == []
+
+
+def test_errors_name_the_last_place_of_a_file(tmp_path):
+    with (
+        pytest.raises(LocplanError, match=f"^{tmp_path}/out/a.png: no$"),
+        ResultFolder(tmp_path / "out", "plan").writing() as new,
+    ):
+        raise LocplanError(f"{new / 'a.png'}: no")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupts_are_put_off_until_the_block_ends(number):
+    done, before = [], signal.getsignal(number)
+    signal.signal(number, lambda *_: done.append("signal"))
+    try:
+        with interrupts_put_off():
+            os.kill(os.getpid(), number)
+            done.append("block")
+        assert done == ["block", "signal"]
+    finally:
+        signal.signal(number, before)
+
+
+def test_ctrl_c_while_files_move_waits_until_all_have_moved(tmp_path, monkeypatch):
+    write(tmp_path, {"a": "1", "b": "1"})
+    rename = results._rename
+
+    def interrupting(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        rename(*arguments)
+
+    monkeypatch.setattr(results, "_rename", interrupting)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path, {"a": "2", "b": "2"})
+    assert content(tmp_path) == {"a": "2", "b": "2"}
+
+
+@pytest.fixture
+def room(tmp_path):
+    grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
+    for name in ("room", "other"):
+        save_map(grid, tmp_path / f"{name}.yaml")
+    return tmp_path / "room.yaml"
+
+
+def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
+    run, room, tmp_path, monkeypatch
+):
+    plan, out = [*PLAN, room, "-o", tmp_path / "out"], tmp_path / "out"
+    assert run(*plan)[0] == 0
+    before = {each: each.read_bytes() for each in out.iterdir()}
+    assert {each.name for each in before} > {"plan.png", "shortest.csv", MANIFEST}
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(plotting, "plan_figure", interrupted)
+    assert run(*plan, "--weight", "9")[0] == 130
+    assert {each: each.read_bytes() for each in out.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ((*PLAN, "ROOM", "-o", "OUT"), "history.png"),
+        ((*PLAN, "ROOM", "-o", "OUT"), "shortest.csv"),
+        (("pareto", *ENDS, "ROOM", "-o", "OUT"), "front.csv"),
+        (("simulate", *ENDS, "--drives", "2", "ROOM", "-o", "OUT"), "errors.csv"),
+        (("simulate", "--random", "2", "--drives", "2", "ROOM", "-o", "OUT"), "01-room.png"),
+        (("evaluate", "ROOM", "-o", "OUT"), "places.csv"),
+        (("compare", "ROOM", "-o", "OUT"), "runs.csv"),
+        (("maps", "--name", "hall", "OUT"), "hall.pgm"),
+        (("field", "ROOM", "OTHER", "--picture", "OUT"), "room.png"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else value[0],
+)
+def test_a_file_of_the_users_is_in_the_way(run, room, tmp_path, command, name):
+    (tmp_path / "OUT").mkdir()
+    (tmp_path / "OUT" / name).write_text("mine")
+    places = {"ROOM": room, "OTHER": tmp_path / "other.yaml", "OUT": tmp_path / "OUT"}
+    code, out, err = run(*(places.get(each, each) for each in command))
+    assert code == 2
+    assert f"{name}: is in the way" in out + err
+    assert (tmp_path / "OUT" / name).read_text() == "mine"
+
+
+def test_other_files_in_a_field_are_in_the_way(run, room, tmp_path):
+    field = tmp_path / "f.zarr"
+    assert [run("field", room, "-o", field)[0] for _ in range(2)] == [0, 0]
+    (field / "notes.txt").write_text("mine")
+    code, _, err = run("field", room, "-o", field)
+    assert code == 2
+    assert "f.zarr: is there, and not as locplan wrote it" in err
+    assert run("field", room, "-o", field, "--force")[0] == 0
+    assert not (field / "notes.txt").exists()
