@@ -1,6 +1,27 @@
-"""The command line as ``python -m locplan``."""
+"""The program ``locplan``, also as ``python -m locplan``."""
 
-from locplan.cli import main
+from __future__ import annotations
+
+import sys
+
+
+def main() -> None:
+    """Run the command line in a process of its own, which Ctrl-C ends within a second."""
+    try:
+        from locplan._util.supervision import supervised
+
+        code = supervised(_work)
+    except KeyboardInterrupt:  # before there was a second process
+        print("locplan: interrupted", file=sys.stderr)
+        code = 130
+    sys.exit(code)
+
+
+def _work() -> None:
+    from locplan.cli import main
+
+    main()
+
 
 if __name__ == "__main__":
     main()

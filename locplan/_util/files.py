@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+from locplan._util.leftovers import ASIDE, removed_at_last
 from locplan.errors import LocplanError
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -47,12 +47,10 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
     with errors_in_one_line(path):
         handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}-", path.parent)
         os.close(handle)
-        try:
+        with removed_at_last(name):
             yield Path(name)
             os.chmod(name, 0o666 & ~_umask())
             os.replace(name, path)
-        finally:
-            Path(name).unlink(missing_ok=True)
 
 
 @contextmanager
@@ -68,18 +66,12 @@ def replacing_folder(
     path = Path(os.path.realpath(target))
     with errors_in_one_line(path):
         temporary = Path(tempfile.mkdtemp(path.suffix, f".{path.stem}-", path.parent))
-        aside = temporary.with_name(temporary.name + ".old")
-        try:
+        with removed_at_last(temporary, path):
             temporary.chmod(0o777 & ~_umask())
             yield temporary
             if path.exists():
-                path.rename(aside)
+                path.rename(temporary.with_name(temporary.name + ASIDE))
             temporary.rename(path)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-            if aside.exists() and not path.exists():
-                aside.rename(path)
-            shutil.rmtree(aside, ignore_errors=True)
 
 
 def check_target(path: Path, *suffixes: str) -> None:

@@ -13,11 +13,11 @@ from typing import Annotated, Any, cast
 from cyclopts import CoercionError, CycloptsError, Parameter, UnusedCliTokensError
 
 from locplan._util.files import inputs_are_kept
+from locplan._util.supervision import INTERRUPTED, end_if_supervised
 from locplan.cli._application import COMMANDS, application
+from locplan.cli._exit_codes import NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT
 from locplan.cli._groups import OUTPUT
-from locplan.errors import LocplanError
-
-INTERRUPTED = 130
+from locplan.errors import CalibrationError, LocplanError
 
 
 def main() -> None:
@@ -29,17 +29,20 @@ def main() -> None:
         with _warnings_as_lines(), inputs_are_kept():
             code = _launched(sys.argv[1:])
         sys.stdout.flush()
+    except CalibrationError as error:
+        code = _complain(f"error: {error}", NOT_IN_METRES)
     except LocplanError as error:
-        code = _complain(f"error: {error}", 2)
+        code = _complain(f"error: {error}", WRONG_INPUT)
     except CycloptsError as error:
-        code = _complain(f"error: {_in_one_line(error)} (--help shows how)", 2)
+        code = _complain(f"error: {_in_one_line(error)} (--help shows how)", WRONG_INPUT)
     except KeyboardInterrupt:
+        end_if_supervised()
         code = _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
         sys.stdout = sys.stderr = None
-        code = 1
+        code = SYSTEM_ERROR
     except OSError as error:
-        code = _complain(f"error: {error}", 1)
+        code = _complain(f"error: {error}", SYSTEM_ERROR)
         sys.stdout = None
     sys.exit(code or 0)
 

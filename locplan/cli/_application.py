@@ -5,6 +5,7 @@ from __future__ import annotations
 from cyclopts import App, Parameter
 
 from locplan import __version__
+from locplan.cli._exit_codes import EXPLAINED
 from locplan.cli._groups import GENERAL
 
 COMMANDS = (
@@ -33,6 +34,7 @@ def application(*names: str) -> App:
         help_flags=("-h", "--help"),
         version_flags="--version",
         help_format="plaintext",
+        help_epilogue=EXPLAINED,
         group_parameters=GENERAL,
         default_parameter=Parameter(negative=(), show_default=False),
         suppress_keyboard_interrupt=False,

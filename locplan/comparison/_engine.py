@@ -6,7 +6,6 @@ import hashlib
 import json
 import math
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy as np
 
 from locplan import __version__
 from locplan._util.checks import positive, whole
+from locplan._util.leftovers import temporary_folder
 from locplan._util.progress import ProgressCallback
 from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.comparison._journal import Journal
@@ -77,7 +77,7 @@ def run_all(
             raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
     with ExitStack() as stack:
         book = stack.enter_context(Journal(journal, resume=resume)) if journal else None
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="locplan-")))
+        folder = stack.enter_context(temporary_folder())
         pool = stack.enter_context(
             Workers(specs, count, memory=memory, patience=patience, scratch=folder)
         )

@@ -6,8 +6,6 @@ import dataclasses
 import math
 import os
 import pickle
-import signal
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from locplan._util.supervision import end_with_parent
 from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.comparison._runs import MEASURES, Run, Task
 from locplan.comparison._specs import PlannerSpec
@@ -25,7 +24,6 @@ from locplan.errors import LocplanError
 from locplan.planners import Plan, Position
 
 READY = "ready"
-_DIE_WITH_PARENT = 1  # Linux's PR_SET_PDEATHSIG
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ def main(descriptor: int, parent: int) -> None:
     os.set_inheritable(descriptor, False)
     import resource
 
-    _end_with(parent)
+    end_with_parent(parent)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a planner's crash leaves no files
     connection = Connection(descriptor)
     with suppress(EOFError, OSError):  # the other end is closed
@@ -151,13 +149,3 @@ def _received(handed: bytes) -> list[PlannerSpec]:
     for planner in planners:
         planner.planner.prepare()
     return planners
-
-
-def _end_with(parent: int) -> None:
-    """Let the system end this process with its parent, even while a planner hangs (on Linux)."""
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
-        if os.getppid() != parent:
-            sys.exit()

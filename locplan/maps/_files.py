@@ -7,7 +7,6 @@ import math
 import os
 import re
 import shutil
-import tempfile
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path
+from locplan._util.leftovers import temporary_folder
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
@@ -222,7 +222,7 @@ def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
 
 def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
     """Replace both files or neither, and leave no other file behind."""
-    with tempfile.TemporaryDirectory(prefix=".", dir=file.parent) as folder:
+    with temporary_folder(file.parent, prefix=".") as folder:
         new_image, new_file, backup = (Path(folder, part) for part in ("image", "yaml", "old"))
         picture.save(new_image, "PNG" if image.suffix == ".png" else "PPM")
         new_file.write_text(text, encoding="utf-8")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import math
 import re
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from locplan._util.leftovers import temporary_folder
 from locplan.planners.ompl._bindings import util
 
 LOG = logging.getLogger("locplan.ompl")
@@ -33,8 +33,9 @@ def logged() -> Iterator[None]:
 
     OMPL takes no Python function for this, and its own messages go to standard output.
     """
-    with tempfile.NamedTemporaryFile("r", suffix=".log") as file:
-        handler = util.OutputHandlerFile(file.name)
+    with temporary_folder() as folder:
+        file = folder / "ompl.log"
+        handler = util.OutputHandlerFile(str(file))
         level = util.getLogLevel()
         util.useOutputHandler(handler)
         util.setLogLevel(next(ours for most, ours in _LEVELS if LOG.getEffectiveLevel() <= most))
@@ -43,7 +44,7 @@ def logged() -> Iterator[None]:
         finally:
             util.setLogLevel(level)
             util.restorePreviousOutputHandler()
-            for line in file:
+            for line in file.read_text(errors="replace").splitlines():
                 found = _LINE.match(line)
                 if found and not found[2].startswith(_HARMLESS):
                     LOG.log(logging.getLevelName(found[1].upper()), found[2])
