@@ -14,7 +14,8 @@ from scipy import stats
 
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
-from locplan.field import Exponential, Fisher, Lidar, Sad, SearchWindow
+from locplan.errors import CalibrationError
+from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, SearchWindow
 from locplan.maps import environments
 from locplan.simulation import Amcl, Places, _reports as reports, calibrate, evaluate
 from locplan.simulation._predictors import (
@@ -206,7 +207,7 @@ def test_a_calibration_finds_the_noise_level(grid, config):
     assert result.factor < 1.1
     assert result.factor <= result.factor_before
     assert result.consistency == pytest.approx(1.0, abs=0.1)
-    assert result.useful
+    assert result.in_metres
     assert not result.fitted_tau
     assert result.within_two == 1.0
     assert result.config == changed(config, noise_level=result.config.estimator.noise_level)
@@ -275,10 +276,29 @@ def test_a_calibration_that_says_nothing_says_so(grid):
     order = np.argsort(places.position_rmse("tracking"))
     backwards = np.empty_like(places.tracking)
     backwards[order] = places.tracking[order[::-1]]
-    with pytest.raises(LocplanError, match="do not determine k"):
+    with pytest.raises(CalibrationError, match="do not determine k"):
         calibrate([dataclasses.replace(places, tracking=backwards)])
+    with pytest.raises(CalibrationError, match="it would be above 10000; calibrate on other maps"):
+        calibrate([dataclasses.replace(places, tracking=1e9 * places.tracking)])
     poor = dataclasses.replace(calibrate([places]), r_squared=-0.1)
     assert "NOT IN METRES" in reports.calibration_table(poor)
+    assert not poor.in_metres
+    assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
+
+
+def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(grid, tmp_path):
+    good = calibrate([made_up_places(grid, FieldConfig(), 0.3)])
+    for result in (good, dataclasses.replace(good, r_squared=0.0)):
+        reports.write_calibration(tmp_path / "c.json", result)
+        about = json.loads((tmp_path / "c.json").read_text())
+        assert about["in_metres"] is about["calibration"]["in_metres"] is result.in_metres
+        if result.in_metres:
+            assert locplan.load_config(tmp_path / "c.json") == result.config
+            continue
+        assert "Σ follows these errors less than one value" in about["why"]
+        with pytest.warns(CalibrationWarning, match="c.json: deviations .* not in metres") as told:
+            assert locplan.load_config(tmp_path / "c.json") == result.config
+        assert told[0].filename == __file__
 
 
 def test_too_few_places_cannot_calibrate(grid):
@@ -406,6 +426,33 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert json.loads(out)["config"]["estimator"]["range"] == 4.0
     err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))
     assert "--config has all settings of the field; besides it only --range" in err
+
+
+def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
+    run, grid, map_file, tmp_path, monkeypatch
+):
+    target, paper = tmp_path / "c.json", FieldConfig(Sad.paper())
+    places = made_up_places(grid, paper, 0.3)
+    monkeypatch.setattr("locplan.simulation._places.places_of", lambda *_, **__: [places])
+    assert run("calibrate", map_file, "--preset", "paper", "-o", target)[0] == 0
+    _, _, err = run("field", map_file, "--config", target)
+    assert err == ""
+    moments = np.random.default_rng(0).permutation(places.tracking)
+    places = dataclasses.replace(places, tracking=moments)
+    code, out, _ = run("calibrate", map_file, "--preset", "paper", "-o", target, "--json")
+    assert code == 3
+    assert json.loads(out)["in_metres"] is False
+    for command in (("field", map_file), ("compare", map_file, "--ranges", "4,5", "-o", target)):
+        _, _, err = run(*command, "--config", target)
+        warned = [line for line in err.splitlines() if line.startswith("locplan: warning: ")]
+        assert len(warned) == 1
+        assert "c.json: deviations of this field are not in metres" in warned[0]
+    target.unlink()
+    places = dataclasses.replace(places, tracking=1e9 * places.tracking)
+    code, out, err = run("calibrate", map_file, "--preset", "paper", "-o", target)
+    assert (code, out) == (3, "")
+    assert err.startswith("locplan: error: the errors do not determine k")
+    assert not target.exists()
 
 
 def test_simulations_that_are_not_made_are_refused(run, map_file):

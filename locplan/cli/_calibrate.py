@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from locplan.cli._exit_codes import NOT_IN_METRES
 from locplan.cli._groups import Json, MapFiles, command, results
 from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
@@ -41,8 +42,11 @@ def calibrate(
         ),
     ] = Path("calibrated.json"),
     json: Json = False,
-) -> None:
-    """Fit the noise level k (and tau), so that the field's deviations are errors in metres."""
+) -> int:
+    """Fit the noise level k (and tau), so that the field's deviations are errors in metres.
+
+    Where that cannot be, the exit code is 3, the written file says so, and its use warns.
+    """
     from locplan._util.files import check_target
     from locplan._util.progress import progress_bar
     from locplan.maps import find_maps, load_map
@@ -69,3 +73,4 @@ def calibrate(
         )
     written = reports.write_calibration(output, result)
     show(json, result.summary(), reports.calibration_table(result), *written)
+    return 0 if result.in_metres else NOT_IN_METRES

@@ -1,6 +1,10 @@
 from ._compute import covariance_field as covariance_field
 from ._config import FieldConfig as FieldConfig
-from ._config_files import load_config as load_config, save_config as save_config
+from ._config_files import (
+    CalibrationWarning as CalibrationWarning,
+    load_config as load_config,
+    save_config as save_config,
+)
 from ._covariance import (
     SCALARS as SCALARS,
     log_euclidean_mean as log_euclidean_mean,

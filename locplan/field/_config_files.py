@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from typing import Any
 
 from locplan import __version__
@@ -13,6 +14,10 @@ from locplan.errors import ConfigError
 from locplan.field._config import FieldConfig
 
 SUFFIX = ".json"
+
+
+class CalibrationWarning(UserWarning):
+    """Warning that the deviations of a field are not in metres."""
 
 
 def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: object) -> None:
@@ -41,6 +46,11 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     ------
     ConfigError
         If the file cannot be read, or holds other settings or values.
+
+    Warns
+    -----
+    CalibrationWarning
+        If the calibration that wrote the file found that deviations are not in metres.
     """
     try:
         content = json.loads(file_path("a file of settings", path).read_text(encoding="utf-8-sig"))
@@ -52,9 +62,16 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     if not isinstance(settings, dict):
         raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
     try:
-        return FieldConfig.from_json(settings)
+        config = FieldConfig.from_json(settings)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
+    if content.get("in_metres", True) is not True:
+        message = (
+            f"{path}: deviations of this field are not in metres, as its calibration found; take it"
+            " to rank places, or calibrate on other maps"
+        )
+        warnings.warn(CalibrationWarning(message), stacklevel=2)
+    return config
 
 
 def _settings(content: Any) -> Any:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
-from locplan.errors import ConfigError
+from locplan.errors import CalibrationError, ConfigError
 from locplan.field import Estimator, Exponential, FieldConfig, Sad
 from locplan.field._config import config_of
 from locplan.simulation._places import ErrorKind, Places
@@ -29,6 +29,8 @@ LEVELS = 1e-6, 1e4
 MIN_PLACES = 10
 """Least number of places that a calibration needs."""
 RESAMPLES = 200
+NOT_IN_METRES = "Σ follows these errors less than one value for all places would"
+"""Why deviations are not in metres although there is a noise level that fits best."""
 MIN_VARIANCE = 1e-12
 """Variance that is added so that no covariance is singular [m^2]."""
 
@@ -82,14 +84,23 @@ class Calibration:
         return estimator.tau if self.fitted_tau and isinstance(estimator, Sad) else None
 
     @property
-    def useful(self) -> bool:
-        """True if Sigma explains the errors better than one value for all places would."""
+    def in_metres(self) -> bool:
+        """True if Sigma explains the errors better than one value for all places would.
+
+        If it does not, the field ranks places at best, and its deviations are no metres.
+        """
         return self.r_squared > 0
+
+    @property
+    def verdict(self) -> dict[str, object]:
+        """Whether deviations are in metres, and if not the reason, fit for JSON."""
+        return {"in_metres": True} if self.in_metres else {"in_metres": False, "why": NOT_IN_METRES}
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
         numbers = ("factor", "factor_before", "within_two", "r_squared", "spearman")
         about: dict[str, object] = {
+            **self.verdict,
             "error": self.error,
             "maps": list(self.maps),
             "places": len(self.measured),
@@ -139,8 +150,10 @@ def calibrate(
     Raises
     ------
     ConfigError
-        If there are too few places with errors, if tau is to be fitted but the estimator has
-        none, or if the errors do not determine k.
+        If there are too few places with errors, or if tau is to be fitted but the estimator has
+        none.
+    CalibrationError
+        If the errors do not determine k.
     """
     config = config_of(config)
     if error not in get_args(ErrorKind):
@@ -260,12 +273,15 @@ def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]
 def _check_determined(level: float) -> None:
     low, high = LEVELS
     if level < 2 * low:
-        raise ConfigError(
+        raise CalibrationError(
             "the errors do not determine k: they are below what Q adds, or Sigma says nothing of"
             " them; calibrate with quantisation false, or on other maps"
         )
     if level > high / 2:
-        raise ConfigError(f"the errors do not determine k: it would be above {high:g}")
+        raise CalibrationError(
+            f"the errors do not determine k: it would be above {high:g}; calibrate on other maps,"
+            " or another estimator"
+        )
 
 
 def _factor(predicted: Array, measured: Array) -> float:

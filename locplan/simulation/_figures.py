@@ -206,8 +206,9 @@ def calibration_figure(calibration: Calibration) -> Figure:
     )
     config = calibration.config
     tau = f", τ = {calibration.tau:.3g} m²" if calibration.fitted_tau else ""
+    warning = "" if calibration.in_metres else "NOT IN METRES: "
     axes.set_title(
-        f"{config.estimator.name}, k = {_formatted(calibration.noise_level)}{tau}\n"
+        f"{warning}{config.estimator.name}, k = {_formatted(calibration.noise_level)}{tau}\n"
         f"typically off by a factor of {calibration.factor:.2f}"
         f" ({calibration.factor_before:.2f} before), {calibration.within_two:.0%} within 2",
         fontsize="medium",

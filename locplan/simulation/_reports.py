@@ -16,7 +16,7 @@ from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
 from locplan.field import save_config
-from locplan.simulation._calibration import Calibration
+from locplan.simulation._calibration import NOT_IN_METRES, Calibration
 from locplan.simulation._drives import PROFILE, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
 from locplan.simulation._predictors import CLEARANCE, Predictor
@@ -152,7 +152,7 @@ def calibration_table(calibration: Calibration) -> str:
         ["within a factor 2", f"{calibration.within_two:.0%} of the places"],
         [
             "variance of ln error explained",
-            f"{calibration.r_squared:.0%}" if calibration.useful else "none",
+            f"{calibration.r_squared:.0%}" if calibration.in_metres else "none",
         ],
         ["rank correlation", f"{calibration.spearman:.2f}"],
         ["consistency, 1 if Σ fits", f"{calibration.consistency:.2f}"],
@@ -160,8 +160,8 @@ def calibration_table(calibration: Calibration) -> str:
     ]
     verdict = (
         "Σ follows the errors, within the factor above"
-        if calibration.useful
-        else "NOT IN METRES: Σ follows these errors less than one value for all places would"
+        if calibration.in_metres
+        else f"NOT IN METRES: {NOT_IN_METRES}"
     )
     return f"{table([], rows)}\n{verdict}"
 
@@ -236,6 +236,8 @@ def write_evaluation(results: ResultFolder, evaluation: Evaluation) -> list[Path
 def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     """Write the calibrated settings as `locplan.save_config` does, and a picture beside them.
 
+    The file says whether deviations are in metres, so that `locplan.load_config` can warn.
+
     Raises
     ------
     LocplanError
@@ -244,7 +246,8 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     from locplan.plotting import save_figure
     from locplan.simulation import _figures
 
-    save_config(target, calibration.config, calibration=calibration.summary())
+    about = {**calibration.verdict, "calibration": calibration.summary()}
+    save_config(target, calibration.config, **about)
     picture = target.with_suffix(".png")
     save_figure(_figures.calibration_figure(calibration), picture)
     return [target, picture]
