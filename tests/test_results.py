@@ -235,3 +235,16 @@ def test_other_files_in_a_field_are_in_the_way(run, room, tmp_path):
     assert "f.zarr: is there, and not as locplan wrote it" in err
     assert run("field", room, "-o", field, "--force")[0] == 0
     assert not (field / "notes.txt").exists()
+
+
+def test_a_picture_beside_a_calibration_is_in_the_way_unless_calibrate_drew_it(run, room, tmp_path):
+    (tmp_path / "mine.png").write_text("mine")
+    code, _, err = run("calibrate", room, "-o", tmp_path / "mine.json")
+    assert code == 2
+    assert "mine.png: is in the way of the picture" in err
+    assert (tmp_path / "mine.png").read_text() == "mine"
+    assert not (tmp_path / "mine.json").exists()
+    (tmp_path / "mine.json").write_text('{"config": {}, "calibration": {}}')
+    assert (
+        "in the way" not in run("calibrate", room, "--places", "2", "-o", tmp_path / "mine.json")[2]
+    )

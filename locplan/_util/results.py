@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import signal
-import tempfile
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -15,6 +14,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from locplan._util.files import check_folder, check_no_input, errors_in_one_line
+from locplan._util.leftovers import temporary_folder
 from locplan.errors import LocplanError
 
 MANIFEST = ".locplan.json"
@@ -62,11 +62,9 @@ class ResultFolder:
         check_folder(self.folder)
         with (
             errors_in_one_line(self.folder),
-            tempfile.TemporaryDirectory(
-                prefix=".locplan-", dir=_nearest(self.folder), ignore_cleanup_errors=True
-            ) as temporary,
+            temporary_folder(_nearest(self.folder), prefix=".locplan-") as temporary,
         ):
-            new, old = Path(temporary, "new"), Path(temporary, "old")
+            new, old = temporary / "new", temporary / "old"
             new.mkdir()
             try:
                 yield new

@@ -47,13 +47,12 @@ def calibrate(
 
     Where that cannot be, the exit code is 3, the written file says so, and its use warns.
     """
-    from locplan._util.files import check_target
     from locplan._util.progress import progress_bar
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _calibration as calibration, _reports as reports
     from locplan.simulation._places import places_of
 
-    check_target(output, ".json")
+    reports.check_calibration(output)
     unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
     refuse(f"with --error {error}", **unread)
     config = options.to_config()

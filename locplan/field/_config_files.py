@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
+from pathlib import Path as FilePath
 from typing import Any
 
 from locplan import __version__
@@ -72,6 +73,15 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
         )
         warnings.warn(CalibrationWarning(message), stacklevel=2)
     return config
+
+
+def is_calibration(path: FilePath) -> bool:
+    """Return whether a file is one that a calibration wrote."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and {"config", "calibration"} <= set(content)
 
 
 def _settings(content: Any) -> Any:

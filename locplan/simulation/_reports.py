@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from locplan import __version__
-from locplan._util.files import replacing
+from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
+from locplan.errors import LocplanError
 from locplan.field import save_config
+from locplan.field._config_files import is_calibration
 from locplan.simulation._calibration import NOT_IN_METRES, Calibration
 from locplan.simulation._drives import PROFILE, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
@@ -246,11 +248,28 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     from locplan.plotting import save_figure
     from locplan.simulation import _figures
 
+    picture = check_calibration(target)
     about = {**calibration.verdict, "calibration": calibration.summary()}
-    save_config(target, calibration.config, **about)
-    picture = target.with_suffix(".png")
-    save_figure(_figures.calibration_figure(calibration), picture)
+    with replacing(picture) as drawn, replacing(target) as settings:
+        save_config(settings, calibration.config, **about)
+        save_figure(_figures.calibration_figure(calibration), drawn)
     return [target, picture]
+
+
+def check_calibration(target: Path) -> Path:
+    """The picture beside a calibration, if both can be written; to be called before long work.
+
+    Raises
+    ------
+    LocplanError
+        If one cannot be written, or if the picture is there and no calibration beside it.
+    """
+    picture = target.with_suffix(".png")
+    check_target(target, ".json")
+    check_target(picture, ".png")
+    if picture.exists() and not is_calibration(target):
+        raise LocplanError(f"{picture}: is in the way of the picture; move it, or rename {target}")
+    return picture
 
 
 def routes_summary(every: Sequence[Routes]) -> dict[str, Any]:
