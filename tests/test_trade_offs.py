@@ -6,9 +6,10 @@ import naive
 import numpy as np
 import pytest
 
-from locplan.costs import Costmap
+from locplan.costs import Costmap, PathMetrics
 from locplan.errors import ConfigError, PoseError
-from locplan.maps import FREE, OccupancyGrid
+from locplan.field import FieldConfig, Sad, load_or_compute
+from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import ParetoFront, pareto_front, plan
 
 
@@ -31,6 +32,10 @@ def random_costs(seed, shape=(8, 9), blocked=0.25, zeros=0.0) -> Costmap:
 
 def far_corner(costs: Costmap) -> tuple[float, float]:
     return costs.grid.cell_to_world(*(size - 1 for size in costs.grid.shape))
+
+
+def integral_of(metrics: PathMetrics, objective: str) -> float:
+    return metrics.integrated_e if objective == "e" else metrics.integrated_u
 
 
 def front_of(costs: Costmap, **options) -> ParetoFront:
@@ -61,9 +66,8 @@ def test_the_paths_are_what_the_front_says(objective):
     assert len(front) > 5
     for index in range(len(front)):
         metrics = front.plan(index).metrics
-        assert metrics.length == pytest.approx(front.length[index], abs=1e-4)
-        integral = metrics.integrated_e if objective == "e" else metrics.integrated_u
-        assert integral == pytest.approx(front.integral[index], abs=1e-3)
+        assert metrics.length == pytest.approx(front.length[index], rel=1e-12)
+        assert integral_of(metrics, objective) == pytest.approx(front.integral[index], rel=1e-12)
         assert np.isfinite(metrics.cost)
     assert (np.diff(front.length) > 0).all()
     assert (np.diff(front.integral) < 0).all()
@@ -152,14 +156,93 @@ def test_a_budget_gives_the_fronts_answer(seed, objective):
         budget = front.integral[-1] + share * (front.integral[0] - front.integral[-1])
         result = plan(costs, start, goal, budget=budget, objective=objective)
         assert result.status == "solved"
-        integral = result.metrics.integrated_e if objective == "e" else result.metrics.integrated_u
-        assert integral <= budget + 1e-9
+        assert integral_of(result.metrics, objective) <= budget + tolerance_of(front)
         expected = front.length[front.integral <= budget + 1e-9][0]
         assert result.metrics.length == pytest.approx(expected, abs=1e-4)
         assert result.bound == pytest.approx(result.metrics.length, abs=1e-4)
-    for index in range(len(front)):  # and just what a path needs is enough for it
-        result = plan(costs, start, goal, budget=front.integral[index], objective=objective)
-        assert result.metrics.length == pytest.approx(front.length[index], abs=1e-4)
+
+
+def tolerance_of(front: ParetoFront) -> float:
+    """How far the docstrings let a path exceed a budget."""
+    layer = front.costs.e if front.objective == "e" else front.costs.u
+    return 1e-9 * float(layer[front.costs.grid.free].max()) * front.length[-1]
+
+
+def check_that_budgets_find(front: ParetoFront, cutting: bool = False, every: int = 1) -> None:
+    """Each n-th path is found by its own integral, the front's or the metrics', and not by less."""
+    tolerance = tolerance_of(front)
+    options = {"objective": front.objective, "allow_corner_cutting": cutting}
+    for index in range(len(front) - 1, -1, -every):
+        length, integral = front.length[index], front.integral[index]
+        metrics = front.plan(index).metrics
+        measured = integral_of(metrics, front.objective)
+        assert metrics.length == pytest.approx(length, rel=1e-9)
+        assert abs(measured - integral) <= tolerance / 4
+        for budget in (float(integral), measured):
+            result = plan(front.costs, front.start, front.goal, budget=budget, **options)
+            assert result.status == "solved", result.note
+            assert result.metrics.length == pytest.approx(length, rel=1e-9)
+            assert integral_of(result.metrics, front.objective) <= budget + tolerance
+        less = max(0.0, integral - 3 * tolerance)
+        result = plan(front.costs, front.start, front.goal, budget=less, **options)
+        if integral > 3 * tolerance:
+            longer = front.length[index + 1 : index + 2]
+            assert (result.status == "infeasible") == (longer.size == 0)
+            assert longer.size == 0 or result.metrics.length == pytest.approx(longer[0], rel=1e-9)
+
+
+LAYERS = {
+    "noise": lambda rng, shape: rng.random(shape),
+    "half of it 0": lambda rng, shape: rng.random(shape) * (rng.random(shape) < 0.5),
+    "tenths": lambda rng, shape: rng.integers(0, 10, shape) / 10,
+    "one level": lambda rng, shape: np.full(shape, 0.3),
+    "0": lambda rng, shape: np.zeros(shape),
+    "many magnitudes": lambda rng, shape: 10.0 ** -rng.integers(0, 13, shape),
+    "mirrored": lambda rng, shape: mirrored(rng.random(shape)),
+    "saturated": lambda rng, shape: np.clip(3 * rng.random(shape) - 1, 0, 1),
+}
+
+
+def mirrored(values):
+    """Values that are the same on both sides of the diagonal from corner to corner."""
+    return (values + values.T) / 2
+
+
+@pytest.mark.parametrize("objective", ["u", "e"])
+@pytest.mark.parametrize("layer", LAYERS)
+def test_every_path_of_a_front_is_found_by_its_own_integral(layer, objective):
+    paths = 0
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 19])
+        free = rng.random((14, 14)) >= 0.12
+        free[0, 0] = free[-1, -1] = True
+        if layer == "mirrored":
+            free &= free.T
+        costs = costs_of(LAYERS[layer](rng, free.shape), free, resolution=(1.0, 0.05)[seed % 2])
+        origin = ((0.0, 0.0, 0.0), (-31.7, 12.3, 0.7))[seed == 3]
+        costs = dataclasses.replace(costs, grid=dataclasses.replace(costs.grid, origin=origin))
+        aside = 0.08 * seed * costs.grid.resolution  # within the cell, also where it is turned
+        ends = [np.add(costs.grid.cell_to_world(*cell), (0, aside)) for cell in ((0, 0), (13, 13))]
+        ends = [tuple(map(float, xy)) for xy in ends]
+        cutting = seed >= 2
+        front = pareto_front(costs, *ends, objective=objective, allow_corner_cutting=cutting)
+        assert front.epsilon == 0
+        if len(front):
+            check_that_budgets_find(front, cutting)
+        paths += len(front)
+    assert paths >= 2
+
+
+@pytest.mark.parametrize(("criterion", "weight"), [(None, 4.0), ("position_std", 0.0)])
+@pytest.mark.parametrize("name", ["two_corridors", "warehouse"])
+def test_paths_of_a_maps_front_are_found_by_their_own_integrals(name, criterion, weight):
+    grid = environments.make(name, resolution=0.1)
+    field = load_or_compute(grid, FieldConfig(Sad(), stride=1.0))
+    made = {"robot_radius": 0.2, "weight": weight, "criterion": criterion}
+    marks = environments.landmarks(name)
+    front = pareto_front(Costmap.from_field(grid, field, **made), marks["start"], marks["goal"])
+    assert front.epsilon == 0
+    check_that_budgets_find(front, every=max(1, len(front) // 12))
 
 
 def test_a_budget_that_is_too_small_says_what_would_do():

@@ -4,9 +4,9 @@ BOA* (Hernandez Ulloa et al., ICAPS 2020): labels leave the queue in the order o
 so that a label is dominated exactly if its second cost is not less than the least one so far at its
 cell, or at the goal. The queue consists of buckets over the first cost; the lowest one is a heap.
 
-Costs are whole numbers, kept as floats: both costs of a step are rounded up, so that the bounds
-from searches with unrounded costs stay valid, and equal costs compare as equal. Cells are indices
-of a flat grid with a blocked border (`locplan._kernels.search`).
+Costs are whole numbers, kept as floats: both costs of a diagonal step are rounded up, so that the
+bounds from searches with unrounded steps stay valid, and equal costs compare as equal. Cells are
+indices of a flat grid with a blocked border (`locplan._kernels.search`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from locplan._kernels.search import SQRT2
 
-SCALE = 1 << 18
-"""Units of cost per cell; costs are rounded up to whole units at each step."""
+SCALE = 1 << 34
+"""Units of cost per cell; floats hold the sums exactly over 370,000 cells at this rate."""
 BUCKETS, BUCKETS_A_CELL = 64, 16
 """Number of buckets, and of those per cell; a step raises the first bound by <= 2 sqrt(2) cells."""
 FINISHED, OUT_OF_LABELS, PAUSED = 0, 1, 2

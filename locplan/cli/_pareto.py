@@ -36,7 +36,7 @@ class Search:
     time_limit: float = 30.0
     """The exact search stops after this time [s]; 30 by default."""
     max_labels: int = 20_000_000
-    """The number of partial paths kept, of 40 bytes each, is 20 million by default."""
+    """The number of partial paths kept, of 48 bytes each, is 20 million by default."""
 
 
 @app.default

@@ -15,13 +15,18 @@ from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
 from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
 
+GAIN = 1e-10
+"""Share of a weighted sum by which a path must be better to lie below a line."""
+
 
 @dataclass(frozen=True)
 class BudgetPlanner:
     """This planner finds the shortest grid path whose integral of u or e is within a budget.
 
-    The path is exact: Lagrangian bounds keep a bi-objective search small. At each step integrals
-    are rounded up by at most 1/131072 of their greatest rate.
+    The path is exact: Lagrangian bounds keep a bi-objective search small. An integral is within
+    the budget if it exceeds it by no more than 1e-9 of the layer's greatest value on the map times
+    the length of the path of least integral. So each path of a `ParetoFront` is found again by its
+    own integral, be it the front's or the metrics'.
     """
 
     budget: float
@@ -54,10 +59,10 @@ class BudgetPlanner:
         second_to_go, frugal = problem.to_go(0, 1)
         if frugal is None:
             return Found()
-        within = np.floor((self.budget - problem.ends[1]) * problem.per_integral + 1e-3)
-        least = problem.measured(frugal)[1]
-        if least > within:
-            needed = float(problem.integral(least))
+        allowed = (self.budget - problem.ends[1]) * problem.per_integral
+        within = np.floor(allowed + problem.tolerance(frugal))
+        if problem.measured(frugal)[1] > within:
+            needed = problem.unrounded(cells_of(frugal, problem.columns))[1]
             note = (
                 f"no path has an integral of {self.objective} within {self.budget:g};"
                 f" the least is {rounded_up(needed)}"
@@ -77,7 +82,7 @@ class BudgetPlanner:
                 return Found(path, bound=path.length)
             lower = min(max(to_come, bounds.lower), bounds.upper)
         best = through_centres(costs, cells_of(bounds.best, problem.columns), start, goal)
-        return Found(best, bound=min(float(problem.length(lower)), best.length))
+        return Found(best, bound=min(problem.length(lower), best.length))
 
 
 def rounded_up(value: float) -> str:
@@ -117,11 +122,14 @@ def _lagrangian(
         assert cells is not None
         lower = both_to_go[problem.source] - multiplier * within
         first, second = problem.measured(cells)
-        gain = beyond_first + multiplier * beyond_second - (first + multiplier * second)
+        line = beyond_first + multiplier * beyond_second
+        closer = line - (first + multiplier * second) > GAIN * line
         if second <= within and first < best_first:
             best, best_first, best_second = cells, first, second
-        elif second > within:
+        elif within < second < beyond_second:
             beyond_first, beyond_second = first, second
-        if gain < 0.5:  # of a unit: no path lies below the line between the two
+        else:
+            closer = False
+        if not closer:  # no path lies below the line between the two
             joint = both_to_go, multiplier, best_first + multiplier * within
             return _Bounds(best, best_first, lower, joint)

@@ -109,8 +109,7 @@ def pareto_front(
     start, goal : (x, y)
         Positions in the world [m].
     objective : "u" or "e"
-        The layer to integrate: u gives degenerate metres, e gives [m^2 rad m]. Each step is
-        rounded up by at most 1/131072 of the greatest rate.
+        The layer to integrate: u gives degenerate metres, e gives [m^2 rad m].
     allow_corner_cutting : bool
         True lets a diagonal step pass the corner of a blocked cell.
     time_limit : float
@@ -121,7 +120,10 @@ def pareto_front(
     Returns
     -------
     ParetoFront
-        The front, empty if the goal is unreachable.
+        The front, empty if the goal is unreachable. Its lengths and integrals are those of the
+        plans' metrics. Paths that lower the integral by no more than 1e-9 of the layer's greatest
+        value times the length of the path of least integral are left out, which is also how far
+        a path may exceed a budget.
 
     Raises
     ------
@@ -147,16 +149,17 @@ def pareto_front(
             points.append((float(first), float(second), search.cells_of(int(label))))
         exact = math.isinf(to_come)
         bounds = [] if exact else _weighted_sums(problem, points, short, frugal)
-        points = _undominated(points)
+        longest = problem.measured(frugal)[0]
+        points = _undominated(points, longest, problem.tolerance(frugal))
         epsilon = 0.0 if exact else _epsilon(points, to_come, second_to_go[problem.source], bounds)
-    length, integral = (np.array([point[i] for point in points]) for i in (0, 1))
+    measures = np.reshape([problem.unrounded(cells) for *_, cells in points], (-1, 2))
     return ParetoFront(
         costs=costs,
         start=start,
         goal=goal,
         objective=objective,
-        length=np.asarray(problem.length(length)),
-        integral=np.asarray(problem.integral(integral)),
+        length=measures[:, 0],
+        integral=measures[:, 1],
         epsilon=epsilon,
         labels=labels,
         solve_time=time.perf_counter() - began,
@@ -164,12 +167,18 @@ def pareto_front(
     )
 
 
-def _undominated(points: list[Point]) -> list[Point]:
-    """The points that no other dominates, by rising first cost."""
+def _undominated(points: list[Point], longest: float, tolerance: float) -> list[Point]:
+    """The points that no other dominates, by rising first cost up to `longest`.
+
+    A second cost must be less than that of every shorter path by more than the tolerance, so that
+    a budget of that much never lets one of them in.
+    """
     best: list[Point] = []
+    least = math.inf
     for point in sorted(points, key=lambda point: point[:2]):
-        if not best or point[1] < best[-1][1]:
+        if point[0] <= longest and point[1] < least - tolerance:
             best.append(point)
+        least = min(least, point[1])
     return best
 
 

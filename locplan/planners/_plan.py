@@ -70,7 +70,7 @@ def plan(
     budget : float, optional
         The path is the shortest one whose integral of u is at most this [m], or of e with
         ``objective="e"`` [m^2 rad m]. The grid planner finds it exactly; its options are the
-        fields of `planners.BudgetPlanner`.
+        fields of `planners.BudgetPlanner`, which also tells the tolerance.
     footprint : Footprint or (n, 2) array, optional
         The robot's outline [m], checked exactly along the path that is returned: the cheapest
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed

@@ -19,11 +19,18 @@ from locplan.planners._protocol import Position
 OBJECTIVES = ("u", "e")
 ROOM = 1 << 16
 """Number of labels for which there is room at first."""
+TOLERANCE = 1e-9
+"""Share of the greatest rate by which integrals may differ, over the path of least integral.
+
+Of it, whole units take 1.4e-10 a step, ties 2e-11, and the metrics' sums of floats the rest.
+"""
 TIE = 2e-11
 """Weight of length where only the integral counts, so that of equal ones the shortest path wins.
 
-Over 10^5 cells it adds half a unit, and 53 bits still hold each step beside the sum.
+It is a third of a unit a cell, and 53 bits still hold each step beside a sum over 10^5 cells.
 """
+ROUNDING = 1e-12
+"""Share by which sums of floats over a path may overstate its cost."""
 STRETCH = 200_000
 """Number of expansions between two looks at the clock."""
 
@@ -41,6 +48,8 @@ class Problem:
     """Half the density of the first cost, the length."""
     half: NDArray[np.float64]
     """Half the density of the second cost, u or e."""
+    layer: NDArray[np.floating]
+    """The second cost's density as the costmap has it, (H, W)."""
     source: int
     """Flat index of the start's cell."""
     target: int
@@ -67,8 +76,7 @@ class Problem:
         if not np.isfinite(layer[free]).all():
             raise ConfigError(f"a costmap without a field has no {objective} to trade length for")
         greatest = float(layer[free].max()) or 1.0
-        # Rounded up, so that no integral is understated.
-        whole = 2 * np.ceil(np.where(free, layer, 0.0) * (SCALE / greatest / 2))
+        whole = 2 * np.rint(np.where(free, layer, 0.0) * (SCALE / greatest / 2))
         source, target = bordered_ends(costs, start, goal)
         ends_length = ends_integral = 0.0
         for xy in (start, goal):
@@ -80,6 +88,7 @@ class Problem:
             costs=costs,
             length_half=bordered_half(np.where(free, float(SCALE), np.inf), 1),
             half=bordered_half(np.where(free, whole, np.inf), 1),
+            layer=layer,
             source=source,
             target=target,
             per_metre=SCALE / costs.grid.resolution,
@@ -94,7 +103,10 @@ class Problem:
         return self.costs.grid.shape[1] + 2
 
     def to_go(self, length: float, integral: float) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """Least weighted sums of both costs to the goal, never overstated, and the start's path."""
+        """Least weighted sums of both costs to the goal, and the start's path over flat indices.
+
+        No sum is overstated, but that of the integral alone, by the ties.
+        """
         from locplan._kernels.search import shortest_costs, trace
 
         half = (length or TIE) * self.length_half
@@ -105,8 +117,7 @@ class Problem:
         if not np.isfinite(cost[self.source]):
             return cost, None
         flat = trace(half, self.columns, cost, self.source, cutting)
-        # Whole units, so that without the ties, too, no path costs less.
-        return (cost * (1 - 1e-14) if length else np.floor(cost)), flat[::-1]
+        return cost * (1 - ROUNDING), flat[::-1]
 
     def measured(self, flat: NDArray[np.int64]) -> tuple[float, float]:
         """Both costs of a path over cells, given by flat indices, in whole units."""
@@ -119,13 +130,20 @@ class Problem:
         first = np.where(diagonal, np.ceil(np.sqrt(2.0) * SCALE), SCALE).sum()
         return float(first), float(second)
 
-    def length(self, first: NDArray[Any] | float) -> NDArray[Any] | float:
-        """The length of the path with its ends, from whole units [m]."""
+    def unrounded(self, cells: NDArray[np.int64]) -> tuple[float, float]:
+        """The length [m] of a path over cells (n, 2) with its ends, and the integral along it."""
+        apart = self.costs.grid.resolution * np.hypot(*np.diff(cells, axis=0).T)
+        rates = np.asarray(self.layer[cells[:, 0], cells[:, 1]], np.float64)
+        integral = float(apart @ (rates[1:] + rates[:-1]) / 2)
+        return float(apart.sum()) + self.ends[0], integral + self.ends[1]
+
+    def length(self, first: float) -> float:
+        """The length of a path with its ends, from whole units [m]."""
         return first / self.per_metre + self.ends[0]
 
-    def integral(self, second: NDArray[Any] | float) -> NDArray[Any] | float:
-        """The integral along the path with its ends, from whole units."""
-        return second / self.per_integral + self.ends[1]
+    def tolerance(self, frugal: NDArray[np.int64]) -> float:
+        """Units by which integrals may differ, from the path of least integral (`TOLERANCE`)."""
+        return TOLERANCE * (self.measured(frugal)[0] + self.ends[0] * self.per_metre)
 
 
 def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
