@@ -107,13 +107,59 @@ def test_a_capped_front_is_as_good_as_it_says(seed, cap, monkeypatch):
         assert capped.labels <= 100
 
 
+def front_through(length, integral) -> ParetoFront:
+    """A front of these points, without paths."""
+    length, integral = np.asarray(length, float), np.asarray(integral, float)
+    costs = random_costs(0)
+    ends = {"start": (0.5, 0.5), "goal": (0.5, 0.5)}
+    told = {"objective": "u", "epsilon": 0.0, "labels": 0, "solve_time": 0.0}
+    cells = tuple(np.zeros((1, 2), int) for _ in length)
+    return ParetoFront(costs=costs, length=length, integral=integral, _cells=cells, **ends, **told)
+
+
+@pytest.mark.parametrize(
+    ("length", "integral", "knee"),
+    [
+        ([20, 21, 22, 23, 25, 27, 30], [10, 6, 2, 1.8, 1.5, 1.2, 1], 2),  # an elbow
+        ([20, 20.1, 26, 33], [10, 1, 0.9, 0.8], 1),  # an L
+        ([20, 21, 22, 24, 27], [9, 4, 1, 0.5, 0], 2),  # an elbow before an integral of 0
+        ([20, 22, 50], [9, 3, 0], 1),  # 0 at 2.5 times the length
+        ([20, 20.5, 30, 40], [9, 8.5, 0.5, 0], 2),  # an elbow on a longer path
+        ([20, 21, 22, 23, 24], [8, 6, 4, 2, 0], 0),  # a straight line
+        ([0.1, 0.2, 0.3, 0.6, 0.7], [0.7, 0.6, 0.5, 0.2, 0.1], 0),  # straight but for rounding
+        ([20, 22, 24, 26], [9, 8, 5, 0], 0),  # concave
+        ([20, 21, 25, 26, 27], [9, 5, 4.5, 4.2, 0], 1),  # convex, then concave
+        ([20, 30], [9, 0], 0),
+        ([20, 30], [9, 8], 0),
+        ([20], [9], 0),
+        ([20], [0], 0),
+        ([0], [0], 0),
+    ],
+)
+def test_the_knee_is_where_a_drawn_front_bends(length, integral, knee):
+    assert front_through(length, integral).knee == knee
+    scaled = front_through(3 + 1e-3 * np.asarray(length), 1e5 * np.asarray(integral))
+    assert scaled.knee == knee  # neither unit counts
+
+
+@pytest.mark.parametrize("angle", [10, 45, 80])
+def test_the_knee_of_a_circles_quarter_is_its_middle(angle):
+    around = np.deg2rad(np.linspace(0, 90, 91))
+    front = front_through(21 - np.cos(around), 5 * (1 - np.sin(around)))
+    assert front.knee == 45
+    bent = np.deg2rad(np.sort([0, angle, 90]))
+    assert front_through(21 - np.cos(bent), 5 * (1 - np.sin(bent))).knee == 1
+
+
 @pytest.mark.parametrize("objective", ["u", "e"])
-def test_past_the_knee_length_saves_less_than_its_share(objective):
+def test_no_path_lies_farther_below_the_chord_than_the_knee(objective):
     front = front_of(random_costs(5, (40, 40), blocked=0.2), objective=objective)
-    knee = front.knee
-    for index in range(len(front)):
-        longer = front.length[index] / front.length[knee]
-        assert front.integral[index] / front.integral[knee] >= 1 / longer - 1e-12
+    assert 0 < front.knee < len(front) - 1
+    points = np.column_stack([front.length, front.integral])
+    shares = (points - points.min(axis=0)) / np.ptp(points, axis=0)
+    # The chord leads from (0, 1) to (1, 0).
+    below = (1 - shares.sum(axis=1)) / np.sqrt(2)
+    assert below[front.knee] == pytest.approx(below.max())
 
 
 def test_an_unreachable_goal_has_an_empty_front():

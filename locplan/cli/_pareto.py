@@ -55,7 +55,10 @@ def pareto(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find all best trade-offs between length and localizability, and where they bend."""
+    """Find all best trade-offs between length and localizability, and where they bend.
+
+    The knee is the path farthest below the chord between the front's ends, or else the shortest.
+    """
     from locplan import planners
     from locplan.export._plan_folders import FRONT, write_front
     from locplan.planners._summary import front_summary, front_table

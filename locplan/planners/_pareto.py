@@ -22,6 +22,8 @@ SUPPORTED = 24
 """Number of paths of least weighted sums that complete a front whose search was cut short."""
 MAX_POINTS = 100_000
 """Greatest number of points of a front."""
+SAME_DISTANCE = 1e-9
+"""Distance from a chord, as a share of the front's spans, up to which two paths are level."""
 Point: TypeAlias = tuple[float, float, NDArray[np.int64]]
 """Both costs of a path in whole units, and its cells (n, 2)."""
 
@@ -76,14 +78,30 @@ class ParetoFront(Pictured):
 
     @property
     def knee(self) -> int:
-        """Index of the path whose length times integral is least.
+        """Index of the path that lies farthest below the chord between the front's ends.
 
-        On longer paths, a per cent of length saves less than a per cent of the integral. An empty
-        front has no knee: that is a ConfigError.
+        Lengths and integrals count as shares of what they span on the front: this is the knee of
+        Das (1999), which depends on the front's shape alone, not on how much there is to save. On a
+        front that nowhere bends below its chord, such as one of two paths, it is the shortest path.
+        An empty front has no knee: that is a ConfigError.
+
+        References
+        ----------
+        Das, "On characterizing the 'knee' of the Pareto curve based on normal-boundary
+        intersection", Structural Optimization 18 (1999), doi 10.1007/BF01195985. For curves of one
+        variable it is that of Satopaa et al., "Finding a 'kneedle' in a haystack", ICDCS Workshops
+        (2011), doi 10.1109/ICDCSW.2011.20.
         """
         if not len(self):
             raise ConfigError("an empty front has no knee: the goal is unreachable")
-        return int(np.argmin(self.length * self.integral))
+        spans = self.length[-1] - self.length[0], self.integral[0] - self.integral[-1]
+        if not min(spans) > 0:
+            return 0
+        longer = (self.length - self.length[0]) / spans[0]
+        saved = (self.integral[0] - self.integral) / spans[1]
+        below = saved - longer
+        # The first of those that rounding alone sets apart.
+        return int(np.argmax(below > below.max() - SAME_DISTANCE))
 
 
 def pareto_front(
