@@ -307,6 +307,11 @@ def test_pareto_prints_the_front_and_writes_it(run, room, tmp_path):
     assert "knee" in out
     files = sorted(path.name for path in (tmp_path / "front").iterdir())
     assert files == [".locplan.json", "front.csv", "front.json", "front.png", "knee.csv"]
+    integral = np.loadtxt(tmp_path / "front" / "front.csv", delimiter=",", skiprows=1, ndmin=2)[
+        :, 1
+    ]
+    about = json.loads((tmp_path / "front" / "front.json").read_text())
+    assert integral.tolist() == about["integral"]  # with all digits: they are budgets
     about = json.loads(run("pareto", room, *ends, "--objective", "e", "--json")[1])
     assert about["epsilon"] == 0
     assert len(about["length_m"]) == len(about["integral"]) > 0

@@ -48,7 +48,9 @@ def write_front(results: ResultFolder, front: ParetoFront, field: CovarianceFiel
         about = front_summary(front) | about_costs(front.costs.with_weight(0.0))
         (folder / "front.json").write_text(json.dumps(about, indent=2) + "\n")
         header = f"length_m,integral_{front.objective}"
-        write_csv(folder / "front.csv", np.column_stack([front.length, front.integral]), header)
+        both = np.column_stack([front.length, front.integral])
+        # All digits: a budget that is copied from here must not lie below the path's integral.
+        write_csv(folder / "front.csv", both, header, "%.17g")
         if len(front):
             path = front.plan(front.knee).path
             assert path is not None
