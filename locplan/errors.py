@@ -1,8 +1,17 @@
 """The exceptions that locplan raises on bad input."""
 
+MAX_MESSAGE = 450
+"""Greatest length of an error's message [characters]; the middle of a longer one is left out."""
+
 
 class LocplanError(Exception):
-    """Bad input: one line that says what was wrong, where, and what to do about it."""
+    """Bad input: one line that says what was wrong, where, and what to do about it.
+
+    Whatever the values and the names of files in it, the message is one line that can be printed.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(one_line(message))
 
 
 class MapError(LocplanError):
@@ -23,3 +32,12 @@ class FieldError(LocplanError):
 
 class PoseError(LocplanError):
     """A start or a goal lies where the robot cannot stand."""
+
+
+def one_line(text: str) -> str:
+    """Text in one line of limited length; what cannot be printed becomes a blank or "?"."""
+    if len(text) > MAX_MESSAGE:
+        text = f"{text[: MAX_MESSAGE - 150]} ... {text[-140:]}"
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import reprlib
 from collections.abc import Callable, Collection, Iterable
 from numbers import Integral, Real
 from pathlib import Path
@@ -12,29 +13,39 @@ from typing import Any, TypeGuard, cast
 
 from locplan.errors import ConfigError, LocplanError, PoseError
 
+GREATEST = 1e12
+"""Greatest amount of a setting; with more, its powers and products would not be finite."""
+FARTHEST = 1e8
+"""Greatest coordinate of a position [m], beyond all those of maps; a float resolves 15 nm there."""
+
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a finite number within limits as a float."""
-    if is_number(value) and low <= float(value) <= high:
+    """Return a finite number within limits, and up to `GREATEST`, as a float."""
+    if is_number(value) and low <= float(value) <= high and abs(value) <= GREATEST:
         return float(value)
     limits = "a number"
     if math.isfinite(low):
         limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-    raise ConfigError(f"{name} must be {limits}, not {shown(value)}")
+    raise ConfigError(f"{name} must be {limits}{_most(value)}, not {shown(value)}")
 
 
 def positive(name: str, value: object, unit: str = "") -> float:
-    """Return a finite number above 0 as a float; `unit` is its unit in the error message."""
-    if not (is_number(value) and value > 0):
-        what = f"a positive number of {unit}" if unit else "positive"
-        raise ConfigError(f"{name} must be {what}, not {shown(value)}")
-    return float(value)
+    """Return a number above 0, and up to `GREATEST`, as a float.
+
+    `unit` is its unit in the error message. Nearly 0, whose reciprocal is too great, is refused.
+    """
+    if is_number(value) and 1 / GREATEST <= value <= GREATEST:
+        return float(value)
+    what = f"a positive number of {unit}" if unit else "positive"
+    least = f" of at least {1 / GREATEST:g}" if is_number(value) and 0 < value < 1 else ""
+    raise ConfigError(f"{name} must be {what}{least}{_most(value)}, not {shown(value)}")
 
 
 def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
-    """Return a whole number within limits as an int."""
-    if not is_whole(value) or not low <= value <= high:
+    """Return a whole number within limits, and up to what 64 bits hold, as an int."""
+    if not is_whole(value) or not low <= value <= min(high, 2**63 - 1):
         limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
+        limits += " and below 2^63" if is_whole(value) and value >= 2**63 else ""
         raise ConfigError(f"{name} must be a whole number {limits}, not {shown(value)}")
     return int(value)
 
@@ -58,25 +69,62 @@ def position(x: object, y: object = None, name: str = "a position") -> tuple[flo
     given = x if y is None else (x, y)
     try:
         first, second = (float(value) for value in given)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise PoseError(f"{name} must be two numbers x, y in metres, not {shown(given)}") from None
     if not (math.isfinite(first) and math.isfinite(second)):
         raise PoseError(f"{name} must be finite metres, not {first:g},{second:g}")
+    if max(abs(first), abs(second)) > FARTHEST:
+        raise PoseError(f"{name} must lie within ±{FARTHEST:g} m, not {first:g},{second:g}")
     return first, second
 
 
 def file_path(name: str, value: object) -> Path:
-    """The name of a file as a Path; anything else is a LocplanError."""
-    if not isinstance(value, (str, os.PathLike)):
+    """The name of a file or a folder as a Path; what can be none is a LocplanError."""
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if not isinstance(value, str) or not is_file_name(value):
         raise LocplanError(f"{name} must be a path, not {shown(value)}")
     return Path(value)
 
 
+def is_file_name(text: str) -> bool:
+    """Return whether a text can name a file: it is not empty, and the system can encode it."""
+    try:
+        return bool(text.strip()) and b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:  # half of a surrogate pair
+        return False
+
+
 def shown(value: object) -> str:
-    """Short text of a value for an error message; only the class of arrays and other objects."""
+    """Short text of a value for an error message; only the class of arrays and other objects.
+
+    It takes no longer for a list of lists of lists, whose repr could fill the memory.
+    """
     plain = isinstance(value, (str, int, float, bool, type(None), list, tuple, dict))
-    text = repr(value) if plain else f"a value of type {type(value).__name__}"
+    text = _SHORT.repr(value) if plain else f"a value of type {type(value).__name__}"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+class _Short(reprlib.Repr):
+    """A repr of bounded length and depth."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 3, 200, 200
+
+    def repr_str(self, x: str, level: int) -> str:
+        return repr(x[: self.maxstring])
+
+    def repr_int(self, x: int, level: int) -> str:
+        return f"a number of {x.bit_length()} bits" if x.bit_length() > 999 else repr(x)
+
+
+_SHORT = _Short()
+
+
+def _most(value: object) -> str:
+    """The words for a number that is too great."""
+    return f" and at most {GREATEST:g}" if is_number(value) and abs(value) > GREATEST else ""
 
 
 class Settings:
@@ -94,8 +142,11 @@ class Settings:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite real number, and no bool."""
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    """Return whether a value is a finite real number that a float can hold, and no bool."""
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def is_whole(value: object) -> TypeGuard[int]:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+from locplan._util.checks import file_path
 from locplan._util.leftovers import ASIDE, removed_at_last
 from locplan.errors import LocplanError
 
@@ -42,7 +43,7 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
     The temporary name keeps the target's suffix, since writers choose the format by it. On an
     exception the temporary file is removed and `target` stays as it was.
     """
-    path = Path(target)
+    path = file_path("a file to write", target)
     check_no_input(path)
     with errors_in_one_line(path):
         handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}-", path.parent)
@@ -62,7 +63,7 @@ def replacing_folder(
     On an exception the new folder is removed and `target` stays as it was. A folder that is
     replaced is moved aside first and removed last.
     """
-    check_folder_target(Path(target), suffix, ours)
+    check_folder_target(file_path("a folder to write", target), suffix, ours)
     path = Path(os.path.realpath(target))
     with errors_in_one_line(path):
         temporary = Path(tempfile.mkdtemp(path.suffix, f".{path.stem}-", path.parent))

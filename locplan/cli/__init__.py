@@ -12,6 +12,7 @@ from typing import Annotated, Any, cast
 
 from cyclopts import CoercionError, CycloptsError, Parameter, UnusedCliTokensError
 
+from locplan._util.checks import shown
 from locplan._util.files import inputs_are_kept
 from locplan._util.supervision import INTERRUPTED, end_if_supervised
 from locplan.cli._application import COMMANDS, application
@@ -49,6 +50,11 @@ def main() -> None:
 
 def _launched(tokens: list[str]) -> int | None:
     """Run the command that is named, and import no other."""
+    for token in tokens:
+        if not token.strip() or (token.startswith("--") and token.endswith("=")):
+            raise LocplanError(
+                f"an argument is empty ({shown(token)}); write a value, or leave it out"
+            )
     first = next((token for token in tokens if not token.startswith("-")), "")
     app = application(*({first} & set(COMMANDS)))
     app.meta.suppress_keyboard_interrupt = False

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from locplan._util.checks import is_whole
+from locplan._util.checks import is_whole, shown
 from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison.report._data import Case, Scene
 from locplan.costs import Costmap
@@ -85,7 +85,7 @@ class Source:
         except (TypeError, ValueError):
             raise ConfigError(
                 "queries must be a number, a file, or a sequence of Query or (start, goal),"
-                f" not {wanted!r}"
+                f" not {shown(wanted)}"
             ) from None
 
     def scene(self, paths: int, front_time: float) -> Scene | None:
@@ -120,7 +120,9 @@ def named_maps(maps: Any) -> dict[str, OccupancyGrid | Costmap]:
             if name in named and isinstance(one, Path):
                 name = f"{one.resolve().parent.name}/{name}"
             if name in named:
-                raise ConfigError(f"two maps are called {name!r}; give a mapping of names to maps")
+                raise ConfigError(
+                    f"two maps are called {shown(name)}; give a mapping of names to maps"
+                )
             named[name] = loaded
     if not named:
         raise ConfigError("a comparison needs at least one map")
@@ -144,4 +146,4 @@ def _map(given: Any) -> OccupancyGrid | Costmap:
         return given
     if isinstance(given, (str, os.PathLike)):
         return read_movingai_map(given) if Path(given).suffix == ".map" else load_map(given)
-    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {given!r}")
+    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {shown(given)}")

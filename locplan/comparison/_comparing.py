@@ -12,6 +12,7 @@ from numbers import Real
 from typing import Any
 
 from locplan import __version__
+from locplan._util.checks import shown
 from locplan._util.progress import ProgressCallback
 from locplan.comparison._cases import Source, named_configs, named_maps
 from locplan.comparison._engine import Job, run_all
@@ -117,13 +118,13 @@ def compare(
         planners = [planners]
     weights = [float(weights)] if isinstance(weights, Real) else weights
     if not isinstance(seeds, Iterable):
-        raise ConfigError(f"seeds must be a sequence of whole numbers, not {seeds!r}")
+        raise ConfigError(f"seeds must be a sequence of whole numbers, not {shown(seeds)}")
     specs = [spec.with_time_limit(time_limit) for spec in specs_of(planners)]
     labels = [spec.label for spec in specs]
     if baseline is None:
         baseline = BASELINE if BASELINE in labels else labels[0]
     if baseline not in labels:
-        raise ConfigError(f"baseline {baseline!r} is none of the planners {', '.join(labels)}")
+        raise ConfigError(f"baseline {shown(baseline)} is none of the planners {', '.join(labels)}")
     sources: dict[Case, Source] = {}
     began = datetime.now(UTC).astimezone()
 
@@ -133,7 +134,7 @@ def compare(
         for name, given in named_maps(maps).items():
             own, grid = (given, given.grid) if isinstance(given, Costmap) else (None, given)
             if isinstance(queries, Mapping) and name not in queries:
-                raise ConfigError(f"there are no queries for map {name!r}")
+                raise ConfigError(f"there are no queries for map {shown(name)}")
             wanted = queries[name] if isinstance(queries, Mapping) else queries
             asked: tuple[Query, ...] = ()
             radius = robot_radius if own is None else own.robot_radius

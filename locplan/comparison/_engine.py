@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from locplan import __version__
-from locplan._util.checks import positive, whole
+from locplan._util.checks import positive, shown, whole
 from locplan._util.leftovers import temporary_folder
 from locplan._util.progress import ProgressCallback
 from locplan.comparison import _shared_costmaps as shared_costmaps
@@ -108,7 +108,9 @@ def _orders(
     labels: set[tuple[str, str]] = set()
     for number, job in enumerate(jobs):
         if (job.map, job.config) in labels:
-            raise ConfigError(f"map {job.map!r} is there twice with {job.config!r}; rename one")
+            raise ConfigError(
+                f"map {shown(job.map)} is there twice with {shown(job.config)}; rename one"
+            )
         labels.add((job.map, job.config))
         asked = [0.0 if math.isnan(job.costs.weight) else job.costs.weight]
         asked = asked if weights is None else [float(weight) for weight in weights]
@@ -132,11 +134,11 @@ def _check(job: Job, specs: Sequence[PlannerSpec], weights: Sequence[float]) -> 
     """Raise a LocplanError unless all runs of a job can begin."""
     names = [query.name for query in job.queries]
     if not names or len(set(names)) < len(names):
-        raise ConfigError(f"map {job.map!r} needs queries, each with a name of its own")
+        raise ConfigError(f"map {shown(job.map)} needs queries, each with a name of its own")
     for weight in weights:
         check_weight(weight)
         if weight and math.isnan(job.costs.weight):
-            raise ConfigError(f"map {job.map!r} has no field, so that its only weight is 0")
+            raise ConfigError(f"map {shown(job.map)} has no field, so that its only weight is 0")
     spaces = {spec.planner.space for spec in specs}
     for query in job.queries:
         for space in {"R2", *spaces}:
@@ -144,7 +146,7 @@ def _check(job: Job, specs: Sequence[PlannerSpec], weights: Sequence[float]) -> 
             try:
                 check_ends(job.costs, query.start[headed], query.goal[headed], space=space)
             except LocplanError as error:
-                where = f"map {job.map!r}, query {query.name!r}"
+                where = f"map {shown(job.map)}, query {shown(query.name)}"
                 raise LocplanError(f"{where}: {error}") from None
 
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
+from locplan._util.checks import file_path, is_number, is_whole
 from locplan._util.files import make_folder
+from locplan._util.reading import parsed_json
 from locplan._util.tables import finite
-from locplan.comparison._runs import Run, Task
+from locplan.comparison._runs import STATUSES, Run, Task
 from locplan.errors import LocplanError
 
 FORMAT = "locplan comparison 1"
@@ -30,7 +31,7 @@ class Journal:
     """
 
     def __init__(self, file: str | os.PathLike[str], *, resume: bool = False) -> None:
-        self.path = Path(file)
+        self.path = file_path("a journal", file)
         self._made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
         try:
@@ -83,19 +84,19 @@ class Journal:
 
     def _parsed(self, number: int, line: str) -> tuple[Key, Run]:
         try:
-            about = json.loads(line)
+            about = parsed_json(line)
             run = Run(
-                Task(**about["task"]),
-                about["status"],
+                _task(about["task"]),
+                _text(about["status"], STATUSES),
                 _number(about["seconds"]),
                 _number(about["wall_seconds"]),
                 {name: _number(value) for name, value in about["measures"].items()},
-                tuple((at, cost) for at, cost in about["history"]),
-                tuple((x, y) for x, y in about["xy"]),
-                about["note"],
+                tuple((_number(at), _number(cost)) for at, cost in about["history"]),
+                tuple((_number(x), _number(y)) for x, y in about["xy"]),
+                _text(about["note"]),
             )
-            return (run.task, about["digest"]), run
-        except (ValueError, KeyError, TypeError):
+            return (run.task, _text(about["digest"])), run
+        except (ValueError, KeyError, TypeError, AttributeError):
             raise LocplanError(
                 f"{self.path}: line {number} is damaged; delete the line to make its run anew"
             ) from None
@@ -122,5 +123,22 @@ class Journal:
             return  # a file system without locks
 
 
-def _number(value: float | None) -> float:
+def _task(about: Mapping[str, Any]) -> Task:
+    task = Task(**about)
+    for text in (task.map, task.config, task.query, task.planner):
+        _text(text)
+    if not (is_number(task.weight) and is_whole(task.seed)):
+        raise ValueError("a weight or a seed is no number")
+    return task
+
+
+def _text(value: object, choices: Collection[str] | None = None) -> str:
+    if not isinstance(value, str) or (choices is not None and value not in choices):
+        raise ValueError("a text is missing")
+    return value
+
+
+def _number(value: object) -> float:
+    if value is not None and not is_number(value):
+        raise ValueError("a number is missing")
     return math.nan if value is None else float(value)

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from locplan._util.checks import file_path, shown
+from locplan._util.reading import read_text
 from locplan.errors import LocplanError, MapError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import Query
-from locplan.planners._queries import lines_of
 
 PASSABLE = ".GS"
 """Letters of passable cells in the MovingAI benchmarks."""
@@ -21,15 +22,17 @@ def read_movingai_map(file: str | os.PathLike[str], resolution: float = 1.0) -> 
 
     The file's first row of cells is the map's top, which has the greatest y.
     """
-    path = Path(file)
-    lines = lines_of(path)
+    path = file_path("a map file", file)
+    lines = read_text(path).splitlines()
     if "map" not in lines[:8] or not lines[0].startswith("type"):
         raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
     rows = [row for row in lines[lines.index("map") + 1 :] if row]
     if len({len(row) for row in rows}) != 1:
         raise MapError(f"{path}: its rows must all have one length; download it anew")
-    cells = [[FREE if letter in PASSABLE else OCCUPIED for letter in row] for row in rows[::-1]]
-    return OccupancyGrid(np.array(cells, np.uint8), resolution, name=path.stem)
+    letters = np.frombuffer("".join(rows[::-1]).encode("latin-1", "replace"), np.uint8)
+    passable = np.isin(letters, list(PASSABLE.encode())).reshape(len(rows), -1)
+    cells = np.where(passable, np.uint8(FREE), np.uint8(OCCUPIED))
+    return OccupancyGrid(cells, resolution, name=path.stem)
 
 
 def read_scenarios(
@@ -40,8 +43,8 @@ def read_scenarios(
     The rows of a .scen file count from the map's top. At most `count` queries are taken, evenly
     over the file, where they are sorted by length.
     """
-    path = Path(file)
-    lines = lines_of(path)
+    path = file_path("a file of scenarios", file)
+    lines = read_text(path).splitlines()
     if not lines or not lines[0].startswith("version"):
         raise LocplanError(f"{path}: is no MovingAI scenario; its first line must be 'version 1'")
     queries = [
@@ -59,12 +62,14 @@ def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
     try:
         cols, rows, start_col, start_row, goal_col, goal_row = map(int, fields[-7:-1])
     except ValueError:
-        raise LocplanError(f"{path}: line {number}: is no scenario: {line[:60]!r}") from None
+        raise LocplanError(f"{path}: line {number}: is no scenario: {shown(line)}") from None
     if (rows, cols) != grid.shape:
         raise LocplanError(
-            f"{path}: line {number}: is for a map of {cols} x {rows} cells, but"
+            f"{path}: line {number}: is for a map of {shown(cols)} x {shown(rows)} cells, but"
             f" {grid.name or 'this one'} has {grid.shape[1]} x {grid.shape[0]}"
         )
+    if not (grid.contains(start_row, start_col) and grid.contains(goal_row, goal_col)):
+        raise LocplanError(f"{path}: line {number}: begins or ends outside its map: {shown(line)}")
     start = grid.cell_to_world(rows - 1 - start_row, start_col)
     goal = grid.cell_to_world(rows - 1 - goal_row, goal_col)
     return Query(f"scenario {number - 1}", start, goal)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from locplan._util.checks import shown
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import (
@@ -65,7 +66,7 @@ class PlannerSpec:
         if made.name == "<lambda>":
             raise ConfigError(
                 "a planner must be a name or a function with a name, such as"
-                f" PlannerSpec('mine', FunctionPlanner(f)), not {planner!r}"
+                f" PlannerSpec('mine', FunctionPlanner(f)), not {shown(planner)}"
             )
         options = ",".join(f"{name}={value}" for name, value in options_of(made).items())
         return cls(f"{made.name}:{options}" if options else made.name, made)
@@ -113,7 +114,7 @@ class PlannerSpec:
             import cloudpickle
         except ModuleNotFoundError:
             raise LocplanError(
-                f"planner {self.label!r}: a planner of your own needs cloudpickle:"
+                f"planner {shown(self.label)}: a planner of your own needs cloudpickle:"
                 " pip install 'locplan[functions]'"
             ) from None
         own: Any = innermost(self.planner)
@@ -156,7 +157,9 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
     labels = [spec.label for spec in specs]
     for label in labels:
         if labels.count(label) > 1:
-            raise ConfigError(f"planner {label!r} is there twice; leave one out, or name it anew")
+            raise ConfigError(
+                f"planner {shown(label)} is there twice; leave one out, or name it anew"
+            )
     if not specs:
         raise ConfigError("a comparison needs at least one planner")
     return specs
@@ -170,12 +173,14 @@ def _parsed(text: str) -> PlannerSpec:
         key, equals, value = (word.strip() for word in part.partition("="))
         if not (key and equals and value):
             raise ConfigError(
-                f"planner {text!r}: {part!r} must be NAME=VALUE, such as time_limit=2"
+                f"planner {shown(text)}: {shown(part)} must be NAME=VALUE, such as time_limit=2"
             )
         owner, _, setting = key.rpartition(".")
         home = options.setdefault("settings", {}) if owner == "settings" else options
         if not isinstance(home, dict) or (key == "settings" and not owner):
-            raise ConfigError(f"planner {text!r}: write settings one by one, as settings.range=2")
+            raise ConfigError(
+                f"planner {shown(text)}: write settings one by one, as settings.range=2"
+            )
         home[setting if owner == "settings" else key] = _value(value)
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
     label = f"{name.strip()}:{squeezed}" if parts else name.strip()
@@ -183,7 +188,7 @@ def _parsed(text: str) -> PlannerSpec:
     try:
         planner = planner_for(name.strip(), options, **limits)
     except LocplanError as error:
-        raise ConfigError(f"planner {label!r}: {error}") from None
+        raise ConfigError(f"planner {shown(label)}: {error}") from None
     return PlannerSpec(label, planner)
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import one_of
+from locplan._util.checks import one_of, shown
 from locplan.errors import ConfigError
 from locplan.field import SCALARS, CovarianceField, FieldConfig
 
@@ -75,7 +75,7 @@ def _anchors(field: CovarianceField, criterion: str) -> tuple[float, float]:
     check_criterion(criterion, field.config)
     least, greatest = field.anchors(criterion)
     if not greatest > least:
-        raise ConfigError(f"criterion {criterion!r} says nothing in a field without rotation")
+        raise ConfigError(f"criterion {shown(criterion)} says nothing in a field without rotation")
     return least, greatest
 
 

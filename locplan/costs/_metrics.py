@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from locplan.costs._costmap import Costmap
 from locplan.costs._path import Path
+from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
 
 DEGENERATE = 0.5
 """The u above which a place counts as degenerate."""
+MAX_CROSSED = 10**7
+"""Greatest length of a path that is measured [cells]."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -109,6 +112,11 @@ def _crossed_cells(
     from locplan._kernels.rays import cells_along
 
     positions = np.column_stack(grid.world_to_grid(*xy.T))
+    if np.abs(np.diff(positions, axis=0)).sum() > MAX_CROSSED:
+        raise LocplanError(
+            f"the path crosses over {MAX_CROSSED} cells of {grid.resolution:g} m; give a path in"
+            " metres on this map"
+        )
     row, col, lengths = cells_along(positions)
     if lengths.size == 0:  # the path has no length
         row, col = np.floor(positions[:1]).astype(np.int64).T

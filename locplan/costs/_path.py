@@ -11,10 +11,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from locplan._util.checks import file_path
+from locplan._util.checks import FARTHEST, file_path, positive
 from locplan._util.files import check_target
+from locplan._util.reading import read_text
 from locplan._util.tables import write_csv
 from locplan.errors import LocplanError
+
+MAX_HEADING = 1e6
+"""Greatest heading, turns included [rad]."""
+MAX_POSITIONS = 10**7
+"""Greatest number of positions of a path that is resampled."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,7 +30,8 @@ class Path:
     Parameters
     ----------
     xy : (n, 2) array of float64
-        World positions from start to goal [m], n >= 1. They are copied, and read-only afterwards.
+        World positions from start to goal, n >= 1, within 1e8 m. They are copied, and read-only
+        afterwards.
     heading : (n,) array of float64, optional
         Heading of the robot at each position, counter-clockwise from the x axis [rad].
 
@@ -41,20 +48,18 @@ class Path:
     heading: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        try:
-            xy = np.array(self.xy, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise LocplanError("a path needs an (n, 2) array of metres") from None
+        xy = _numbers(self.xy, "a path needs an (n, 2) array of metres")
         if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) == 0 or not np.isfinite(xy).all():
             raise LocplanError(f"a path needs an (n, 2) array of finite metres, not {xy.shape}")
+        if np.abs(xy).max() > FARTHEST:
+            raise LocplanError(f"a path must lie within ±{FARTHEST:g} m; give it in metres")
         xy.setflags(write=False)
         object.__setattr__(self, "xy", xy)
         if self.heading is not None:
-            heading = np.array(self.heading, dtype=np.float64)
-            if heading.shape != xy.shape[:1] or not np.isfinite(heading).all():
-                raise LocplanError(
-                    f"headings must be {len(xy)} finite angles [rad], one a position"
-                )
+            fault = f"headings must be {len(xy)} angles within ±{MAX_HEADING:g} rad, one a position"
+            heading = _numbers(self.heading, fault)
+            if heading.shape != xy.shape[:1] or not (np.abs(heading) <= MAX_HEADING).all():
+                raise LocplanError(fault)
             heading.setflags(write=False)
             object.__setattr__(self, "heading", heading)
 
@@ -102,7 +107,7 @@ class Path:
         """
         file = file_path("a path file", path)
         try:
-            lines = file.read_text(encoding="utf-8-sig").splitlines()
+            lines = read_text(file).splitlines()
             columns = [name.strip() for name in lines[0].split(",")]
             rows = np.array(
                 [[float(v) for v in each.split(",")] for each in lines[1:] if each.strip()]
@@ -110,9 +115,7 @@ class Path:
             xy = rows[:, [columns.index("x_m"), columns.index("y_m")]]
             headed = "heading_rad" in columns
             return cls(xy, rows[:, columns.index("heading_rad")] if headed else None)
-        except OSError as error:
-            raise LocplanError(f"{file}: cannot be read ({error.strerror})") from None
-        except (ValueError, IndexError, UnicodeDecodeError):
+        except (ValueError, IndexError):
             raise LocplanError(
                 f"{file}: is no path; its first line must name x_m,y_m, and numbers follow"
             ) from None
@@ -143,8 +146,12 @@ class Path:
 
     def resampled(self, spacing: float) -> Path:
         """Path along the same line with positions at equal distances of at most `spacing` [m]."""
-        if not spacing > 0:
-            raise LocplanError(f"spacing must be positive metres, not {spacing}")
+        positive("spacing", spacing, "metres")
+        if self.length / spacing > MAX_POSITIONS:
+            raise LocplanError(
+                f"a path of {self.length:.3g} m cannot have a position every {spacing:g} m; take a"
+                " greater spacing"
+            )
         count = max(1, int(np.ceil(self.length / spacing - 1e-9)))
         at = np.linspace(0.0, self.length, count + 1)
         xy = np.stack([np.interp(at, self.distance, v) for v in self.xy.T], axis=1)
@@ -180,6 +187,14 @@ class Path:
                 stretch, current = [stretch[-1]], current + way
             stretch.append(self.xy[n + 1])
         yield current % count, np.array(stretch)
+
+
+def _numbers(values: object, fault: str) -> NDArray[np.float64]:
+    """Array of numbers, copied; a LocplanError of this fault if they are none."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise LocplanError(fault) from None
 
 
 def joined(paths: Sequence[Path]) -> Path:

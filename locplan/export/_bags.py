@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from locplan._util.checks import shown
 from locplan._util.files import replacing
 from locplan.costs import Path
 from locplan.errors import LocplanError
@@ -84,7 +85,7 @@ def bag(
         written.
     """
     if not (isinstance(stamp, int) and 0 <= stamp < 2**31 * 10**9):
-        raise LocplanError(f"stamp must be nanoseconds since 1970, not {stamp!r}")
+        raise LocplanError(f"stamp must be nanoseconds since 1970, not {shown(stamp)}")
     if not (spacing > 0 and magnify > 0):
         raise LocplanError("spacing and magnify of the ellipses must be positive")
     if field is not None and field.grid.digest != grid.digest:

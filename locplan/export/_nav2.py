@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import shown
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
@@ -144,7 +145,9 @@ def keepout_mask(
 def check_slowest(slowest: float) -> None:
     """Raise a ConfigError unless it is a share of the speed that leaves some."""
     if not 0.01 <= slowest <= 1:
-        raise ConfigError(f"slowest must be a share of the speed from 0.01 to 1, not {slowest!r}")
+        raise ConfigError(
+            f"slowest must be a share of the speed from 0.01 to 1, not {shown(slowest)}"
+        )
 
 
 def _write_charged(

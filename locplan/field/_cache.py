@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import file_path, shown
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field import _zarr as field_files
 
@@ -70,10 +71,10 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
     """The folder of cached fields: the argument, LOCPLAN_CACHE, or the user's cache folder."""
     from platformdirs import user_cache_path
 
-    chosen = cache_dir or os.environ.get("LOCPLAN_CACHE")
-    if not chosen:
+    chosen = cache_dir if cache_dir is not None else os.environ.get("LOCPLAN_CACHE")
+    if cache_dir is None and not chosen:
         return user_cache_path("locplan") / "fields"
-    folder = os.path.expanduser(chosen)
+    folder = os.path.expanduser(file_path("the cache folder", chosen))
     if folder.startswith("~"):
         raise ConfigError(f"the cache folder {chosen}: there is no such user")
     return Path(folder)
@@ -84,7 +85,7 @@ def cache_limit() -> int:
     text = os.environ.get("LOCPLAN_CACHE_SIZE") or LIMIT
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
-        raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {text!r}")
+        raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {shown(text)}")
     return int(float(match[1]) * _UNITS[match[2]])
 
 

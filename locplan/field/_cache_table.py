@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from locplan._util.checks import shown
 from locplan._util.tables import age, in_bytes, table
 from locplan.field._cache import CacheEntry
 from locplan.field._config import FieldConfig
@@ -34,7 +35,7 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
     rows = [
         [
             entry.about.get("map_name", "(not of this version)"),
-            _unusual(entry.about["config"]) if "config" in entry.about else "–",
+            _unusual(entry.about["config"]) if entry.about else "–",
             in_bytes(entry.size),
             f"{entry.share:.0%}",
             age(entry.computed),
@@ -60,15 +61,19 @@ def cleared(removed: Sequence[CacheEntry], busy: Sequence[CacheEntry]) -> str:
 def _unusual(config: Mapping[str, Any]) -> str:
     """The settings that are not the default ones."""
     usual = dict(_leaves(FieldConfig().to_json() | {"lidar": settings_of(Lidar())}))
-    changed = [f"{key}={v}" for key, v in _leaves(config) if usual.get(key, v) != v]
+    changed = [
+        f"{key}={v if isinstance(v, str) else shown(v)}"
+        for key, v in _leaves(config)
+        if usual.get(key, v) != v
+    ]
     return ", ".join(changed) or "default"
 
 
-def _leaves(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def _leaves(settings: Mapping[str, Any], depth: int = 4) -> Iterator[tuple[str, Any]]:
     """The settings in settings, each by its own name and that of what it is a part of."""
     for name, value in settings.items():
-        if not isinstance(value, Mapping):
+        if not isinstance(value, Mapping) or not depth:
             yield name, value
             continue
         prefix = "" if name == "estimator" else f"{name}."
-        yield from ((prefix + inner, leaf) for inner, leaf in _leaves(value))
+        yield from ((prefix + inner, leaf) for inner, leaf in _leaves(value, depth - 1))

@@ -57,7 +57,9 @@ class FieldConfig(Settings):
             )
         headings = whole("headings", self.headings, 0, MAX_HEADINGS) or self.estimator.headings
         if self.estimator.headings == 1 < headings and not self.estimator.casts_rays:
-            raise ConfigError(f"estimator {self.estimator.name!r} is the same for all headings")
+            raise ConfigError(
+                f"estimator {shown(self.estimator.name)} is the same for all headings"
+            )
         if headings == 1 < self.estimator.headings:
             raise ConfigError(
                 "what this lidar sees depends on the heading: set headings above 1, or to 0"

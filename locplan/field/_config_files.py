@@ -11,7 +11,8 @@ from typing import Any
 from locplan import __version__
 from locplan._util.checks import file_path, instance
 from locplan._util.files import check_target, replacing
-from locplan.errors import ConfigError
+from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan.errors import ConfigError, LocplanError
 from locplan.field._config import FieldConfig
 
 SUFFIX = ".json"
@@ -54,10 +55,10 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
         If the calibration that wrote the file found that deviations are not in metres.
     """
     try:
-        content = json.loads(file_path("a file of settings", path).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    except (ValueError, RecursionError):
+        content = parsed_json(read_text(file_path("a file of settings", path), MAX_JSON_BYTES))
+    except LocplanError as error:
+        raise ConfigError(str(error)) from None
+    except ValueError:
         raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
     settings = _settings(content)
     if not isinstance(settings, dict):

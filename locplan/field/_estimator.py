@@ -10,13 +10,17 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, keep, positive
+from locplan._util.checks import Settings, instance, keep, positive, shown
 from locplan.errors import ConfigError
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.field._settings import settings_of
 
 Values = dict[str, NDArray[np.float64]]
 """Arrays by name: "covariance", and the layers of an estimator."""
+
+
+TILE_CELLS = 512
+"""Greatest edge length of a tile on the map, which bounds the layout's memory [cells]."""
 
 
 class Layer(NamedTuple):
@@ -131,6 +135,10 @@ class Estimator(Settings, ABC):
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         """Distance from a cell within which the map decides its covariance [cells]."""
 
+    def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
+        """Memory that the computation of a tile takes beyond what all maps take [bytes]."""
+        return 0.0
+
     def points_apart(self, resolution: float, stride: int) -> int:
         """Spacing of the lattice points, `stride` cells apart, that best share a tile."""
         return 1
@@ -148,4 +156,4 @@ class Estimator(Settings, ABC):
         instance("window", self.window, SearchWindow)
         keep(self, noise_level=positive("noise_level", self.noise_level, "times Sigma"))
         if not isinstance(self.quantisation, bool):
-            raise ConfigError(f"quantisation must be true or false, not {self.quantisation!r}")
+            raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, keep_checked, number, one_of, positive, whole
+from locplan._util.checks import Settings, keep_checked, number, one_of, positive, shown, whole
 from locplan.errors import ConfigError
 
 FULL_CIRCLE = 360.0
@@ -55,11 +55,11 @@ class Lidar(Settings):
         keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
         if self.range_sigma < MIN_SIGMA:
             raise ConfigError(
-                f"range_sigma must be at least {MIN_SIGMA:g} m, not {self.range_sigma!r}"
+                f"range_sigma must be at least {MIN_SIGMA:g} m, not {shown(self.range_sigma)}"
             )
         if self.field_of_view_deg > FULL_CIRCLE:
             raise ConfigError(
-                f"field_of_view_deg must be at most 360 deg, not {self.field_of_view_deg!r}"
+                f"field_of_view_deg must be at most 360 deg, not {shown(self.field_of_view_deg)}"
             )
         keep_checked(self, ("beams",), whole, 1, MAX_BEAMS)
 

@@ -13,6 +13,8 @@ from locplan.errors import ConfigError
 
 MAX_STEPS = 1000
 """Greatest number of steps from the centre of the search window to its edge."""
+MAX_OFFSETS = 10**7
+"""Greatest number of offsets of a window on a map, of which each takes memory in each thread."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -62,7 +64,7 @@ class SearchWindow(Settings):
         Raises
         ------
         ConfigError
-            If the cells are so large that zero is the window's only offset.
+            If the cells are so large that zero is the window's only offset, or it has too many.
         """
         step_cells = max(1, round(self.step / resolution))
         half_steps = round(self.half_width / (step_cells * resolution))
@@ -71,13 +73,18 @@ class SearchWindow(Settings):
                 f"cells of {resolution:g} m do not resolve a search window of"
                 f" +-{self.half_width:g} m; set a larger window"
             )
-        return OffsetLattice(
+        lattice = OffsetLattice(
             resolution=resolution,
             step_cells=step_cells,
             half_steps=half_steps,
             rotation_step=math.radians(self.rotation_step_deg),
             half_rotations=math.floor(self.half_rotation_deg / self.rotation_step_deg + 1e-9),
         )
+        if lattice.size > MAX_OFFSETS:
+            raise ConfigError(
+                f"a search window of {lattice.size} offsets takes too much memory; set larger steps"
+            )
+        return lattice
 
 
 @dataclass(frozen=True)

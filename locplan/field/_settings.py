@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar, get_args, get_type_hints
 
+from locplan._util.checks import shown
 from locplan.errors import ConfigError
 
 T = TypeVar("T")
@@ -28,7 +29,7 @@ def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
     for name in given:
         if name not in known:
             what = getattr(kind, "name", kind.__name__)
-            raise ConfigError(f"{what} has no setting {name!r}; it has: {', '.join(known)}")
+            raise ConfigError(f"{what} has no setting {shown(name)}; it has: {', '.join(known)}")
     made = {name: _nested(name, hints[name], value) for name, value in given.items()}
     try:
         return kind(**made)
@@ -42,5 +43,5 @@ def _nested(name: str, hint: Any, value: object) -> object:
     kinds: list[Any] = [each for each in get_args(hint) or (hint,) if is_dataclass(each)]
     named = [kind for kind in kinds if getattr(kind, "name", None) == value.get("name")]
     if len(named) != 1:
-        raise ConfigError(f"{name} cannot be made of {dict(value)!r}")
+        raise ConfigError(f"{name} cannot be made of {shown(dict(value))}")
     return made_of(named[0], value)

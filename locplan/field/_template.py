@@ -27,8 +27,9 @@ def disc(radius: int) -> NDArray[np.bool_]:
            [1, 1, 1],
            [0, 1, 0]])
     """
-    offset = np.arange(-radius, radius + 1)
-    return offset[:, None] ** 2 + offset[None, :] ** 2 <= radius**2
+    offset = np.abs(np.arange(-radius, radius + 1))
+    half_width = np.array([math.isqrt(radius**2 - k**2) for k in offset.tolist()])
+    return np.asarray(offset[None, :] <= half_width[:, None])
 
 
 def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -17,7 +18,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import rotated
-from locplan.field._estimator import Estimator, MapPart, Values
+from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._lattice import evaluated_points, standing_cells, stride_cells
 from locplan.maps import OccupancyGrid
 
@@ -25,8 +26,8 @@ ENGINE = 2
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
 """Edge length of a tile, whose covariances share one layout of the map [lattice points]."""
-TILE_CELLS = 512
-"""Greatest edge length of a tile on the map, which bounds the layout's memory [cells]."""
+MAX_TILE_BYTES = 2e9
+"""Greatest memory that the computation of one tile may take [bytes]."""
 IN_FLIGHT = 256
 """Greatest number of tiles at an executor at once, which bounds the memory of their maps."""
 
@@ -63,8 +64,26 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
 
 
 def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
-    """Arrays of a field, filled with NaN."""
-    return {name: np.full(shape, np.nan) for name, shape in field_shapes(grid, config).items()}
+    """Arrays of a field, filled with NaN; a ConfigError if its computation takes too much memory.
+
+    That grows with the range and the window in cells.
+    """
+    taken = config.estimator.memory(grid.resolution, grid.shape)
+    if taken > MAX_TILE_BYTES:
+        raise ConfigError(
+            f"cells of {grid.resolution:g} m are too fine for a range of"
+            f" {config.estimator.reach:g} m and a search window of"
+            f" +-{config.estimator.window.half_width:g} m ({taken / 1e9:.3g} GB of memory); set"
+            " smaller ones, or scale the map down"
+        )
+    shapes = field_shapes(grid, config)
+    total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
+    if total > memory_of_machine():
+        raise ConfigError(
+            f"the field takes {total / 1e9:.3g} GB, more than this machine has; set a larger"
+            " stride or fewer headings"
+        )
+    return {name: np.full(shape, np.nan) for name, shape in shapes.items()}
 
 
 def known_points(values: Values) -> NDArray[np.bool_]:
@@ -109,7 +128,9 @@ def finished_chunks(
     done: SimpleQueue[_Tile] = SimpleQueue()
     pending: dict[Chunk, int] = {}
     waiting = _tiles(missing, pending, config, grid.resolution)
-    pool = executor or ThreadPoolExecutor(threads or os.cpu_count())
+    at_once = memory_of_machine() / 2 // max(1.0, estimator.memory(grid.resolution, grid.shape))
+    workers = max(1, int(min(threads or os.cpu_count() or 1, at_once)))
+    pool = executor or ThreadPoolExecutor(workers)
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     try:
@@ -151,6 +172,14 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
             f"a worker has another locplan (engine {ENGINE}, not {engine}); install the same one"
         )
     return estimator.covariances(part)
+
+
+def memory_of_machine() -> float:
+    """Memory of this machine [bytes], or 4 GB where the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):
+        return 4e9
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:

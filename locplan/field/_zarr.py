@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan import __version__
+from locplan._util.checks import shown
+from locplan._util.reading import MAX_JSON_BYTES, parsed_json
 from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
@@ -29,11 +31,23 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 FORMAT = "locplan-field-4"
 SUFFIX = ".zarr"
+MAX_CELLS = 2**28
+"""Greatest number of cells of a field's map, as of an image's pixels."""
 METRES: dict[str, Any] = {
     "long_name": "of the map's own axes, which the origin's yaw turns about the origin",
     "units": "m",
 }
 """Attributes of the coordinates y and x."""
+KINDS: dict[str, type] = {
+    "map_name": str,
+    "map_digest": str,
+    "map_shape": list,
+    "origin": list,
+    "identity": dict,
+    "config": dict,
+    "chunks": int,
+}
+"""Kinds of the attributes of a field's group that are read."""
 COVARIANCE: dict[str, Any] = {
     "long_name": "covariance of a pose match (x, y, theta), world frame",
     "units": "m2, m rad, rad2",
@@ -64,17 +78,28 @@ def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
 def read_attributes(folder: Path) -> dict[str, Any]:
     """Read the attributes of a field's group."""
     try:
-        about: dict[str, Any] = json.loads((folder / "zarr.json").read_text())["attributes"]
+        about: dict[str, Any] = parsed_json(_description(folder))["attributes"]
         if about["format"] != FORMAT:
-            raise ValueError(f"its format is {about['format']}, not {FORMAT}")
+            raise ValueError(f"its format is {shown(about['format'])}, not {FORMAT}")
         if about["checksum"] != _checksum(about):
             raise ValueError("its description does not match its checksum")
+        for name, kind in KINDS.items():
+            if not isinstance(about[name], kind):
+                raise ValueError(f"its {name} is {shown(about[name])}")
         return about
     except (FileNotFoundError, NotADirectoryError):
-        what = "holds no zarr.json" if folder.exists() else "no such folder"
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        what = "holds no zarr.json" if os.path.exists(folder) else "no such folder"
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         what = _in_short(error)
     raise FieldError(f"{folder}: not a covariance field ({what})")
+
+
+def _description(folder: Path) -> str:
+    with (folder / "zarr.json").open("rb") as opened:
+        content = opened.read(MAX_JSON_BYTES + 1)
+    if len(content) > MAX_JSON_BYTES:
+        raise ValueError("its zarr.json is too long")
+    return content.decode("utf-8")
 
 
 def is_untouched(folder: Path) -> bool:
@@ -219,7 +244,12 @@ def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
     import zarr
 
     try:
-        cells: Any = zarr.open_array(folder / "cells", mode="r")[:]
+        array: Any = zarr.open_array(folder / "cells", mode="r")
+        if list(array.shape) != about["map_shape"] or array.dtype != np.uint8:
+            raise ValueError("it has another shape than the description says")
+        if array.size > MAX_CELLS:
+            raise ValueError("it has over 2^28 cells")
+        cells: Any = array[:]
         grid = OccupancyGrid(cells, about["resolution"], tuple(about["origin"]), about["map_name"])
     except Exception as error:  # a damaged description fails in many ways
         raise FieldError(f"{folder}: its map is damaged ({_in_short(error)})") from None

@@ -30,7 +30,7 @@ from locplan.maps._yaml import (
 )
 
 if TYPE_CHECKING:
-    from PIL import Image
+    from PIL import Image, ImageFile
 
 PIXELS = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
 LEVELS = [FREE, UNKNOWN, OCCUPIED]  # in the order of PIXELS
@@ -69,9 +69,9 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     ('room', [[0, 254], [127, 254]])
     """
     file = file_path("a map file", path)
-    if file.is_dir():
+    if os.path.isdir(file):  # unlike Path.is_dir it is False for a name that is too long
         (file, *others) = find_maps(file)
-        if file.is_dir():
+        if os.path.isdir(file):
             raise fault_of(file, "is a folder without any map", "give a map's YAML")
         if others:
             raise fault_of(
@@ -113,9 +113,9 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     Subfolders count, too. A folder without any is listed itself, so that `load_map` reports it.
     """
     found: list[Path] = []
-    for path in map(Path, paths):
-        files = sorted(path.rglob("*.y*ml")) if path.is_dir() else [path]
-        if path.is_dir():
+    for path in (file_path("a map file", path) for path in paths):
+        files = sorted(path.rglob("*.y*ml")) if os.path.isdir(path) else [path]
+        if os.path.isdir(path):
             files = [file for file in files if _names_an_image(file)] or [path]
         found += files
     return list(dict.fromkeys(found))
@@ -168,20 +168,33 @@ def save_map(
 def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
     """Read the grey values, the mask of transparent ones, and whether they were rescaled to span
     all of uint8 or uint16; the top row comes first."""
-    from PIL import Image
-
     content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
     try:
-        with warnings.catch_warnings(action="ignore"):  # Pillow's, about size, animation, palette
-            with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
+        with warnings.catch_warnings(action="ignore"):  # Pillow's, about animation and palettes
+            with _opened(content) as image:
                 if image.width * image.height > min(MAX_PIXELS, PIXELS_PER_BYTE * len(content)):
                     raise ValueError("more pixels than its bytes can hold, or than 2**28")
                 image.verify()  # checks PNG checksums, as decoding does not; uses up the image
-            with Image.open(io.BytesIO(content), formats=IMAGE_FORMATS) as image:
+            with _opened(content) as image:
                 return *_decode(image), OTHER_RANGE.match(content) is not None
     except Exception as error:  # decoders raise almost anything on damaged files
         fault = f"is no intact PGM, PBM, PNG or BMP image ({reason_of(error)})"
         raise fault_of(file, fault, "export it again") from error
+
+
+def _opened(content: bytes) -> ImageFile.ImageFile:
+    """Open an image, of which only the header is read yet.
+
+    Image.open would apply a limit of Pillow's own, which the process may have changed or lifted.
+    """
+    from PIL import Image
+
+    Image.preinit()  # registers the formats
+    for name in IMAGE_FORMATS:
+        factory, accepts = Image.OPEN[name]
+        if accepts is not None and accepts(content[:16]) is True:
+            return factory(io.BytesIO(content), "")
+    raise ValueError("its first bytes are those of none of them")
 
 
 def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:

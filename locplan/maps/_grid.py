@@ -12,10 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, keep, position
+from locplan._util.checks import FARTHEST, instance, keep, position, shown
 from locplan._util.notebook import Pictured
 from locplan.errors import MapError
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN, levels_of, parts_of
+
+RESOLUTIONS = (0.001, 10.0)
+"""Least and greatest edge of a cell [m]; beyond, the number is hardly in metres."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,17 +34,17 @@ class OccupancyGrid(Pictured):
     cells : (H, W) array of uint8
         ``FREE`` (254), ``UNKNOWN`` (127) or ``OCCUPIED`` (0). Copied, and read-only afterwards.
     resolution : float
-        Edge of a cell [m].
+        Edge of a cell, 0.001 to 10 [m].
     origin : (x, y, yaw)
         World pose of the outer corner of cell (0, 0) [m, m, rad].
     name : str
-        Name of the map in tables and titles.
+        Name of the map in tables and titles; what cannot be printed in it becomes U+FFFD.
 
     Raises
     ------
     MapError
         If the array is not two-dimensional, is empty or holds another level, or if the
-        resolution or the origin is not finite, or the resolution is not positive.
+        resolution or the origin is no number or out of its range.
 
     Examples
     --------
@@ -72,14 +75,21 @@ class OccupancyGrid(Pictured):
                 " read by OccupancyGrid.from_occupancy"
             )
         resolution = _numbers(self.resolution)
-        if len(resolution) != 1 or not resolution[0] > 0:
-            raise MapError(f"resolution must be positive metres per cell, not {self.resolution!r}")
+        finest, coarsest = RESOLUTIONS
+        if len(resolution) != 1 or not finest <= resolution[0] <= coarsest:
+            given = f"{resolution[0]:g}; is it metres?" if resolution else shown(self.resolution)
+            raise MapError(f"resolution must be {finest:g} to {coarsest:g} m per cell, not {given}")
         origin = _numbers(self.origin)
-        if len(origin) != 3:
-            raise MapError(f"origin must be three finite numbers (x, y, yaw), not {self.origin!r}")
+        if len(origin) != 3 or max(map(abs, origin)) > FARTHEST:
+            raise MapError(
+                f"origin must be three finite numbers (x, y, yaw) within ±{FARTHEST:g}, not"
+                f" {shown(self.origin)}"
+            )
+        instance("name", self.name, str)
+        name = "".join(c if c.isprintable() else "\ufffd" for c in self.name)
         cells = np.array(cells, dtype=np.uint8, order="C")
         cells.setflags(write=False)
-        keep(self, cells=cells, resolution=resolution[0], origin=origin)
+        keep(self, cells=cells, resolution=resolution[0], origin=origin, name=name)
 
     @classmethod
     def from_occupancy(
@@ -235,6 +245,6 @@ def _numbers(values: Any) -> tuple[float, ...]:
     """Finite numbers as floats, or an empty tuple if any value is something else."""
     try:
         numbers = tuple(float(v) for v in np.atleast_1d(np.asarray(values, dtype=np.float64)))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return ()
     return numbers if all(map(math.isfinite, numbers)) else ()

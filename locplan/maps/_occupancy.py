@@ -73,7 +73,7 @@ def parts_of(message: Any) -> tuple[NDArray[Any], float, tuple[float, float, flo
         yaw = math.atan2(sine, 1 - 2 * (turn.y**2 + turn.z**2))
         origin = float(pose.position.x), float(pose.position.y), yaw
         return values, float(info.resolution), origin
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:
         raise MapError(
             f"the message is no nav_msgs/OccupancyGrid with data and info ({error})"
         ) from None

@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import file_path, shown
 from locplan.errors import LocplanError
+from locplan.maps._yaml import SCALAR_TAGS, compose, fault_of, read_content
+
+if TYPE_CHECKING:
+    import yaml
 
 NODES = ("global_costmap", "local_costmap", "planner_server", "controller_server", "amcl")
 """Nodes of Nav2; a parameter file has at least one of them at its top level."""
+MAX_BYTES = 2**18
+MAX_VALUES = 100_000
+"""Greatest number of values in a file, those that aliases stand for included."""
+REMEDY = "give Nav2's parameters"
 Parameters = dict[str, Any]
 
 
-def read_parameters(path: str | Path | None) -> Parameters:
+def read_parameters(path: str | os.PathLike[str] | None) -> Parameters:
     """Read the parameters in a file of Nav2; without a file there are none.
+
+    As in ROS, names are texts, and values are numbers, true, false, texts, or lists of them; what
+    YAML makes something else of, such as a date, is a text. Aliases are written out.
 
     Raises
     ------
     LocplanError
         If it cannot be read, or is no parameter file of Nav2 without namespaces.
     """
-    import yaml
-
     if path is None:
         return {}
+    file = file_path("a file of Nav2's parameters", path)
+    root = compose(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or "it is no YAML in UTF-8"
-        raise LocplanError(f"{path}: cannot be read ({reason}); give Nav2's parameters") from None
+        content = None if root is None else _Values().of(root)
+    except (OverflowError, RecursionError):
+        fault = f"its aliases stand for over {MAX_VALUES} values"
+        raise fault_of(file, fault, "write out what they stand for") from None
     if not isinstance(content, dict) or not any(node in content for node in NODES):
         raise LocplanError(
             f"{path}: names none of Nav2's nodes at its top; give its parameters without namespaces"
@@ -40,7 +52,7 @@ def read_parameters(path: str | Path | None) -> Parameters:
 
 
 def node_parameters(
-    content: Mapping[str, Any], node: str, path: str | Path | None = None
+    content: Mapping[str, Any], node: str, path: str | os.PathLike[str] | None = None
 ) -> Parameters:
     """Parameters of a node; a costmap is a node within its own namespace."""
     inner = content.get(node, {})
@@ -48,16 +60,60 @@ def node_parameters(
         inner = inner.get(node, {})
     own = inner.get("ros__parameters", {}) if isinstance(inner, dict) else None
     if not isinstance(own, dict):
-        raise LocplanError(f"{path}: {node} holds no ros__parameters; give Nav2's parameters")
+        raise LocplanError(f"{path}: {node} holds no ros__parameters; {REMEDY}")
     for name in ("plugins", "filters", "planner_plugins"):
         listed_names(own, name, [], path)
     return own
 
 
 def listed_names(
-    parameters: Mapping[str, Any], name: str, default: list[str], path: str | Path | None = None
+    parameters: Mapping[str, Any],
+    name: str,
+    default: list[str],
+    path: str | os.PathLike[str] | None = None,
 ) -> list[str]:
     names = parameters.get(name) or default
     if not isinstance(names, list) or not all(isinstance(one, str) for one in names):
-        raise LocplanError(f"{path}: {name} must be a list of names, not {names!r}")
+        raise LocplanError(f"{path}: {name} must be a list of names, not {shown(names)}")
     return list(names)
+
+
+class _Values:
+    """The values of YAML's nodes; an OverflowError if there are more than `MAX_VALUES`."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def of(self, node: yaml.Node) -> Any:
+        """Value of a node, and of all in it."""
+        import yaml
+
+        self.count += 1
+        if self.count > MAX_VALUES:
+            raise OverflowError
+        if isinstance(node, yaml.SequenceNode):
+            return [self.of(item) for item in node.value]
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node)
+        if node.tag == "tag:yaml.org,2002:null":
+            return None
+        try:
+            known = node.tag in SCALAR_TAGS
+            return yaml.SafeLoader("").construct_object(node) if known else str(node.value)
+        except (ValueError, LookupError, AttributeError):  # such as !!int x, or 5000 digits
+            return str(node.value)
+
+    def _mapping(self, node: yaml.MappingNode) -> Parameters:
+        import yaml
+
+        own: Parameters = {}
+        merged: Parameters = {}
+        for key, value in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                sources = value.value if isinstance(value, yaml.SequenceNode) else [value]
+                for source in reversed(sources):  # of several the first one counts
+                    content = self.of(source)
+                    merged |= content if isinstance(content, dict) else {}
+            else:
+                own[str(key.value) if isinstance(key, yaml.ScalarNode) else "..."] = self.of(value)
+        return merged | own

@@ -6,17 +6,21 @@ import math
 import os
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from locplan._util.checks import FARTHEST, is_file_name, shown
 from locplan.errors import MapError
+from locplan.maps._grid import RESOLUTIONS
 
 if TYPE_CHECKING:
     import yaml
 
 MODES = ("trinary", "scale", "raw")
 NEGATE = {"0": False, "1": True, "false": False, "true": True}
-SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool", "null")}
+SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool")}
 MAX_YAML_BYTES = 2**16
+Entry = str | list[str] | None
+"""An entry of a map's YAML as text or texts; None is null."""
 
 
 class Header(NamedTuple):
@@ -40,10 +44,12 @@ def read_header(file: Path) -> Header:
     resolution, occupied, free = (
         _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
     )
-    finite = len(place) == 3 and all(map(math.isfinite, place))
+    finite = len(place) == 3 and all(abs(value) <= FARTHEST for value in place)
+    named = isinstance(image, str) and is_file_name(image)
+    (finest, coarsest), metres = RESOLUTIONS, f"{RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g} metres"
     for key, rule, example, holds in (
-        ("image", "the name of a file", "map.pgm", isinstance(image, str) and image.strip()),
-        ("resolution", "a positive number of metres", "0.05", 0 < resolution < math.inf),
+        ("image", "the name of a file", "map.pgm", named),
+        ("resolution", metres, "0.05", finest <= resolution <= coarsest),
         ("origin", "three finite numbers x, y, yaw", "[0.0, 0.0, 0.0]", finite),
         ("negate", "0 or 1", "0", negate is not None),
         ("occupied_thresh", "a fraction in 0..1, not per cent", "0.65", 0 <= occupied <= 1),
@@ -52,46 +58,57 @@ def read_header(file: Path) -> Header:
     ):
         if not holds:
             fault = f"{key} must be {rule}, but is {_shown(entries.get(key))}"
-            raise fault_of(file, fault, f"write e.g. {key}: {example}")
+            unit = "is it metres? " if key == "resolution" and 0 < resolution < math.inf else ""
+            raise fault_of(file, fault, f"{unit}write e.g. {key}: {example}")
     name, (x, y, yaw) = os.path.expanduser(str(image)), place
     return Header(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
 
 
-def _read_entries(file: Path) -> dict[str, Any]:
+def _read_entries(file: Path) -> dict[str, Entry]:
     """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
     import yaml
 
     content = read_content(
         file, MAX_YAML_BYTES, "give a map YAML, which is a few lines, not its image"
     )
-    try:
-        root = yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
-    except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
-        raise fault_of(file, fault, "write lines such as image: map.pgm") from error
+    remedy = "write lines such as image: map.pgm"
+    root = compose(file, content, remedy)
     if not isinstance(root, yaml.MappingNode):
-        raise fault_of(file, "holds no keys", "write lines such as image: map.pgm")
-    entries: dict[str, Any] = {}
+        raise fault_of(file, "holds no keys", remedy)
+    entries: dict[str, Entry] = {}
     for key, value in root.value:
-        name = "".join(_plain(key))
+        name = "".join(_plain(key) or "")
         if name in entries:
             raise fault_of(file, f"{_shown(name)} occurs twice", "keep one of the two")
         entries[name] = _plain(value)
     return entries
 
 
-def _plain(node: yaml.Node) -> str | list[str]:
+def compose(file: Path, content: bytes, remedy: str) -> yaml.Node | None:
+    """Nodes of a file's YAML, of which no tag is obeyed and no alias expanded."""
+    import yaml
+
+    try:
+        return yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
+    except (UnicodeDecodeError, yaml.YAMLError, RecursionError, ValueError) as error:
+        mark = getattr(error, "problem_mark", None)
+        fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
+        raise fault_of(file, fault, remedy) from error
+
+
+def _plain(node: yaml.Node) -> Entry:
     """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
     import yaml
 
+    if node.tag == "tag:yaml.org,2002:null":
+        return None
     if isinstance(node, yaml.ScalarNode) and node.tag in SCALAR_TAGS:
         return str(node.value)
     items = node.value if isinstance(node, yaml.SequenceNode) else [None]
     return [str(item.value) if isinstance(item, yaml.ScalarNode) else "..." for item in items]
 
 
-def _number(entry: str | list[str] | None) -> float:
+def _number(entry: Entry) -> float:
     """Number in a text (also 5e-2, which PyYAML takes for a string), or else NaN."""
     try:
         return float(entry) if isinstance(entry, str) else math.nan
@@ -116,14 +133,13 @@ def read_content(file: Path, limit: int, remedy: str) -> bytes:
 
 
 def fault_of(file: Path, fault: str, remedy: str) -> MapError:
-    """Make the error of a file in one line that can be printed."""
-    message = f"{str(file)[-200:]}: {fault}; {remedy}"
-    return MapError("".join(c if c.isprintable() else "?" for c in message))
+    """Make the error of a file: the end of its name, what is wrong, and the remedy."""
+    return MapError(f"{str(file)[-200:]}: {fault}; {remedy}")
 
 
-def _shown(entry: str | list[str] | None) -> str:
+def _shown(entry: Entry) -> str:
     text = f"[{', '.join(entry[:4])}]" if isinstance(entry, list) else entry
-    return "missing" if text is None else repr(text if len(text) <= 40 else text[:40] + "...")
+    return "missing" if text is None else shown(text)
 
 
 def reason_of(error: Exception) -> str:

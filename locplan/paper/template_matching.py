@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._util.checks import shown
 from locplan.errors import ConfigError, MapError, PoseError
 from locplan.field import OffsetLattice, Sad
 from locplan.field._template import disc, local_map, rotated_template, visible_part
@@ -141,7 +142,9 @@ def along_axis(
     row, col, radius = _disc_at(grid, x, y, estimator)
     window = estimator.window.on(grid.resolution)
     if axis not in ("x", "y", "theta")[: window.dimension]:
-        raise ConfigError(f"axis must be x, y, or theta if the window has headings, not {axis!r}")
+        raise ConfigError(
+            f"axis must be x, y, or theta if the window has headings, not {shown(axis)}"
+        )
     mask = disc(radius)
     unmoved = local_map(grid.cells, row, col, radius)[mask]
     if axis == "theta":

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, TypeAlias, get_args
 
 import numpy as np
 
+from locplan._util.checks import shown
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
 from locplan.planners._protocol import Found, Position, Status, Wrapper
@@ -55,7 +56,7 @@ class FunctionPlanner:
         """Raise a ConfigError unless the function takes the options."""
         every = inspect.signature(self.function).parameters.values()
         if not any(one.kind is one.VAR_KEYWORD for one in every):
-            check_names(f"planner {self.name!r}", self.options, self.parameters)
+            check_names(f"planner {shown(self.name)}", self.options, self.parameters)
 
     def prepare(self) -> None:
         """Call the function's own ``prepare``, if it has one."""

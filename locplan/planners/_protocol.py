@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
+from locplan._util.checks import shown
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ class Found:
     def __post_init__(self) -> None:
         if self.path is not None:
             if self.status not in ("unreachable", "solved"):
-                raise ConfigError(f"a path is found: its status is solved, not {self.status!r}")
+                raise ConfigError(
+                    f"a path is found: its status is solved, not {shown(self.status)}"
+                )
             object.__setattr__(self, "status", "solved")
 
 

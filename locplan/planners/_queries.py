@@ -8,13 +8,13 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import number, whole
+from locplan._util.checks import file_path, number, shown, whole
+from locplan._util.reading import read_text
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._grid import connected
@@ -52,8 +52,8 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    path = Path(file)
-    rows = csv.reader(lines_of(path))
+    path = file_path("a file of queries", file)
+    rows = csv.reader(read_text(path).splitlines())
     queries: dict[str, Query] = {}
     try:
         header = [column.strip() for column in next(rows, [])]
@@ -61,7 +61,7 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
         if tuple(header[: len(COLUMNS)]) != COLUMNS or not beside <= set(HEADINGS):
             raise LocplanError(
                 f"{path}: its header must be {','.join(COLUMNS)}, and if wanted"
-                f" {','.join(HEADINGS)}, not {','.join(header)!r}"
+                f" {','.join(HEADINGS)}, not {shown(','.join(header))}"
             )
         for row in rows:
             if any(value.strip() for value in row):
@@ -69,7 +69,7 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
                 query = _query(where, header, row)
                 if query.name in queries:
                     raise LocplanError(
-                        f"{where}: there is another query named {query.name!r};"
+                        f"{where}: there is another query named {shown(query.name)};"
                         " give each its own name"
                     )
                 queries[query.name] = query
@@ -125,16 +125,6 @@ def random_queries(
     return queries
 
 
-def lines_of(path: Path) -> list[str]:
-    """The lines of a text file; a LocplanError if it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise LocplanError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise LocplanError(f"{path}: is no text; save it as UTF-8") from None
-
-
 def _query(where: str, header: Sequence[str], row: Sequence[str]) -> Query:
     """The query in a row of a file."""
     if len(row) != len(header):
@@ -158,7 +148,7 @@ def _number(where: str, column: str, values: Mapping[str, str]) -> float:
     with contextlib.suppress(ValueError):
         if math.isfinite(value := float(values[column])):
             return value
-    raise LocplanError(f"{where}: {column} must be a finite number, not {values[column]!r}")
+    raise LocplanError(f"{where}: {column} must be a finite number, not {shown(values[column])}")
 
 
 class _Parts:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import shown
 from locplan.errors import ConfigError
 from locplan.planners.ompl._kinds import KINDS
 
@@ -66,9 +67,9 @@ def names() -> tuple[str, ...]:
 def named(name: str, options: Mapping[str, Any]) -> Planner:
     """A planner by its name, with options; a ConfigError if there is none that takes them."""
     if name not in PLANNERS:
-        raise ConfigError(f"planner must be one of {', '.join(names())}, not {name!r}")
+        raise ConfigError(f"planner must be one of {', '.join(names())}, not {shown(name)}")
     entry = PLANNERS[name]
-    check_names(f"planner {name!r}", options, entry.options())
+    check_names(f"planner {shown(name)}", options, entry.options())
     kind = entry.kind()
     several = "name" in inspect.signature(kind).parameters
     planner: Planner = kind(name, **options) if several else kind(**options)
@@ -92,4 +93,4 @@ def check_names(whose: str, options: Iterable[str], known: Iterable[str]) -> Non
     for name in options:
         if name not in known:
             names_known = ", ".join(known) or "none"
-            raise ConfigError(f"{whose} has no option {name!r}; it has: {names_known}")
+            raise ConfigError(f"{whose} has no option {shown(name)}; it has: {names_known}")

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from locplan._util.checks import shown
 from locplan.costs import Footprint
 from locplan.errors import ConfigError
 from locplan.planners._budget import BudgetPlanner
@@ -95,7 +96,7 @@ def with_options(planner: Planner, **options: Any) -> Planner:
         return dataclasses.replace(planner, planner=with_options(planner.planner, **options))
     if isinstance(planner, FunctionPlanner):
         return dataclasses.replace(planner, options={**planner.options, **options})
-    check_names(f"planner {planner.name!r}", options, defaults_of(type(planner)))
+    check_names(f"planner {shown(planner.name)}", options, defaults_of(type(planner)))
     return dataclasses.replace(planner, **options) if options else planner  # type: ignore[type-var]
 
 
@@ -110,7 +111,7 @@ def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
     else:
         raise ConfigError(
             "planner must be a name, a function f(costs, start, goal), or an object with name,"
-            f" minimises, space, check, prepare and solve, not {planner!r}"
+            f" minimises, space, check, prepare and solve, not {shown(planner)}"
         )
     ours = type(made).__module__.startswith("locplan.") and not isinstance(made, FunctionPlanner)
     return made if ours else Guarded(made)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from locplan._util.checks import one_of, positive
+from locplan._util.checks import one_of, positive, shown
 from locplan.errors import ConfigError, PoseError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def check_space(space: str, turning_radius: float | None) -> None:
         if turning_radius is not None:
             raise ConfigError(f"a turning radius is for the spaces {', '.join(CURVED)}")
     elif turning_radius is None:
-        raise ConfigError(f"space {space!r} needs a turning radius, in metres")
+        raise ConfigError(f"space {shown(space)} needs a turning radius, in metres")
     else:
         positive("turning_radius", turning_radius, "m")
 
@@ -39,7 +39,7 @@ def check_pose(
     except (TypeError, ValueError):
         numbers = ()
     if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
-        raise PoseError(f"{role} must be x, y [m] and a heading, not {pose!r}")
+        raise PoseError(f"{role} must be x, y [m] and a heading, not {shown(pose)}")
     if not headed and len(numbers) == 3:
         raise PoseError(f"{role} must be x, y [m]: without SE2, Dubins or ReedsShepp no heading")
     costs.cell_of(numbers[:2] if headed else pose, role)

@@ -11,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import shown
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
@@ -157,7 +158,9 @@ def calibrate(
     """
     config = config_of(config)
     if error not in get_args(ErrorKind):
-        raise ConfigError(f"error must be one of {', '.join(get_args(ErrorKind))}, not {error!r}")
+        raise ConfigError(
+            f"error must be one of {', '.join(get_args(ErrorKind))}, not {shown(error)}"
+        )
     estimator = config.estimator
     exponential = isinstance(estimator, Sad) and isinstance(estimator.weights, Exponential)
     if fit_tau and not exponential:

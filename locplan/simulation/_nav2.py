@@ -6,9 +6,8 @@ import dataclasses
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
-from locplan.errors import LocplanError
+from locplan.errors import LocplanError, one_line
 from locplan.maps._ros_parameters import read_parameters
 from locplan.simulation._settings import Amcl
 
@@ -58,7 +57,7 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     LocplanError
         If the file cannot be read, has no parameters of amcl, or a value is out of its range.
     """
-    own = read_parameters(Path(path)).get("amcl")
+    own = read_parameters(path).get("amcl")
     given = own.get("ros__parameters") if isinstance(own, dict) else None
     if not isinstance(given, dict):
         raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
@@ -69,7 +68,7 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
         raise LocplanError(f"{path}: amcl: {error}") from None
     left_out = [*_not_simulated(given), *sorted(set(given) - known - NO_MATTER)]
     if left_out:
-        warnings.warn(f"{path}: not simulated: {', '.join(left_out)}", stacklevel=2)
+        warnings.warn(one_line(f"{path}: not simulated: {', '.join(left_out)}"), stacklevel=2)
     return amcl
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from locplan._util.checks import Settings, keep_checked, number, one_of, positive, whole
+from locplan._util.checks import Settings, keep_checked, number, one_of, positive, shown, whole
 from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.field.estimators._sad import PAPER_RANGE
@@ -164,7 +164,9 @@ def changed(
     known = [[each.name for each in dataclasses.fields(owner)] for owner in owners]
     for name in changes:
         if name not in (names := sorted(known[0] + known[1])):
-            raise ConfigError(f"nothing simulated is called {name!r}; there are {', '.join(names)}")
+            raise ConfigError(
+                f"nothing simulated is called {shown(name)}; there are {', '.join(names)}"
+            )
     one, other = (
         dataclasses.replace(owner, **{name: changes[name] for name in names if name in changes})
         for owner, names in zip(owners, known, strict=True)

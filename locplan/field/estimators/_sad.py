@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import Settings, instance, keep, one_of, positive
-from locplan.field._estimator import Estimator, MapPart, Values
+from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._search_window import OffsetLattice
 from locplan.field._template import BEHIND, beam_count, beam_of_cell, disc, map_centre
 from locplan.maps import FREE, OCCUPIED
@@ -125,8 +125,8 @@ class Sad(Estimator):
 
         window = self.window.on(part.resolution)
         radius = template_radius(self.range, window, part.map_shape)
-        counts = np.arange(2 * np.count_nonzero(disc(radius)) + 1)
-        weights = self.offset_weights(counts * LEVEL_STEP, part.resolution)
+        greatest = 2 * np.count_nonzero(disc(radius)) * LEVEL_STEP
+        weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
         tile = lay_out_tile(part, radius, window, visible=self.template == "visible")
         in_steps = sad.tile_covariances(tile, weights, part.control)
         covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
@@ -139,9 +139,11 @@ class Sad(Estimator):
         same at every resolution.
         """
         cell_area = resolution**2
-        area = mismatch / (FREE - OCCUPIED) * cell_area
+        area = mismatch / (FREE - OCCUPIED)
+        area *= cell_area
         if isinstance(self.weights, Exponential):
-            return np.exp(-area / self.tau)
+            area /= -self.tau
+            return np.asarray(np.exp(area, out=area))
         floor = cell_area / 2 if self.weights.floor is None else self.weights.floor
         return (floor / np.maximum(area, floor)) ** 2  # a common factor has no effect
 
@@ -149,6 +151,18 @@ class Sad(Estimator):
         window = self.window.on(resolution)
         # A turned cell lies within one cell of its rounded place, and so does its source.
         return template_radius(self.range, window, map_shape) + max(window.reach, 2)
+
+    def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
+        """Memory of a tile's layout: turned maps, the window, templates, weights of mismatches."""
+        from locplan._kernels.bitplanes import SQUARE
+
+        window = self.window.on(resolution)
+        radius, turns = template_radius(self.range, window, map_shape), window.angles.size
+        turned = min(TILE_CELLS, max(map_shape)) * math.sqrt(2) + 2.0 * radius
+        still = min(TILE_CELLS, max(map_shape)) + 2.0 * (radius + window.reach)
+        words = 32 / math.gcd(window.step_cells, SQUARE) ** 2 + 6
+        sight = 20 if self.template == "visible" else 4
+        return 2 * turns * turned**2 + words * still**2 + (sight * turns + 16 * math.pi) * radius**2
 
     def points_apart(self, resolution: float, stride: int) -> int:
         """Spacing of the lattice points, `stride` cells apart, that best share a tile.

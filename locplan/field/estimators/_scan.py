@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import is_number, keep, positive, whole
+from locplan._util.checks import is_number, keep, positive, shown, whole
 from locplan.errors import ConfigError
 from locplan.field._estimator import Layer, MapPart, Values
 from locplan.field._surfaces import walls
@@ -57,7 +57,7 @@ class Scan(LidarEstimator):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (is_number(self.z_rand) and 0 < self.z_rand < 1):
-            raise ConfigError(f"z_rand must lie between 0 and 1, not {self.z_rand!r}")
+            raise ConfigError(f"z_rand must lie between 0 and 1, not {shown(self.z_rand)}")
         keep(
             self,
             sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
@@ -115,6 +115,15 @@ class Scan(LidarEstimator):
         offsets = self.window.on(resolution).reach
         reach = reach_of_beams(self.lidar, resolution) + offsets + around
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
+
+    def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
+        """Memory of the likelihood field of the whole map and its surroundings."""
+        from locplan._kernels.likelihood import likelihood_reach
+
+        reach = likelihood_reach(resolution, self.sigma_hit, self.z_rand)
+        margin = 2.0 * self.window.on(resolution).reach + reach
+        height, width = (size + 2 * margin for size in map_shape)
+        return 4 * height * width + 32.0 * reach**2
 
 
 def likelihood_field(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import whole
+from locplan._util.checks import shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
@@ -78,7 +78,7 @@ class Ompl:
     def check(self) -> None:
         """Raise a ConfigError unless the planner can do what the options say."""
         if self.name not in KINDS:
-            raise ConfigError(f"OMPL's planners are {', '.join(KINDS)}, not {self.name!r}")
+            raise ConfigError(f"OMPL's planners are {', '.join(KINDS)}, not {shown(self.name)}")
         kind = KINDS[self.name]
         check_space(self.space, self.turning_radius)
         if self.space not in kind.spaces:
@@ -89,7 +89,7 @@ class Ompl:
         if self.improve and self.space != "R2":
             raise ConfigError("improve is for space R2: straight lines keep no turning radius")
         if self.progress is not None and not callable(self.progress):
-            raise ConfigError(f"progress must be a function, not {self.progress!r}")
+            raise ConfigError(f"progress must be a function, not {shown(self.progress)}")
         _ = self.limits
         if self.convergence is not None and not kind.anytime:
             raise ConfigError(f"convergence is for {able(lambda kind: kind.anytime)}")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from locplan._util.checks import whole
+from locplan._util.checks import shown, whole
 from locplan.errors import ConfigError
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
@@ -132,7 +132,7 @@ def grow_roadmap(
         If there is no such planner or setting, or a value is out of its range.
     """
     if planner not in ROADMAPS:
-        raise ConfigError(f"planner must be one of {', '.join(ROADMAPS)}, not {planner!r}")
+        raise ConfigError(f"planner must be one of {', '.join(ROADMAPS)}, not {shown(planner)}")
     whole("seed", seed)
     check_settings(planner, settings or {})
     limits = limits or Limits()

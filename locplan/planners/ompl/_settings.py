@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from locplan._util.checks import number
+from locplan._util.checks import number, shown
 from locplan.errors import ConfigError
 from locplan.planners.ompl._bindings import base, geometric
 
@@ -41,7 +41,7 @@ def planner_of(
             signature = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
             expected = signature.rpartition(": ")[2].partition(")")[0]
             why = f"it must be {expected}" if isinstance(error, TypeError) else error
-            raise ConfigError(f"{name} does not take {setting}={value!r}: {why}") from None
+            raise ConfigError(f"{name} does not take {setting}={shown(value)}: {why}") from None
     return planner
 
 
@@ -49,10 +49,12 @@ def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
     """Raise a ConfigError unless the planner has all these settings."""
     known = _setters(planner)
     if not isinstance(settings, Mapping):
-        raise ConfigError(f"settings must be a dict, such as {{'range': 2.0}}, not {settings!r}")
+        raise ConfigError(
+            f"settings must be a dict, such as {{'range': 2.0}}, not {shown(settings)}"
+        )
     for name, value in settings.items():
         if name not in known:
-            raise ConfigError(f"{planner} has no setting {name!r}; it has: {', '.join(known)}")
+            raise ConfigError(f"{planner} has no setting {shown(name)}; it has: {', '.join(known)}")
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)
 

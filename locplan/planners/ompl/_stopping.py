@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from locplan._util.checks import is_number, whole
+from locplan._util.checks import is_number, shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError
 
@@ -47,7 +47,7 @@ class Limits:
         for name, unit in (("time_limit", "seconds"), ("convergence", "a share of J")):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value > 0):
-                raise ConfigError(f"{name} must be positive, {unit}, not {value!r}")
+                raise ConfigError(f"{name} must be positive, {unit}, not {shown(value)}")
         if self.iterations is not None:
             whole("iterations", self.iterations)
         if self.time_limit is None and self.iterations is None:
