@@ -35,9 +35,7 @@ class PoseError(LocplanError):
 
 
 def one_line(text: str) -> str:
-    """Text in one line of limited length; what cannot be printed becomes a blank or "?"."""
+    """Text in one line of limited length; what cannot be printed becomes "?"."""
     if len(text) > MAX_MESSAGE:
         text = f"{text[: MAX_MESSAGE - 150]} ... {text[-140:]}"
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -6,7 +6,6 @@ A case is the name of a reader and a seed: from them alone follow the file and t
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 import random
@@ -21,6 +20,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,15 @@ from locplan.costs import Costmap, Path as Route, path_metrics
 from locplan.errors import LocplanError
 from locplan.export._folders import _is_untouched_export
 from locplan.export._parameters import with_costmap
-from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow, load_config
-from locplan.field import _cache as cache, _tiles as tiles
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    Sad,
+    SearchWindow,
+    _cache as cache,
+    _tiles as tiles,
+    load_config,
+)
 from locplan.field._cache_table import cache_summary, cache_table
 from locplan.field._store import _Found, field_path
 from locplan.field._zarr import write
@@ -116,8 +123,8 @@ TOKENS = (
     "&a [*a]",
     "*a",
     "<<: *a",
-    "&a [1]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a]\nc: &c [*b,*b,*b,*b,*b,*b,*b,*b]\nd: &d [*c,*c,*c,*c,*c"
-    ",*c,*c,*c]\ne: &e [*d,*d,*d,*d,*d,*d,*d,*d]\nf: &f [*e,*e,*e,*e,*e,*e,*e,*e]\ng: [*f,*f,*f,*f]",
+    "&a [1]"
+    + "".join(f"\n{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefgh")),
     "../" * 50,
     "/dev/zero",
     "/",
@@ -702,4 +709,3 @@ if __name__ == "__main__":  # READER SEED shows a case, COUNT [FIRST] runs many
             print(fault)
         total = sum(sum(counts.values()) for counts in results.values())
         print(f"{total} cases, {len(faults)} faults, {time.perf_counter() - began:.0f} s")
-        _ = io

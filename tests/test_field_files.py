@@ -176,5 +176,5 @@ def test_a_field_of_another_format_says_so(saved):
     about = json.loads(path.read_text())
     about["attributes"]["format"] = "locplan-field-1"
     path.write_text(json.dumps(about))
-    with pytest.raises(FieldError, match="its format is locplan-field-1"):
+    with pytest.raises(FieldError, match="its format is 'locplan-field-1'"):
         CovarianceField.load(saved)

@@ -95,6 +95,11 @@ def is_file_name(text: str) -> bool:
         return False
 
 
+def printable(name: str) -> str:
+    """A name with U+FFFD for what cannot be printed, such as the bytes of one that is no UTF-8."""
+    return "".join(c if c.isprintable() else "\ufffd" for c in name)
+
+
 def shown(value: object) -> str:
     """Short text of a value for an error message; only the class of arrays and other objects.
 

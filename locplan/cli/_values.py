@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import printable
 from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def read_paths(files: Sequence[Path]) -> dict[str, Route]:
     """Paths by the names of their files."""
     from locplan.costs import Path as Route
 
-    paths = {file.stem: Route.load(file) for file in files}
+    paths = {printable(file.stem): Route.load(file) for file in files}
     if len(paths) < len(files):
         raise LocplanError("two --path files have one name; rename one")
     return paths

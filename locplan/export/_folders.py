@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from locplan._util.files import check_folder_target, replacing_folder
+from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan.errors import LocplanError
 
 ABOUT = "export.json"
 README = "README.md"
@@ -42,11 +44,11 @@ def _is_untouched_export(folder: Path) -> bool:
         return False
     there = {file.name for file in folder.iterdir()}
     try:
-        files = json.loads((folder / ABOUT).read_text("utf-8"))["files"]
+        files = parsed_json(read_text(folder / ABOUT, MAX_JSON_BYTES))["files"]
         return there == {ABOUT, *files} and all(
             _digest(folder / name) == digest for name, digest in files.items()
         )
-    except (OSError, ValueError, TypeError, KeyError):
+    except (LocplanError, OSError, ValueError, TypeError, KeyError, AttributeError):
         return not there
 
 

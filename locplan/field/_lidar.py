@@ -50,13 +50,10 @@ class Lidar(Settings):
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
-        keep_checked(self, ("range", "range_sigma"), positive, "m")
+        keep_checked(self, ("range",), positive, "m")
+        keep_checked(self, ("range_sigma",), number, MIN_SIGMA)
         keep_checked(self, ("field_of_view_deg",), positive, "deg")
         keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
-        if self.range_sigma < MIN_SIGMA:
-            raise ConfigError(
-                f"range_sigma must be at least {MIN_SIGMA:g} m, not {shown(self.range_sigma)}"
-            )
         if self.field_of_view_deg > FULL_CIRCLE:
             raise ConfigError(
                 f"field_of_view_deg must be at most 360 deg, not {shown(self.field_of_view_deg)}"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import file_path
+from locplan._util.checks import file_path, printable
 from locplan._util.leftovers import temporary_folder
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
@@ -98,7 +98,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
 
 def name_of(map_file: Path) -> str:
     """Name of the map in a file: the file's stem, or for a map.yaml its folder's name."""
-    return map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem
+    return printable(map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem)
 
 
 def files_of(path: Path) -> list[Path]:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import FARTHEST, instance, keep, position, shown
+from locplan._util.checks import FARTHEST, instance, keep, position, printable, shown
 from locplan._util.notebook import Pictured
 from locplan.errors import MapError
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN, levels_of, parts_of
@@ -86,7 +86,7 @@ class OccupancyGrid(Pictured):
                 f" {shown(self.origin)}"
             )
         instance("name", self.name, str)
-        name = "".join(c if c.isprintable() else "\ufffd" for c in self.name)
+        name = printable(self.name)
         cells = np.array(cells, dtype=np.uint8, order="C")
         cells.setflags(write=False)
         keep(self, cells=cells, resolution=resolution[0], origin=origin, name=name)

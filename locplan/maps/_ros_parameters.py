@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 NODES = ("global_costmap", "local_costmap", "planner_server", "controller_server", "amcl")
 """Nodes of Nav2; a parameter file has at least one of them at its top level."""
-MAX_BYTES = 2**18
+MAX_BYTES = 2**17
+"""Greatest size of a file, of which PyYAML reads some 50 KB a second."""
 MAX_VALUES = 100_000
 """Greatest number of values in a file, those that aliases stand for included."""
 REMEDY = "give Nav2's parameters"

@@ -1,0 +1,368 @@
+"""Files and settings that once broke a reader, took all memory, or made an error of 226 MB."""
+
+import json
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import drawn, refused
+from hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
+
+from locplan.comparison._journal import Journal
+from locplan.comparison._movingai import read_movingai_map, read_scenarios
+from locplan.errors import ConfigError, FieldError, LocplanError, MapError
+from locplan.export._folders import _is_untouched_export
+from locplan.field import (
+    CovarianceField,
+    Fisher,
+    Lidar,
+    Sad,
+    Scan,
+    SearchWindow,
+    _cache as cache,
+    _tiles as tiles,
+    covariance_field,
+    load_or_compute,
+)
+from locplan.field._cache_table import cache_summary, cache_table
+from locplan.field._store import CacheWarning, field_path
+from locplan.field._zarr import _checksum, write
+from locplan.maps import OccupancyGrid, load_map, name_of, read_parameters, save_map
+from locplan.simulation import Amcl, read_amcl
+
+DEEP = "[" * 5000
+
+
+# --- parameters of Nav2 -----------------------------------------------------------------------
+
+
+def nav2(folder: Path, text: str) -> Path:
+    file = folder / "nav2.yaml"
+    file.write_text(text, "utf-8")
+    return file
+
+
+def bomb(head: str) -> str:
+    """YAML whose aliases stand for 9^7 values."""
+    lines = [f"{head}a0: &a0 [x]"]
+    for n in range(7):
+        lines.append(f"a{n + 1}: &a{n + 1} [{', '.join([f'*a{n}'] * 9)}]")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        bomb("") + "amcl: *a7\n",
+        bomb("") + "global_costmap: {global_costmap: {ros__parameters: {plugins: *a7}}}\n",
+        "amcl: &a [*a]\n",
+        "a: &a {<<: [{b: 1}]}\nb: &b {<<: [*a, *a]}\namcl: {<<: *b}\nc: &c [*c]\n",
+    ],
+)
+def test_aliases_that_stand_for_too_much_are_refused(tmp_path, text):
+    with pytest.raises(MapError, match="aliases stand for over 100000 values; write out"):
+        read_parameters(nav2(tmp_path, text))
+
+
+def test_a_wrong_value_of_a_parameter_is_cut(tmp_path):
+    names = ", ".join(f"[{n}]" for n in range(5000))
+    text = f"planner_server: {{ros__parameters: {{planner_plugins: [{names}]}}}}\n"
+    with pytest.raises(LocplanError, match="must be a list of names, not") as caught:
+        read_parameters(nav2(tmp_path, text))
+    assert len(str(caught.value)) < 300
+
+
+def test_aliases_and_merged_keys_are_written_out(tmp_path):
+    text = (
+        "base: &base {z_hit: 0.7, z_rand: 0.3}\namcl: {ros__parameters: {<<: *base, z_rand: 1}}\n"
+    )
+    file = nav2(tmp_path, text)
+    own = read_parameters(file)["amcl"]["ros__parameters"]
+    assert own == {"z_hit": 0.7, "z_rand": 1}
+    assert read_amcl(file) == Amcl(z_hit=0.7, z_rand=1)
+
+
+def test_keys_are_texts_and_so_is_what_ros_does_not_know(tmp_path):
+    text = "amcl:\n  ros__parameters:\n    a: 2001-12-14\n    b: 2020-13-45\n    c: !!int x\n"
+    text += (
+        "    ~: 1\n    2020-01-01: 2\n    [1, 2]: 3\n    5: 4\n    d: ~\n    e: [1, 2.5, true]\n"
+    )
+    file = nav2(tmp_path, text)
+    own = read_parameters(file)["amcl"]["ros__parameters"]
+    odd = {"~": 1, "2020-01-01": 2, "...": 3, "5": 4, "d": None, "e": [1, 2.5, True]}
+    assert own == {"a": "2001-12-14", "b": "2020-13-45", "c": "x", **odd}
+    with pytest.warns(UserWarning, match="not simulated: .*2020-01-01"):
+        read_amcl(file)
+
+
+@pytest.mark.parametrize(
+    "text", [DEEP, "- " * 3000, "a: " + DEEP, "\x00", "a: b: c", "", "[]", "a"]
+)
+def test_what_holds_no_parameters_is_refused(tmp_path, text):
+    with pytest.raises(LocplanError):
+        read_parameters(nav2(tmp_path, text))
+
+
+def test_values_that_no_float_holds_are_out_of_range(tmp_path):
+    for value in ("9" * 400, "9" * 5000, "0x" + "f" * 4000, "1e400"):
+        file = nav2(tmp_path, f"amcl: {{ros__parameters: {{alpha1: {value}}}}}\n")
+        with pytest.raises(LocplanError, match="alpha1 must be"):
+            read_amcl(file)
+
+
+# --- maps -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("resolution", [0.0009, 1e-8, 10.1, 50, 10**400])
+def test_resolutions_that_are_hardly_metres_are_refused(resolution):
+    with pytest.raises(MapError, match=r"resolution must be 0\.001 to 10 m per cell"):
+        OccupancyGrid(np.zeros((2, 2), np.uint8), resolution)
+    with pytest.raises(MapError, match=r"not 0.0001; is it metres\?"):
+        OccupancyGrid(np.zeros((2, 2), np.uint8), 1e-4)
+
+
+@pytest.mark.parametrize("origin", [(10**400, 0, 0), (1e12, 0, 0), (0, 0, 1e300), "abc"])
+def test_origins_beyond_all_maps_are_refused(origin):
+    with pytest.raises(MapError, match="origin must be three"):
+        OccupancyGrid(np.zeros((2, 2), np.uint8), 0.1, origin)
+
+
+def test_names_that_are_no_utf_8_are_replaced(tmp_path):
+    folder = tmp_path / os.fsdecode(b"h\xffall")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system has names in UTF-8 only")
+    save_map(drawn("..."), folder / "map.yaml")
+    assert load_map(folder).name == name_of(folder / "map.yaml") == "h\ufffdall"
+    assert OccupancyGrid(np.zeros((1, 1), np.uint8), 1, name="a\nb\udcff").name == "a\ufffdb\ufffd"
+
+
+@pytest.mark.parametrize("command", ["field", "export", "plot"])
+def test_commands_take_maps_whose_names_are_no_utf_8(run, tmp_path, monkeypatch, command):
+    file = tmp_path / os.fsdecode(b"h\xffall.yaml")
+    save_map(drawn(*["....."] * 5, resolution=0.5), tmp_path / "a.yaml")
+    try:
+        (tmp_path / "a.yaml").rename(file)
+    except OSError:
+        pytest.skip("this file system has names in UTF-8 only")
+    monkeypatch.chdir(tmp_path)
+    more = {
+        "field": ["--picture", "a.png", "--json"],
+        "export": ["--to", "png"],
+        "plot": ["-o", "p.png"],
+    }
+    code, out, err = run(command, file, *more[command])
+    assert (code, "Traceback" in err) == (0, False)
+    assert out.isprintable() or "\n" in out
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "fault"),
+    [
+        ("a.map", "type octile\nheight 1\nwidth 1\nmap\n" + "\U0001f9ed." + "\n..\n", None),
+        ("a.map", "type octile\nheight 1\nwidth 1\nmap\n...\n..\n", "one length"),
+        ("a.map", "map", "is no MovingAI map"),
+        ("a.map", "\0", "is no MovingAI map"),
+    ],
+)
+def test_movingai_maps_are_read_or_refused(tmp_path, name, text, fault):
+    (tmp_path / name).write_text(text, "utf-8")
+    if fault is None:
+        assert read_movingai_map(tmp_path / name).free.tolist() == [[True, True], [False, True]]
+        return
+    with pytest.raises(LocplanError, match=fault):
+        read_movingai_map(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("0 a.map 4 3 0 0 4 2 1.0", "outside its map"),
+        ("0 a.map 4 3 -1 0 3 2 1.0", "outside its map"),
+        (f"0 a.map 4 3 0 0 {'9' * 400} 2 1.0", "outside its map"),
+        (f"0 a.map {'9' * 400} 3 0 0 0 2 1.0", "is for a map of a number of 1329 bits"),
+        ("0 a.map 4", "is no scenario"),
+    ],
+)
+def test_scenarios_that_do_not_fit_are_refused(tmp_path, line, fault):
+    (tmp_path / "a.scen").write_text(f"version 1\n{line}\n")
+    with pytest.raises(LocplanError, match=fault):
+        read_scenarios(tmp_path / "a.scen", OPEN)
+
+
+# --- fields, and their cache ------------------------------------------------------------------
+
+
+GARBAGE = [DEEP, "", "\0", "[]", "null", '{"attributes": []}', '{"attributes": ' + DEEP, "\ud83e"]
+
+
+@pytest.mark.parametrize("garbage", GARBAGE)
+def test_a_description_that_is_garbage_is_computed_anew_and_breaks_no_list(
+    tmp_path, garbage, monkeypatch
+):
+    cache_files(tmp_path)
+    ours = field_path(GRID, SMALL, tmp_path)
+    (ours / "zarr.json").write_bytes(garbage.encode("utf-8", "surrogatepass"))
+    found = cache.entries(tmp_path)
+    assert sorted(entry.about.get("map_name", "") for entry in found) == ["", "room"]
+    assert "(not of" in cache_table(found, tmp_path, 10**9)
+    with pytest.warns(CacheWarning, match="computed anew"):
+        field = load_or_compute(GRID, SMALL, cache_dir=tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = load_or_compute(GRID, SMALL, cache_dir=tmp_path)
+    np.testing.assert_array_equal(field.covariance, again.covariance)
+
+
+def described(folder: Path, **changes: object) -> None:
+    """Change attributes of a field, with a checksum that fits."""
+    whole = json.loads((folder / "zarr.json").read_text())
+    whole["attributes"] |= changes
+    whole["attributes"]["checksum"] = _checksum(whole["attributes"])
+    (folder / "zarr.json").write_text(json.dumps(whole))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"map_name": ["a", "list"]},
+        {"map_name": None},
+        {"chunks": [4]},
+        {"config": "sad"},
+        {"config": []},
+        {"map_shape": 7},
+        {"origin": 0.0},
+        {"identity": None},
+        {"format": ["a"] * 1000},
+    ],
+)
+def test_attributes_of_another_kind_are_no_field(tmp_path, changes):
+    cache_files(tmp_path)
+    ours = field_path(GRID, SMALL, tmp_path)
+    described(ours, **changes)
+    found = cache.entries(tmp_path)
+    assert [entry.share for entry in found] == [1.0, 1.0]
+    assert cache_table(found, tmp_path, 10**9).count("room") == 1
+    with pytest.raises(FieldError, match="not a covariance field"):
+        CovarianceField.load(ours)
+
+
+def test_settings_in_a_description_that_are_deep_or_long_are_cut_in_the_list(tmp_path):
+    cache_files(tmp_path)
+    deep: dict = {"a": 1}
+    for _ in range(400):
+        deep = {"a": deep}
+    described(field_path(GRID, SMALL, tmp_path), config={"estimator": deep, "b": list(range(9999))})
+    text = cache_table(cache.entries(tmp_path), tmp_path, 10**9)
+    assert len(text) < 5000
+    json.dumps(cache_summary(cache.entries(tmp_path)))
+
+
+def test_a_map_that_is_larger_than_described_is_not_read(tmp_path):
+    field = made_field()
+    write(tmp_path / "f.zarr", field.values, GRID, SMALL)
+    about = json.loads((tmp_path / "f.zarr/cells/zarr.json").read_text())
+    about["shape"] = [10**6, 10**6]
+    (tmp_path / "f.zarr/cells/zarr.json").write_text(json.dumps(about))
+    with pytest.raises(FieldError, match=r"its map is damaged .*another shape"):
+        CovarianceField.load(tmp_path / "f.zarr")
+
+
+@pytest.mark.parametrize("text", [DEEP, "[]", '{"files": []}', '{"files": {"a": {}}}', "\0"])
+def test_a_folder_with_a_damaged_manifest_is_not_ours(tmp_path, text):
+    (tmp_path / "export.json").write_text(text)
+    assert not _is_untouched_export(tmp_path)
+
+
+# --- memory of estimators ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        Sad(),
+        Sad(range=1e12, window=SearchWindow(half_width=1000.0, step=100.0)),
+        Scan(Lidar(), window=SearchWindow(half_width=1000.0, step=100.0)),
+        Scan(Lidar(), sigma_hit=1e6),
+    ],
+)
+def test_cells_too_fine_for_the_window_are_refused_before_any_array_is_made(estimator, monkeypatch):
+    grid = OccupancyGrid(np.full((60, 60), 254, np.uint8), 0.001)
+    monkeypatch.setattr(type(estimator), "covariances", lambda *_: pytest.fail("it is computed"))
+    with pytest.raises(ConfigError, match=r"are too fine for a range of .* scale the map down"):
+        covariance_field(grid, estimator)
+
+
+def test_windows_of_too_many_offsets_are_refused():
+    window = SearchWindow(half_width=100.0, step=0.1, half_rotation_deg=0.0)
+    assert window.on(0.05).size < 10**7
+    with pytest.raises(ConfigError, match="a search window of 52052013 offsets"):
+        SearchWindow(half_width=100.0, step=0.1).on(0.05)
+
+
+def test_a_range_beyond_the_map_changes_nothing():
+    for make in (
+        lambda r: Sad(range=r),
+        lambda r: Scan(Lidar(range=r)),
+        lambda r: Fisher(Lidar(range=r)),
+    ):
+        near, far = (covariance_field(GRID, make(r)) for r in (1e3, 1e12))
+        np.testing.assert_array_equal(near.covariance, far.covariance)
+
+
+def test_fields_larger_than_the_machine_are_refused(monkeypatch):
+    monkeypatch.setattr(tiles, "memory_of_machine", lambda: 10.0)
+    with pytest.raises(ConfigError, match="more than this machine has; set a larger stride"):
+        covariance_field(GRID, SMALL)
+
+
+# --- the journal of a comparison, and the command line ----------------------------------------
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"task": []},
+        {"task": {**RUN["task"], "map": ["m"]}},
+        {"task": {**RUN["task"], "seed": "0"}},
+        {"task": {**RUN["task"], "weight": 10**400}},
+        {"status": "happy"},
+        {"status": []},
+        {"seconds": [1]},
+        {"seconds": 10**400},
+        {"measures": []},
+        {"history": [[1, "a"]]},
+        {"xy": [[[], {}]]},
+        {"note": 5},
+        {"digest": ["0f"]},
+        None,
+    ],
+)
+def test_a_damaged_line_of_a_journal_is_named(tmp_path, changes):
+    line = DEEP if changes is None else json.dumps({**RUN, **changes})
+    (tmp_path / "runs.jsonl").write_text(f'{{"format": "locplan comparison 1"}}\n{line}\n')
+    with pytest.raises(LocplanError, match=r"runs.jsonl: line 2 is damaged; delete the line"):
+        Journal(tmp_path / "runs.jsonl", resume=True)
+
+
+@pytest.mark.parametrize("arguments", [["info", ""], ["field", ""], ["field", "a.yaml", "-o", ""]])
+def test_an_empty_argument_is_not_the_current_folder(run, arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "an argument is empty" in refused(run(*arguments))
+    assert "an argument is empty" in refused(run("field", "a.yaml", "--output="))
+
+
+@pytest.mark.parametrize("image", ["~", "null", '""', '"a\\0b"', '"\\ud800"'])
+def test_a_map_without_an_image_is_an_error_not_the_home_folder(run, tmp_path, image):
+    save_map(drawn("..."), tmp_path / "a.yaml")
+    text = (tmp_path / "a.yaml").read_text().replace("a.pgm", image)
+    (tmp_path / "a.yaml").write_text(text)
+    assert "image must be the name of a file" in refused(run("field", tmp_path / "a.yaml"))
+
+
+def test_an_empty_cache_folder_is_refused():
+    with pytest.raises(LocplanError, match="the cache folder must be a path, not ''"):
+        cache.cache_folder("")
