@@ -1,6 +1,8 @@
 """Files and settings that once broke a reader, took all memory, or made an error of 226 MB."""
 
+import itertools
 import json
+import math
 import os
 import warnings
 from pathlib import Path
@@ -16,6 +18,7 @@ from locplan.errors import ConfigError, FieldError, LocplanError, MapError
 from locplan.export._folders import _is_untouched_export
 from locplan.field import (
     CovarianceField,
+    FieldConfig,
     Fisher,
     Lidar,
     Sad,
@@ -27,6 +30,7 @@ from locplan.field import (
     load_or_compute,
 )
 from locplan.field._cache_table import cache_summary, cache_table
+from locplan.field._lattice import _moves, standing_cells
 from locplan.field._store import CacheWarning, field_path
 from locplan.field._zarr import _checksum, write
 from locplan.maps import OccupancyGrid, load_map, name_of, read_parameters, save_map
@@ -313,6 +317,15 @@ def test_a_range_beyond_the_map_changes_nothing():
         np.testing.assert_array_equal(near.covariance, far.covariance)
 
 
+def test_a_stride_beyond_the_map_evaluates_one_point():
+    field = covariance_field(GRID, FieldConfig(Sad(range=1e12), stride=1e12))
+    assert field.evaluated.shape == (1, 1)
+    edited = OccupancyGrid(np.roll(GRID.cells, 1), GRID.resolution, GRID.origin)
+    np.testing.assert_array_equal(
+        field.update(edited).covariance, covariance_field(edited, field.config).covariance
+    )
+
+
 def test_fields_larger_than_the_machine_are_refused(monkeypatch):
     monkeypatch.setattr(tiles, "memory_of_machine", lambda: 10.0)
     with pytest.raises(ConfigError, match="more than this machine has; set a larger stride"):
@@ -366,3 +379,18 @@ def test_a_map_without_an_image_is_an_error_not_the_home_folder(run, tmp_path, i
 def test_an_empty_cache_folder_is_refused():
     with pytest.raises(LocplanError, match="the cache folder must be a path, not ''"):
         cache.cache_folder("")
+
+
+@pytest.mark.parametrize("reach", [0, 1, 2, 5, 17])
+def test_moves_come_by_their_distance_and_then_by_row_and_column(reach):
+    span = range(-reach, reach + 1)
+    every = sorted(itertools.product(span, span), key=lambda move: math.hypot(*move))
+    assert list(_moves(reach)) == every
+
+
+def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():
+    free = np.ones((3, 1000), bool)
+    free[:, 5] = False
+    at = np.array([1]), np.array([5])
+    rows, cols = standing_cells(free, *at, 10**15)
+    assert (rows.tolist(), cols.tolist()) == ([1], [4])

@@ -5,8 +5,8 @@ Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
 
 from __future__ import annotations
 
-import itertools
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +38,28 @@ def standing_cells(
     """
     rows, cols = rows.copy(), cols.copy()
     lost = np.flatnonzero(~free[rows, cols])
-    span = range(-reach, reach + 1)
-    for move in sorted(itertools.product(span, span), key=lambda move: math.hypot(*move)):
+    for move in _moves(min(reach, max(free.shape))):
+        if not lost.size:
+            break
         row, col = rows[lost] + move[0], cols[lost] + move[1]
         inside = (row >= 0) & (row < free.shape[0]) & (col >= 0) & (col < free.shape[1])
         found = inside & free[np.where(inside, row, 0), np.where(inside, col, 0)]
         rows[lost[found]], cols[lost[found]] = row[found], col[found]
         lost = lost[~found]
     return rows, cols
+
+
+def _moves(reach: int) -> Iterator[tuple[int, int]]:
+    """Rows and columns up to `reach` away, the nearest first; no list of all is made."""
+    for ring in range(math.ceil(math.sqrt(2) * reach) + 1):
+        moves = []
+        for row in range(-min(ring, reach), min(ring, reach) + 1):
+            within = (ring - 1) ** 2 - row**2 if ring else -1
+            least = math.isqrt(within) + 1 if within >= 0 else 0
+            most = min(reach, math.isqrt(ring**2 - row**2))
+            cols = {*range(-most, 1 - least), *range(least, most + 1)}
+            moves += [(row, col) for col in sorted(cols)]
+        yield from sorted(moves, key=lambda move: math.hypot(*move))
 
 
 def interpolate(

@@ -213,7 +213,7 @@ def untouched_points(
     stride = stride_cells(config.stride, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
     # A lidar that would stand in a wall is moved by up to one stride.
-    reach = stride + config.estimator.halo(after.resolution, after.shape)
+    reach = min(stride + config.estimator.halo(after.resolution, after.shape), max(after.shape))
     box = [2 * reach + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
