@@ -15,6 +15,8 @@ from locplan.errors import ConfigError, LocplanError, PoseError
 
 GREATEST = 1e12
 """Greatest amount of a setting; with more, its powers and products would not be finite."""
+RESOLUTIONS = (0.001, 10.0)
+"""Least and greatest edge of a cell [m]; beyond, the number is hardly in metres."""
 FARTHEST = 1e8
 """Greatest coordinate of a position [m], beyond all those of maps; a float resolves 15 nm there."""
 

@@ -12,13 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import FARTHEST, instance, keep, position, printable, shown
+from locplan._util.checks import FARTHEST, RESOLUTIONS, instance, keep, position, printable, shown
 from locplan._util.notebook import Pictured
 from locplan.errors import MapError
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN, levels_of, parts_of
-
-RESOLUTIONS = (0.001, 10.0)
-"""Least and greatest edge of a cell [m]; beyond, the number is hardly in metres."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,9 +8,8 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from locplan._util.checks import FARTHEST, is_file_name, shown
+from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
 from locplan.errors import MapError
-from locplan.maps._grid import RESOLUTIONS
 
 if TYPE_CHECKING:
     import yaml
