@@ -55,7 +55,7 @@ from locplan.simulation import read_amcl
 MAX_LINE = 500
 """Length of a message [characters] that no error and no warning reaches."""
 SECONDS, BYTES = 20, 2 * 10**9
-"""What no case may take."""
+"""Time of the processor [s] and memory that no case may take."""
 ASTRAL = "\U0001f9ed"
 TOKENS = (
     "",
@@ -658,13 +658,19 @@ def alarm() -> Iterator[None]:
     def end(*_: object) -> None:
         raise TimeoutError(f"over {SECONDS} s")
 
-    before = signal.signal(signal.SIGALRM, end)
-    signal.alarm(SECONDS)
+    clocks = (
+        (signal.ITIMER_PROF, signal.SIGPROF, SECONDS),  # of this process alone
+        (signal.ITIMER_REAL, signal.SIGALRM, 30 * SECONDS),  # where it waits for something
+    )
+    before = [signal.signal(number, end) for _, number, _ in clocks]
+    for clock, _, seconds in clocks:
+        signal.setitimer(clock, seconds)
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        for (clock, number, _), handler in zip(clocks, before, strict=True):
+            signal.setitimer(clock, 0)
+            signal.signal(number, handler)
 
 
 def cases(count: int, first: int = 0) -> Iterator[tuple[str, int]]:

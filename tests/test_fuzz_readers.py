@@ -64,6 +64,7 @@ def test_long_lines_are_found(tmp_path, monkeypatch):
         Bench(tmp_path).run("own", 3)
 
 
-def test_what_does_not_end_is_ended():
+@pytest.mark.parametrize("clock", ["SIGALRM", "SIGPROF"])
+def test_what_does_not_end_is_ended(clock):
     with pytest.raises(TimeoutError), alarm():
-        signal.raise_signal(signal.SIGALRM)
+        signal.raise_signal(signal.Signals[clock])

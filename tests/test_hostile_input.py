@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from conftest import drawn, refused
 from hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
 
@@ -107,6 +108,22 @@ def test_keys_are_texts_and_so_is_what_ros_does_not_know(tmp_path):
 def test_what_holds_no_parameters_is_refused(tmp_path, text):
     with pytest.raises(LocplanError):
         read_parameters(nav2(tmp_path, text))
+
+
+@pytest.mark.parametrize("text", [DEEP, "{" * 60000, "a: " + DEEP, "{[" * 51])
+def test_deep_brackets_are_refused_before_they_are_parsed(tmp_path, monkeypatch, text):
+    monkeypatch.setattr("yaml.compose", lambda *_, **__: pytest.fail("it is parsed"))
+    for read in (read_parameters, load_map):
+        with pytest.raises(MapError, match="has brackets over 100 deep"):
+            read(nav2(tmp_path, text))
+
+
+def test_whole_numbers_of_over_64_bits_are_texts_and_can_be_written(tmp_path):
+    for value in ("0x" + "f" * 4000, str(2**63)):
+        read = read_parameters(nav2(tmp_path, f"amcl: {{a: {value}}}\n"))
+        assert read == {"amcl": {"a": value}}
+        yaml.safe_dump(read)
+    assert read_parameters(nav2(tmp_path, f"amcl: {{a: {-(2**63)}}}\n"))["amcl"]["a"] == -(2**63)
 
 
 def test_values_that_no_float_holds_are_out_of_range(tmp_path):

@@ -277,7 +277,7 @@ def test_bad_entries_are_refused_by_name(tmp_path, changes, phrase):
         (b"image: a\n\tresolution: 1\n", "not YAML in UTF-8, see line 2"),
         (b"image: \xff\n", "not YAML in UTF-8"),
         (b"image: \0\n", "not YAML in UTF-8"),
-        (b"a: " + b"[" * 20000, "not YAML in UTF-8"),
+        (b"a: " + b"[" * 20000, "brackets over 100 deep"),
         (b"a: b\n" * MAX_YAML_BYTES, "not its image"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
     ],

@@ -100,9 +100,11 @@ class _Values:
             return None
         try:
             known = node.tag in SCALAR_TAGS
-            return yaml.SafeLoader("").construct_object(node) if known else str(node.value)
+            value = yaml.SafeLoader("").construct_object(node) if known else node.value
         except (ValueError, LookupError, AttributeError):  # such as !!int x, or 5000 digits
-            return str(node.value)
+            value = node.value
+        too_long = isinstance(value, int) and not -(2**63) <= value < 2**63
+        return str(node.value) if too_long else value
 
     def _mapping(self, node: yaml.MappingNode) -> Parameters:
         import yaml

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
+import re
 import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,6 +20,8 @@ MODES = ("trinary", "scale", "raw")
 NEGATE = {"0": False, "1": True, "false": False, "true": True}
 SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool")}
 MAX_YAML_BYTES = 2**16
+MAX_DEPTH = 100
+"""Greatest depth of brackets; PyYAML's time grows with its square."""
 Entry = str | list[str] | None
 """An entry of a map's YAML as text or texts; None is null."""
 
@@ -87,12 +91,21 @@ def compose(file: Path, content: bytes, remedy: str) -> yaml.Node | None:
     """Nodes of a file's YAML, of which no tag is obeyed and no alias expanded."""
     import yaml
 
+    if _depth(content) > MAX_DEPTH:
+        raise fault_of(file, f"has brackets over {MAX_DEPTH} deep", remedy)
     try:
         return yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
     except (UnicodeDecodeError, yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
         raise fault_of(file, fault, remedy) from error
+
+
+def _depth(content: bytes) -> int:
+    """Depth of the brackets of a text, those in comments and quotes included."""
+    steps = (1 if bracket in b"[{" else -1 for bracket in re.findall(rb"[\[\]{}]", content))
+    depths = itertools.accumulate(steps, lambda depth, step: max(0, depth + step), initial=0)
+    return max(depths)
 
 
 def _plain(node: yaml.Node) -> Entry:
