@@ -43,7 +43,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     from rich.table import Column, Table
     from rich.text import Text
 
-    heads = [Column(column, overflow="fold") for column in columns]
+    heads = [Column(Text(column), overflow="fold") for column in columns]
     grid = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
     for row in rows:
         grid.add_row(*(Text(text) for text in row))  # a map's name may hold brackets

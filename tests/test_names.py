@@ -1,0 +1,86 @@
+"""Names with signs of formulas, of markup, and of no text, in pictures and tables."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from conftest import drawn
+
+import locplan
+from locplan import export, paper, plotting, simulation
+from locplan._util.tables import table
+from locplan.maps import OccupancyGrid
+from locplan.planners import pareto_front
+from locplan.plotting._picture import Picture
+
+NAMES = ("a$b$c", "$\\frac{", "x^2_3\\", "r\udcffm", "\U0001f600\x1b[1m", "[red]")
+
+
+def named(name: str) -> OccupancyGrid:
+    grid = drawn("##########", *["#........#"] * 6, "##########", resolution=1.0)
+    return OccupancyGrid(grid.cells, 1.0, grid.origin, name)
+
+
+def texts_of(figure) -> str:
+    """All texts of a figure as it was drawn; matplotlib writes them into the SVG as comments."""
+    written = io.StringIO()
+    figure.savefig(written, format="svg", bbox_inches="tight")
+    return "\n".join(re.findall(r"<!-- (.*?) -->", written.getvalue(), re.DOTALL))
+
+
+def figures_of(name: str):
+    grid = named(name)
+    field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
+    costs = locplan.Costmap.from_field(grid, field)
+    ends = (1.5, 1.5), (8.5, 5.5)
+    plans = {name: locplan.plan(costs, *ends), "other": locplan.plan(costs, *ends)}
+    yield "map", plotting.map_figure(grid)
+    yield "field", plotting.field_figure(field)
+    yield "fields", plotting.e_figure({name: field})
+    yield "ellipses", plotting.ellipses_figure({name: field})
+    yield "plans", plotting.plan_figure(costs, field, plans)
+    yield "costs", plotting.costmap_figure(costs)
+    yield "front", plotting.front_figure(pareto_front(costs, *ends))
+    driven = simulation.simulate(
+        grid, {name: plans[name].path, "other": plans["other"].path}, drives=2, costs=costs
+    )
+    yield "drives", simulation.simulation_figure(driven)
+    lines = paper.template_matching.along_axis(grid, 4.5, 3.5, "x", locplan.Sad(range=3.0))
+    yield "models", paper.models_figure(*lines, "x", name)
+
+
+@pytest.mark.parametrize("name", NAMES, ids=ascii)
+def test_names_are_shown_as_they_are_in_every_picture(name):
+    shown = "".join(c if c.isprintable() else "\ufffd" for c in name)
+    for kind, figure in figures_of(name):
+        texts = texts_of(figure)
+        assert shown in texts.replace("?", "\ufffd"), f"{kind}: {texts}"
+
+
+def test_numbers_at_axes_stay_formulas():
+    figure = Picture()
+    axes = figure.add_subplot()
+    axes.plot([1, 1000], [1, 1000])
+    axes.set(xscale="log", title="10$^2$")
+    texts = texts_of(figure)
+    assert "10$^2$" in texts
+    assert "\\mathdefault{10^{2}}" in texts
+    ticks = axes.xaxis.get_major_ticks()
+    assert all(tick.label1.get_parse_math() for tick in ticks)
+    assert not axes.title.get_parse_math()
+
+
+def test_tables_show_markup_as_it_is():
+    text = table(["[bold]map[/bold]", "n"], [["[red]a[/red]", "1"]])
+    assert "[bold]map[/bold]" in text
+    assert "[red]a[/red]" in text
+
+
+def test_bags_and_tables_take_any_name(tmp_path):
+    grid = named("r\udcffm[red]$")
+    field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
+    costs = locplan.Costmap.from_field(grid, field)
+    export.ros_map(tmp_path / "map", costs)
+    assert np.isfinite(costs.u).any()
+    assert (tmp_path / "map").is_dir()
