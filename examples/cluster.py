@@ -8,9 +8,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from distributed import Client, LocalCluster
-
 import locplan
+
+try:
+    from distributed import Client, LocalCluster
+except ImportError:
+    sys.exit("a cluster needs dask: pip install 'locplan[dask]'")
 
 
 def main(folder: str = "cluster") -> None:

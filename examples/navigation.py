@@ -6,6 +6,7 @@ Run: python examples/navigation.py [FOLDER [MAP.yaml]]
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import locplan
@@ -13,6 +14,8 @@ from locplan import export
 
 
 def main(folder: str = "navigation", map_file: str | None = None) -> None:
+    if find_spec("mcap") is None:  # said before the work: the bag comes last
+        sys.exit("the bag needs mcap: pip install 'locplan[ros]'")
     grid = (
         locplan.load_map(map_file) if map_file else locplan.maps.environments.make("two_corridors")
     )

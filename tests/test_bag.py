@@ -333,6 +333,6 @@ def test_what_cannot_be_written_says_so(tmp_path, grid, field, mask, paths, monk
             bag(file, grid, **wrong)
         assert "\n" not in str(fault.value)
         assert not file.exists()
-    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    monkeypatch.setitem(sys.modules, "mcap", None)
     with pytest.raises(LocplanError, match=r"locplan\[ros\]"):
         bag(file, grid, mask=mask)

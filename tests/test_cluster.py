@@ -1,5 +1,6 @@
 """Fields on a cluster of dask.distributed, with real worker processes."""
 
+import gc
 import os
 import signal
 import socketserver
@@ -128,5 +129,23 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
         cluster.executor_of("tcp://127.0.0.1:9"),
     ):
         pass
-    with pytest.raises(LocplanError, match="does not answer"), cluster.executor_of("nonsense://"):
+
+
+@pytest.mark.parametrize(
+    "address", ["xyz", "nonsense://", ":", "tcp://", "http://[", "tcp://host:0", "host:99999", ""]
+)
+def test_what_is_no_address_is_refused_before_a_client_is_made(address, monkeypatch):
+    monkeypatch.setattr(distributed, "Client", None)
+    with pytest.raises(LocplanError, match="must be an address"), cluster.executor_of(address):
         pass
+
+
+def test_a_client_that_cannot_connect_is_not_closed_by_the_collector(monkeypatch):
+    """Closing it would take long, and end in a traceback beside the error."""
+    monkeypatch.setattr(cluster, "PATIENCE", 1.0)
+    closed = []
+    monkeypatch.setattr(distributed.Client, "close", lambda *_, **__: closed.append(1))
+    with pytest.raises(LocplanError, match="TLS"), cluster.executor_of("tls://127.0.0.1:9"):
+        pass
+    gc.collect()
+    assert not closed

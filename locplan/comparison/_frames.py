@@ -7,12 +7,11 @@ import importlib
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.extras import needed
 from locplan._util.files import check_target, replacing
 from locplan.comparison._runs import Run, Task
-from locplan.errors import LocplanError
 
 if TYPE_CHECKING:
     import pandas
@@ -32,7 +31,9 @@ def write_table(runs: Iterable[Run], target: str | os.PathLike[str]) -> Path:
 
 def to_frame(runs: Iterable[Run]) -> pandas.DataFrame:
     """A data frame with one row for every run; a LocplanError if pandas is not installed."""
-    pandas = _optional("pandas", "a data frame")
+    needed("pandas", "tables", "a data frame")
+    import pandas
+
     return pandas.DataFrame([run.row() for run in runs], columns=_columns())
 
 
@@ -57,20 +58,11 @@ def _cell(value: Any) -> Any:
 
 
 def _write_parquet(records: list[dict[str, Any]], path: Path) -> None:
-    arrow = _optional("pyarrow", path.name)
-    parquet = _optional("pyarrow.parquet", path.name)
+    needed("pyarrow", "tables", path.name)
+    arrow = importlib.import_module("pyarrow")
+    parquet = importlib.import_module("pyarrow.parquet")
     texts = ("map", "config", "query", "planner", "status", "note")
     types = dict.fromkeys(texts, arrow.string()) | {"seed": arrow.int64()}
     schema = arrow.schema([(name, types.get(name, arrow.float64())) for name in _columns()])
-    with replacing(path) as temporary:
-        parquet.write_table(arrow.Table.from_pylist(records, schema), temporary)
-
-
-def _optional(module: str, wanted_for: str) -> ModuleType:
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        package = module.partition(".")[0]
-        raise LocplanError(
-            f"{wanted_for} needs {package}, which is not installed: pip install {package}"
-        ) from None
+    with replacing(path) as temporary, temporary.open("wb") as file:  # of any name, also no UTF-8
+        parquet.write_table(arrow.Table.from_pylist(records, schema), file)

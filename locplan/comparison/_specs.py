@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from locplan._util.checks import shown
+from locplan._util.extras import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import (
@@ -110,13 +111,9 @@ class PlannerSpec:
         options = options_of(self.planner)
         if not isinstance(self.planner, Guarded):
             return [self.planner.name, options]
-        try:
-            import cloudpickle
-        except ModuleNotFoundError:
-            raise LocplanError(
-                f"planner {shown(self.label)}: a planner of your own needs cloudpickle:"
-                " pip install 'locplan[functions]'"
-            ) from None
+        self.check_library()
+        import cloudpickle
+
         own: Any = innermost(self.planner)
         own = own.function if isinstance(own, FunctionPlanner) else own
         code = own if inspect.isroutine(own) else type(own)
@@ -127,6 +124,11 @@ class PlannerSpec:
         content = hashlib.blake2b(cloudpickle.dumps(own) + source, digest_size=16)
         texts = {name: repr(value) for name, value in options.items()}
         return [getattr(code, "__qualname__", ""), content.hexdigest(), texts]
+
+    def check_library(self) -> None:
+        """Raise a LocplanError if a user's planner lacks the library that sends it to workers."""
+        if isinstance(self.planner, Guarded):
+            needed("cloudpickle", "functions", f"planner {shown(self.label)}, one of your own,")
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
         """Plan once; the path is measured on the costmap.
@@ -162,6 +164,8 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
             )
     if not specs:
         raise ConfigError("a comparison needs at least one planner")
+    for spec in specs:
+        spec.check_library()
     return specs
 
 

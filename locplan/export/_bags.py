@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from locplan._util.checks import shown
+from locplan._util.extras import needed
 from locplan._util.files import replacing
 from locplan.costs import Path
 from locplan.errors import LocplanError
@@ -84,6 +85,7 @@ def bag(
         If the package mcap is missing, an argument is of the wrong kind, or the file cannot be
         written.
     """
+    needed("mcap", "ros", "a bag")
     if not (isinstance(stamp, int) and 0 <= stamp < 2**31 * 10**9):
         raise LocplanError(f"stamp must be nanoseconds since 1970, not {shown(stamp)}")
     if not (spacing > 0 and magnify > 0):
@@ -118,10 +120,8 @@ def _write(
     target: str | os.PathLike[str], messages: Mapping[str, tuple[str, dict[str, Any]]], stamp: int
 ) -> None:
     """Write one message on each topic."""
-    try:
-        from mcap.writer import Writer
-    except ImportError:
-        raise LocplanError("a bag needs mcap: pip install 'locplan[ros]'") from None
+    from mcap.writer import Writer
+
     schemas: dict[str, int] = {}
     with replacing(target) as temporary, open(temporary, "wb") as file:
         writer = Writer(file)

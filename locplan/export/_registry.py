@@ -58,14 +58,19 @@ class Format:
     """A frozen dataclass whose docstrings say what each field does; it checks itself when made."""
     suffixes: tuple[str, ...] = ()
     """The suffixes of a file, the usual one first; a folder has none."""
+    library: str = ""
+    """The library of the extra `ros` that it needs."""
     paths: Literal["none", "one", "several"] = "none"
     """The number of paths that it takes."""
 
     def check_target(self, target: Path) -> None:
         """Raise a LocplanError unless it can be written there; to be called before long work."""
+        from locplan._util.extras import needed
         from locplan._util.files import check_target
         from locplan.export._folders import check_export_folder
 
+        if self.library:
+            needed(self.library, "ros", f"--to {self.name}")
         if self.suffixes:
             check_target(target, *self.suffixes)
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -10,10 +11,14 @@ from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from typing import Any
 
+from locplan._util.checks import shown
+from locplan._util.extras import needed
 from locplan.errors import LocplanError
 
 PATIENCE = 10.0
 """Longest time that the scheduler may take to answer [s]."""
+ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?([^\s/:\[\]]+|\[[\da-fA-F:.]+\]):(?P<port>[0-9]{1,5})")
+"""Address of a scheduler: protocol, host and port."""
 WORKERLESS = 60.0
 """Longest time to wait for workers to come back when all are gone [s]."""
 
@@ -24,13 +29,14 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
 
     If a worker dies, other workers compute its tiles. The workers need locplan.
     """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise LocplanError("a scheduler needs dask: pip install 'locplan[dask]'") from None
+    check_scheduler(scheduler)
+    from distributed import Client
+
+    # A client that never connected cannot be closed: only the block below closes one.
+    unclosed: Any = type("UnclosedClient", (Client,), {"__del__": lambda _: None})
     for name in ("distributed", "distributed.client"):  # our own error reports failures once
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    client = _connected(Client, scheduler)
+    client = _connected(unclosed, scheduler)
     with client:
         if not client.scheduler_info()["workers"]:
             raise LocplanError(f"the scheduler {scheduler} has no workers; start some first")
@@ -40,6 +46,17 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
             yield executor
         finally:
             over.set()
+
+
+def check_scheduler(scheduler: str) -> None:
+    """Raise a LocplanError unless this is an address, and dask is there to connect to it."""
+    found = ADDRESS.fullmatch(scheduler)
+    if not found or not 0 < int(found["port"]) < 2**16:
+        raise LocplanError(
+            f"the scheduler must be an address such as tcp://192.168.1.2:8786, not"
+            f" {shown(scheduler)}"
+        )
+    needed("distributed", "dask", "a scheduler")
 
 
 def _connected(client: Any, scheduler: str) -> Any:
@@ -56,7 +73,7 @@ def _connected(client: Any, scheduler: str) -> Any:
     try:
         return answer.result(timeout=PATIENCE + 2)
     except Exception as error:
-        what = " ".join(str(error).split())[:120] or "it may be no dask scheduler"
+        what = " ".join(str(error).split()).rstrip(".")[:120] or "it may be no dask scheduler"
         raise LocplanError(f"the scheduler {scheduler} does not answer ({what})") from None
 
 

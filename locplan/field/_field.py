@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, position
+from locplan._util.extras import needed
 from locplan._util.files import replacing_folder
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
-from locplan.errors import LocplanError
 from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import (
@@ -264,10 +264,9 @@ class CovarianceField(Pictured):
         LocplanError
             If xarray is not installed.
         """
-        try:
-            from xarray import Dataset
-        except ImportError:
-            raise LocplanError("to_xarray needs xarray: pip install 'locplan[tables]'") from None
+        needed("xarray", "tables", "to_xarray")
+        from xarray import Dataset
+
         coordinates = field_files.coordinates(self.grid, self.config)
         places = tuple(coordinates)
         arrays: dict[str, Any] = {

@@ -84,7 +84,13 @@ def write_field(target: Path, job: ExportJob, options: NoOptions) -> ExportSumma
 FORMATS = (
     Format("ros-map", "u in per cent for the map servers of ROS", write_map),
     Format(
-        "bag", "a ROS 2 bag (MCAP)", write_bag, BagOptions, suffixes=(".mcap",), paths="several"
+        "bag",
+        "a ROS 2 bag (MCAP)",
+        write_bag,
+        BagOptions,
+        suffixes=(".mcap",),
+        paths="several",
+        library="mcap",
     ),
     Format(
         "path",
