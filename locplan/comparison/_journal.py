@@ -37,7 +37,7 @@ class Journal:
         try:
             self._file = self.path.open("a+", encoding="ascii")
         except OSError as error:
-            raise LocplanError(f"{self.path}: cannot be written ({error.strerror})") from None
+            raise self._unwritten(error) from None
         try:
             self._lock()
             self.runs = self._read()
@@ -46,14 +46,19 @@ class Journal:
                     f"{self.path}: holds {len(self.runs)} runs; resume it, or name another file"
                 )
         except BaseException:
-            self._file.close()
+            with suppress(OSError):
+                self._file.close()
             raise
 
     def __enter__(self) -> Journal:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as failed:  # closing writes what could not be written before
+            if error is None:
+                raise self._unwritten(failed) from None
         if error is not None and not self.runs:  # nothing was run: leave nothing behind
             self.path.unlink(missing_ok=True)
             if self._made_folder:
@@ -106,7 +111,10 @@ class Journal:
             self._file.write(json.dumps(about, allow_nan=False) + "\n")
             self._file.flush()
         except OSError as error:
-            raise LocplanError(f"{self.path}: cannot be written ({error.strerror})") from None
+            raise self._unwritten(error) from None
+
+    def _unwritten(self, error: OSError) -> LocplanError:
+        return LocplanError(f"{self.path}: cannot be written ({error.strerror})")
 
     def _lock(self) -> None:
         try:
