@@ -48,10 +48,12 @@ MapFiles = Annotated[
 ]
 Text = Annotated[str, Parameter(allow_leading_hyphen=True)]
 """A text that may begin with a minus sign, such as -2,3."""
-Count = Annotated[int, Parameter(validator=Number(gte=1))]
-Pair = Annotated[int, Parameter(validator=Number(gte=2))]
+MAX_COUNT = 100_000
+"""Greatest number of things that an option can ask for."""
+Count = Annotated[int, Parameter(validator=Number(gte=1, lte=MAX_COUNT))]
+Pair = Annotated[int, Parameter(validator=Number(gte=2, lte=MAX_COUNT))]
 """A number of things of which there must be two at least."""
-Seed = Annotated[int, Parameter(validator=Number(gte=0))]
+Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**63 - 1))]
 Json = Annotated[
     bool, Parameter(name="--json", group=OUTPUT, help="The result is printed as JSON.")
 ]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import COMPUTING, COSTS, FIELD, INPUT, Count, option_group
+from locplan.cli._groups import COMPUTING, COSTS, FIELD, INPUT, option_group
 from locplan.cli._kinds import check_has, field_names, given_of
 from locplan.cli._values import numbers
 from locplan.errors import ConfigError
@@ -44,9 +44,21 @@ Criterion = Annotated[
         " or of ambiguity or entropy of scan.",
     ),
 ]
+
+
+def _bearable(_: object, threads: int | None) -> None:
+    from locplan._util.machine import check_threads
+
+    check_threads(threads)
+
+
 Threads = Annotated[
-    Count | None,
-    Parameter(group=COMPUTING, help="The number of threads is that of the cores by default."),
+    int | None,
+    Parameter(
+        group=COMPUTING,
+        validator=_bearable,
+        help="The number of threads is that of the cores by default.",
+    ),
 ]
 CacheDir = Annotated[
     Path | None,
@@ -146,12 +158,21 @@ def _reaching(estimator: Any, reach: float | None) -> Any:
     return dataclasses.replace(estimator, range=reach)
 
 
+def _has_scheduler(_: object, scheduler: str | None) -> None:
+    from locplan.field._cluster import check_scheduler
+
+    if scheduler is not None:
+        check_scheduler(scheduler)
+
+
 @option_group(COMPUTING)
 class Computing:
     """The resources for fields, and their cache."""
 
     threads: Threads = None
-    scheduler: Annotated[str | None, Parameter(metavar="tcp://HOST:PORT")] = None
+    scheduler: Annotated[
+        str | None, Parameter(metavar="tcp://HOST:PORT", validator=_has_scheduler)
+    ] = None
     """A dask cluster computes the field."""
     cache_dir: CacheDir = None
 

@@ -77,8 +77,11 @@ def simulate(
     asked = bool(driven.path), bool(start or goal), driven.random is not None
     if asked.count(True) != 1 or bool(start) != bool(goal):
         raise ConfigError("give one of --path, --start with --goal, and --random")
+    least = LEAST_DISTANCE if driven.least_distance is None else driven.least_distance
     if driven.random is None:
         refuse("without --random", least_distance=driven.least_distance)
+    else:
+        planners.check_random(driven.random, simulation.seed, least)
     if driven.path:
         own = {
             name: getattr(options, name) for name in ("preset", "template", "headings", "stride")
@@ -102,9 +105,7 @@ def simulate(
         folder = reports.SIMULATION.into(output, force=force)
 
     def drive_at_random(costmap: Costmap, count: int) -> routes.Routes:
-        queries = planners.random_queries(
-            costmap, count, simulation.seed, least_distance=driven.least_distance or LEAST_DISTANCE
-        )
+        queries = planners.random_queries(costmap, count, simulation.seed, least_distance=least)
         with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
             return routes.simulate_queries(
                 costmap, queries, **simulated, drives=drives, threads=threads, progress=progress

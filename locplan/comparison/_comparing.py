@@ -5,26 +5,27 @@ from __future__ import annotations
 import dataclasses
 import os
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from numbers import Real
 from typing import Any
 
 from locplan import __version__
-from locplan._util.checks import shown
+from locplan._util.checks import is_whole, shown
+from locplan._util.machine import check_workers, usable_cores
 from locplan._util.progress import ProgressCallback
 from locplan.comparison._cases import Source, named_configs, named_maps
-from locplan.comparison._engine import Job, run_all
+from locplan.comparison._engine import Job, check_seeds, run_all
 from locplan.comparison._result import Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
-from locplan.comparison._workers import PATIENCE, usable_cores
+from locplan.comparison._workers import PATIENCE
 from locplan.comparison.report._data import Case
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.planners import DEFAULT, AnyPlanner, Planner, Query
+from locplan.planners import DEFAULT, AnyPlanner, Planner, Query, check_random
 
 BASELINE = DEFAULT
 """The planner that the others are compared with by default, if it is there."""
@@ -117,8 +118,9 @@ def compare(
     if isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners):
         planners = [planners]
     weights = [float(weights)] if isinstance(weights, Real) else weights
-    if not isinstance(seeds, Iterable):
-        raise ConfigError(f"seeds must be a sequence of whole numbers, not {shown(seeds)}")
+    check_workers(workers)
+    check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
+    check_seeds(seeds)
     specs = [spec.with_time_limit(time_limit) for spec in specs_of(planners)]
     labels = [spec.label for spec in specs]
     if baseline is None:

@@ -16,20 +16,23 @@ import numpy as np
 from locplan import __version__
 from locplan._util.checks import positive, shown, whole
 from locplan._util.leftovers import temporary_folder
+from locplan._util.machine import check_memory, check_workers
 from locplan._util.progress import ProgressCallback
 from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.comparison._journal import Journal
 from locplan.comparison._runs import Run, Task
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._worker import Order
-from locplan.comparison._workers import PATIENCE, Workers, check_platform, usable_cores
+from locplan.comparison._workers import PATIENCE, Workers, check_platform
 from locplan.costs import Costmap
 from locplan.costs._costmap import check_weight
 from locplan.errors import ConfigError, LocplanError
-from locplan.planners import AnyPlanner, Query, check_ends
+from locplan.planners import MAX_SEED, AnyPlanner, Query, check_ends
 
 BY_CHANCE = ("crashed", "hung", "out of memory")
 """Statuses that may differ the next time: a resumed comparison makes these runs again."""
+MAX_SEEDS = 1000
+"""Greatest number of seeds."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +67,14 @@ def run_all(
     returned by job, weight, query, planner and seed, in the order given.
     """
     check_platform()
-    count = usable_cores() if workers is None else workers
-    whole("workers", count)
+    count = check_workers(workers)
     positive("patience", patience, "s")
     if memory is not None:
         positive("memory", memory, "bytes")
+        check_memory("runs of so much memory", memory, "set less")
     weights = None if weights is None else list(weights)
-    seeds = [whole("each seed", seed) for seed in seeds]
+    check_seeds(seeds)
+    seeds = [whole("each seed", seed, 1, MAX_SEED) for seed in seeds]
     specs = specs_of(planners)
     for name, values in (("weight", weights), ("seed", seeds)):
         if values is not None and (not values or len(set(values)) < len(values)):
@@ -95,6 +99,14 @@ def run_all(
             if progress:
                 progress(len(runs), len(orders))
     return [runs[order.task] for order in orders]
+
+
+def check_seeds(seeds: Sequence[int]) -> None:
+    """Raise a ConfigError unless these are seeds, and not too many."""
+    if not isinstance(seeds, Sequence):
+        raise ConfigError(f"seeds must be a sequence of whole numbers, not {shown(seeds)}")
+    if len(seeds) > MAX_SEEDS:
+        raise ConfigError(f"a comparison has at most {MAX_SEEDS:,} seeds, not {len(seeds):,}")
 
 
 def _orders(

@@ -20,6 +20,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
+from locplan._util.machine import usable_memory
 from locplan.comparison import _worker as worker_module
 from locplan.comparison._runs import Run
 from locplan.comparison._specs import PlannerSpec
@@ -48,13 +49,6 @@ def check_platform() -> None:
         )
 
 
-def usable_cores() -> int:
-    """Number of cores that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 class Workers:
     """Processes that run planners; a context manager that ends them all.
 
@@ -75,7 +69,7 @@ class Workers:
         self._scratch = scratch
         self._planners, self._count, self._patience = planners, count, patience
         if memory is None:  # a fair share, so that the machine has some left
-            memory = 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / count
+            memory = usable_memory() / count
         self._memory = memory
         self._workers: list[_Worker] = []
         self._failed_starts = 0

@@ -13,8 +13,15 @@ from locplan.errors import ConfigError
 
 FULL_CIRCLE = 360.0
 MAX_BEAMS = 100_000
+MAX_RANGE = 10_000.0
+"""Greatest range [m], beyond that of any lidar."""
 MIN_SIGMA = 1e-6
 """Least `range_sigma` [m]; with less, rounding errors would dominate a covariance."""
+
+
+def checked_range(name: str, value: object) -> float:
+    """Return the range of a lidar or a template as a float [m]."""
+    return number(name, positive(name, value, "m"), 0.0, MAX_RANGE)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -50,8 +57,8 @@ class Lidar(Settings):
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
-        keep_checked(self, ("range",), positive, "m")
         keep_checked(self, ("range_sigma",), number, MIN_SIGMA)
+        keep_checked(self, ("range",), checked_range)
         keep_checked(self, ("field_of_view_deg",), positive, "deg")
         keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
         if self.field_of_view_deg > FULL_CIRCLE:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.machine import check_memory, check_threads, usable_memory
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field._config import FieldConfig
@@ -78,11 +78,7 @@ def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
         )
     shapes = field_shapes(grid, config)
     total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
-    if total > memory_of_machine():
-        raise ConfigError(
-            f"the field takes {total / 1e9:.3g} GB, more than this machine has; set a larger"
-            " stride or fewer headings"
-        )
+    check_memory("the values of the field", total, "set a larger stride or fewer headings")
     return {name: np.full(shape, np.nan) for name, shape in shapes.items()}
 
 
@@ -116,8 +112,7 @@ def finished_chunks(
     `values` are filled in place, covariances in the world frame; NaN marks what is missing.
     `wanted` (h, w) marks the lattice points to compute; by default all that a field needs.
     """
-    if threads is not None and threads < 1:
-        raise ConfigError(f"threads must be at least 1, not {threads}")
+    threads = check_threads(threads)
     needed = missing_points(values, grid, config)
     missing = needed if wanted is None else wanted & ~known_points(values)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
@@ -128,8 +123,8 @@ def finished_chunks(
     done: SimpleQueue[_Tile] = SimpleQueue()
     pending: dict[Chunk, int] = {}
     waiting = _tiles(missing, pending, config, grid.resolution)
-    at_once = memory_of_machine() / 2 // max(1.0, estimator.memory(grid.resolution, grid.shape))
-    workers = max(1, int(min(threads or os.cpu_count() or 1, at_once)))
+    at_once = usable_memory() / 2 // max(1.0, estimator.memory(grid.resolution, grid.shape))
+    workers = max(1, int(min(threads, at_once)))
     pool = executor or ThreadPoolExecutor(workers)
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
@@ -174,14 +169,6 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
     return estimator.covariances(part)
 
 
-def memory_of_machine() -> float:
-    """Memory of this machine [bytes], or 4 GB where the system does not tell."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):
-        return 4e9
-
-
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
     """Edge length of the square chunks that are finished as a whole [lattice points]."""
     edge, apart = _tile_edge(config, resolution)
@@ -213,8 +200,8 @@ def untouched_points(
     stride = stride_cells(config.stride, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
     # A lidar that would stand in a wall is moved by up to one stride.
-    reach = min(stride + config.estimator.halo(after.resolution, after.shape), max(after.shape))
-    box = [2 * reach + 1] * 2
+    reach = stride + config.estimator.halo(after.resolution, after.shape)
+    box = [2 * min(reach, max(after.shape)) + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 

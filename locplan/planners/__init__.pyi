@@ -10,8 +10,18 @@ from ._plan import (
     plan_beside_shortest as plan_beside_shortest,
     run_planner as run_planner,
 )
-from ._protocol import Found as Found, Planner as Planner, Position as Position
-from ._queries import Query as Query, random_queries as random_queries, read_queries as read_queries
+from ._protocol import (
+    MAX_SEED as MAX_SEED,
+    Found as Found,
+    Planner as Planner,
+    Position as Position,
+)
+from ._queries import (
+    Query as Query,
+    check_random as check_random,
+    random_queries as random_queries,
+    read_queries as read_queries,
+)
 from ._registry import DEFAULT as DEFAULT, PLANNERS as PLANNERS, names as names
 from ._request import (
     AnyPlanner as AnyPlanner,

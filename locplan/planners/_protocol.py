@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 Position = tuple[float, ...]
 """Position x, y in the world [m], and a heading [rad] where the planner's space has one."""
+MAX_SEED = 2**32 - 1
+"""Greatest seed of a planner's random numbers; OMPL's have 32 bits."""
 Status = Literal["solved", "unreachable", "infeasible", "timeout"]
 
 

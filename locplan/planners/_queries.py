@@ -26,6 +26,8 @@ HEADINGS = ("start_heading_deg", "goal_heading_deg")
 """The columns that may follow."""
 CANDIDATES = 20
 """Number of random pairs of which the one farthest from all before is taken."""
+MAX_RANDOM = 10_000
+"""Greatest number of random queries; the time to spread them over a map grows with its square."""
 DRAWS = 4096
 """Number of pairs that are drawn at once."""
 
@@ -40,6 +42,13 @@ class Query:
     """Position of the start in the world [m], or a pose with a heading [rad]."""
     goal: Position
     """Position of the goal in the world [m], or a pose with a heading [rad]."""
+
+
+def check_random(count: int, seed: int, least_distance: float) -> None:
+    """Raise a ConfigError unless random queries can be drawn; to be called before long work."""
+    whole("the number of random queries", count, 1, MAX_RANDOM)
+    whole("the seed of random queries", seed, 0)
+    number("least_distance", least_distance, 0)
 
 
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:
@@ -106,8 +115,7 @@ def random_queries(
     ConfigError
         If no two positions that are joined lie so far apart, or a value is out of its range.
     """
-    whole("count", count)
-    number("least_distance", least_distance, 0)
+    check_random(count, seed, least_distance)
     random = np.random.default_rng(seed)
     parts = _Parts(costs, least_distance)
     chosen = np.empty((0, 4))

@@ -8,11 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.tables import finite
 
+MAX_DRIVES = 100_000
+"""Greatest number of drives along a path, or to a place."""
 LOST = 1.0
 """Position error above which, at any time of a drive, the robot counts as lost [m]."""
+
+
+def check_drives(drives: int) -> None:
+    """Raise a ConfigError unless a path can be driven so often."""
+    whole("drives", drives, 2, MAX_DRIVES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -47,6 +47,10 @@ NO_MATTER = {
 """Further parameters of AMCL, most of which do not matter for the simulation."""
 
 
+class ParameterWarning(UserWarning):
+    """Warning that a robot's parameters are simulated in part only."""
+
+
 def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     """Read AMCL's parameters from a parameter file of Nav2; missing ones have their defaults.
 
@@ -68,7 +72,8 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
         raise LocplanError(f"{path}: amcl: {error}") from None
     left_out = [*_not_simulated(given), *sorted(set(given) - known - NO_MATTER)]
     if left_out:
-        warnings.warn(one_line(f"{path}: not simulated: {', '.join(left_out)}"), stacklevel=2)
+        message = one_line(f"{path}: not simulated: {', '.join(left_out)}")
+        warnings.warn(ParameterWarning(message), stacklevel=2)
     return amcl
 
 

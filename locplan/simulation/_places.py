@@ -16,6 +16,7 @@ from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Lidar
 from locplan.field._lattice import stride_cells, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.simulation._drives import MAX_DRIVES
 from locplan.simulation._motion import approaches
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
@@ -186,7 +187,8 @@ def places_of(
     if not grids:
         raise ConfigError("there must be at least one map")
     for name, value in (("drives", drives), ("scans", scans)):
-        whole(name, value, 0)
+        whole(name, value, 0, MAX_DRIVES)
+    whole("seed", seed, 0)
     chosen = [choose_points(grid, places, robot_radius=robot_radius, seed=seed) for grid in grids]
     callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
     return [

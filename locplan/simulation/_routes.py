@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
@@ -19,7 +18,7 @@ from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation._drives import Drives, contrasts
+from locplan.simulation._drives import Drives, check_drives, contrasts
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
@@ -182,7 +181,7 @@ def simulate_queries(
     LocplanError
         If no query has a path, or a number is out of its range.
     """
-    whole("drives", drives, 2)
+    check_drives(drives)
     simulator = Simulator(
         costs.grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
     )

@@ -14,6 +14,10 @@ from locplan.field.estimators._sad import PAPER_RANGE
 
 MODELS = ("likelihood_field", "likelihood_field_prob")
 MIN_BEAMS = 2
+MAX_PARTICLES = 1_000_000
+"""Greatest number of particles of a filter."""
+MAX_WORLDS = 1000
+"""Greatest number of worlds that differ from the map."""
 SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
 """Lidar that is simulated where none is named; its range is that of the paper's disc."""
 
@@ -82,7 +86,8 @@ class Amcl(Settings):
         keep_checked(self, from_0, number, 0.0)
         keep_checked(self, ("laser_max_range",), number)
         keep_checked(self, ("z_hit", "z_rand"), number, 0.0, 1.0)
-        keep_checked(self, ("resample_interval", "min_particles", "max_particles"), whole)
+        keep_checked(self, ("resample_interval",), whole)
+        keep_checked(self, ("min_particles", "max_particles"), whole, 1, MAX_PARTICLES)
         keep_checked(self, ("max_beams",), whole, MIN_BEAMS)
         if self.min_particles > self.max_particles:
             raise ConfigError(
@@ -143,7 +148,7 @@ class Disturbances(Settings):
     def __post_init__(self) -> None:
         shares = ("boundary_noise", "outliers", "occlusion")
         keep_checked(self, shares, number, 0.0, 1.0)
-        keep_checked(self, ("worlds",), whole)
+        keep_checked(self, ("worlds",), whole, 1, MAX_WORLDS)
         keep_checked(self, ("occlusion_deg",), number, 0.0, 360.0)
         names = [each.name for each in dataclasses.fields(self)]
         others = [name for name in names if name not in (*shares, "worlds", "occlusion_deg")]

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
-from locplan.simulation._drives import Drives, contrasts
+from locplan.simulation._drives import Drives, check_drives, contrasts
 from locplan.simulation._motion import poses_along
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator
@@ -115,7 +114,7 @@ def simulate(
     >>> result.drives["straight"].lost_rate.value
     0.0
     """
-    whole("drives", drives, 2)
+    check_drives(drives)
     if not isinstance(paths, Mapping):
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import cached_property
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import instance, whole
+from locplan._util.machine import check_memory, check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
@@ -31,6 +31,8 @@ MATCH_SIGMA, MATCH_Z_RAND = 0.1, 0.05
 """Parameters sigma_hit [m] and z_rand of the likelihood field on which scans are matched."""
 
 
+ARRAYS = 4
+"""Number of arrays of all poses that are in memory at once."""
 DRIVE, MATCH, WORLD, POINTS, APPROACH = range(5)
 """Streams of random numbers, see `random_of`."""
 
@@ -71,14 +73,14 @@ class Simulator:
     ) -> None:
         check_grid(grid)
         whole("seed", seed, 0)
-        if threads is not None:
-            whole("threads", threads, 1)
-        self.grid, self.seed, self.threads = grid, seed, threads
+        self.grid, self.seed, self.threads = grid, seed, check_threads(threads)
         self.lidar = lidar or SHORT_LIDAR
         self.amcl, self.disturbances = amcl or Amcl(), disturbances or Disturbances()
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
         instance("amcl", self.amcl, Amcl)
         instance("disturbances", self.disturbances, Disturbances)
+        worlds = self.disturbances.worlds
+        check_memory(f"{worlds} worlds", 2 * worlds * grid.cells.size, "set fewer worlds")
 
     def __repr__(self) -> str:
         lidar = f"lidar of {self.lidar.range:g} m"
@@ -123,6 +125,8 @@ class Simulator:
         """
         from locplan._kernels import drives as kernel
 
+        size = len(lines) * lines[0].size * ARRAYS * 8
+        check_memory(f"{len(lines)} drives of {len(lines[0])} poses", size, "drive fewer")
         own = [self._on_grid(line) for line in lines]
         errors = np.empty((len(own), *own[0].shape))
 
@@ -192,6 +196,8 @@ class Simulator:
         )
         angles = np.linspace(-np.pi / 3, np.pi / 3, MATCH_ROTATIONS)
         lattice = make_lattice(half_steps, angles)
+        size = len(cells) * scans * 3 * ARRAYS * 8
+        check_memory(f"{scans} scans at each of {len(cells)} places", size, "set fewer scans")
         errors = np.empty((len(cells), scans, 3))
 
         def run(n: int) -> None:
@@ -233,7 +239,7 @@ class Simulator:
         self, run: Callable[[int], None], count: int, progress: ProgressCallback | None
     ) -> None:
         _ = self.worlds, self.arguments  # made once, not by every thread
-        pool = ThreadPoolExecutor(self.threads or os.cpu_count())
+        pool = ThreadPoolExecutor(self.threads)
         try:
             tasks = [pool.submit(run, n) for n in range(count)]
             for done, task in enumerate(as_completed(tasks), 1):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import Settings, instance, keep, one_of, positive
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
+from locplan.field._lidar import checked_range
 from locplan.field._search_window import OffsetLattice
 from locplan.field._template import BEHIND, beam_count, beam_of_cell, disc, map_centre
 from locplan.maps import FREE, OCCUPIED
@@ -85,7 +86,7 @@ class Sad(Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep(self, range=positive("range", self.range, "m"))
+        keep(self, range=checked_range("range", self.range))
         one_of("template", self.template, tuple(TAU))
         if not isinstance(self.weights, InverseSquare):
             instance("weights", self.weights, Exponential)

@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
 from locplan.planners._grid import blank_costs, cheapest_cells, connected, through_centres
-from locplan.planners._protocol import Found, Position
+from locplan.planners._protocol import MAX_SEED, Found, Position
 from locplan.planners._spaces import check_space
 from locplan.planners.ompl._kinds import KINDS, able
 from locplan.planners.ompl._motions import Motions
@@ -94,7 +94,7 @@ class Ompl:
         if self.convergence is not None and not kind.anytime:
             raise ConfigError(f"convergence is for {able(lambda kind: kind.anytime)}")
         if self.seed is not None:
-            whole("seed", self.seed)
+            whole("seed", self.seed, 1, MAX_SEED)
         if self.settings != {}:
             from locplan.planners.ompl._settings import check_settings
 
