@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator
@@ -18,7 +20,9 @@ from locplan._util.supervision import INTERRUPTED, end_if_supervised
 from locplan.cli._application import COMMANDS, application
 from locplan.cli._exit_codes import NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT
 from locplan.cli._groups import OUTPUT
-from locplan.errors import CalibrationError, LocplanError
+from locplan.errors import CalibrationError, LocplanError, one_line
+
+LOG = logging.getLogger("locplan.cli")
 
 
 def main() -> None:
@@ -28,6 +32,7 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
     try:
         with _warnings_as_lines(), inputs_are_kept():
+            _check_none_is_empty(sys.argv[1:])
             code = _launched(sys.argv[1:])
         sys.stdout.flush()
     except CalibrationError as error:
@@ -43,9 +48,23 @@ def main() -> None:
         sys.stdout = sys.stderr = None
         code = SYSTEM_ERROR
     except OSError as error:
-        code = _complain(f"error: {error}", SYSTEM_ERROR)
+        where = "the output" if error.filename is None else os.fsdecode(error.filename)
+        code = _complain(f"error: {where}: {error.strerror or error}", SYSTEM_ERROR)
         sys.stdout = None
+    except MemoryError:
+        code = _complain("error: the memory does not suffice; give less at a time", WRONG_INPUT)
     sys.exit(code or 0)
+
+
+def _check_none_is_empty(tokens: list[str]) -> None:
+    """Raise a LocplanError if an argument is empty, which as a path would be the folder here."""
+    for before, token in zip(["", *tokens], tokens, strict=False):
+        name, equals, value = token.partition("=")
+        if equals and name.startswith("--") and not value.strip():
+            raise LocplanError(f"{name} is empty; give it a value, or leave it out")
+        if not token.strip():
+            what = before if before.startswith("-") else "an argument"
+            raise LocplanError(f"{what} is empty; give it a value, or leave it out")
 
 
 def _launched(tokens: list[str]) -> int | None:
@@ -94,8 +113,11 @@ def _log_on_stderr(wanted: bool) -> Iterator[None]:
 
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
-    def show(message: Any, *_: Any, **__: Any) -> None:
-        _complain(f"warning: {message}", 0)
+    def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
+        if category.__module__.startswith("locplan."):
+            _complain(f"warning: {message}", 0)
+        else:  # that of a library says nothing to users
+            LOG.debug("%s: %s", category.__name__, message)
 
     with warnings.catch_warnings():
         warnings.simplefilter("default")
@@ -105,15 +127,21 @@ def _warnings_as_lines() -> Iterator[None]:
 
 def _in_one_line(error: CycloptsError) -> str:
     if isinstance(error, UnusedCliTokensError):
-        return f"unexpected: {' '.join(error.unused_tokens or ())}"
+        return f"unexpected: {' '.join(map(_short, error.unused_tokens or ()))}"
     if isinstance(error, CoercionError) and (token := error.token) and (of := error.argument):
         choices = of.get_choices(force=True)
         if choices:
             name = token.keyword or of.name
-            return f"{name} must be one of {', '.join(choices)}, not {token.value!r}"
-    return " ".join(str(error).split()).removesuffix(".")
+            return f"{name} must be one of {', '.join(choices)}, not {shown(token.value)}"
+    words = re.split(r"\s+", str(error).strip())
+    return " ".join(map(_short, words)).removesuffix(".")
+
+
+def _short(word: str) -> str:
+    """A word as it is unless it is too long."""
+    return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
 
 
 def _complain(line: str, code: int) -> int:
-    print(f"locplan: {line}", file=sys.stderr)
+    print(f"locplan: {one_line(line)}", file=sys.stderr)
     return code

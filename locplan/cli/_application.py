@@ -36,7 +36,9 @@ def application(*names: str) -> App:
         help_format="plaintext",
         help_epilogue=EXPLAINED,
         group_parameters=GENERAL,
-        default_parameter=Parameter(negative=(), show_default=False),
+        default_parameter=Parameter(
+            negative=(), show_default=False, json_list=False, json_dict=False
+        ),
         suppress_keyboard_interrupt=False,
         exit_on_error=False,
         print_error=False,

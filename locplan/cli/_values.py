@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from locplan._util.checks import printable
-from locplan.errors import ConfigError, LocplanError
+from locplan._util.checks import GREATEST, printable, shown
+from locplan._util.reading import parsed_json
+from locplan.errors import ConfigError, LocplanError, one_line
 
 if TYPE_CHECKING:
     from locplan.costs import Footprint, Path as Route
@@ -43,7 +44,7 @@ def position(name: str, text: str) -> tuple[float, ...]:
     except ValueError:
         raise LocplanError(
             f"--{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading,"
-            f" not {text!r}"
+            f" not {shown(text)}"
         ) from None
     return (x, y, *map(math.radians, heading))
 
@@ -54,9 +55,10 @@ def numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]
         values = tuple(float(v) for v in text.split(","))
     except ValueError:
         values = ()
-    if not values or not all(map(math.isfinite, values)) or len(values) != (count or len(values)):
+    fit = all(abs(value) <= GREATEST for value in values)  # False for NaN, too
+    if not values or not fit or len(values) != (count or len(values)):
         wanted = f"{count} numbers" if count else "numbers"
-        raise LocplanError(f"--{name} must be {wanted} with commas between, not {text!r}")
+        raise LocplanError(f"--{name} must be {wanted} with commas between, not {shown(text)}")
     return values
 
 
@@ -74,11 +76,11 @@ def settings_of(
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            settings[name] = json.loads(value)
-        except json.JSONDecodeError:
+            settings[name] = parsed_json(value)
+        except ValueError:
             if not (words and value):
                 raise LocplanError(
-                    f"--{option} must be NAME=VALUE, such as {example}, not {text!r}"
+                    f"--{option} must be NAME=VALUE, such as {example}, not {shown(text)}"
                 ) from None
             settings[name] = value
     return settings
@@ -88,12 +90,16 @@ def outline_of(text: str | None) -> Footprint | None:
     """A footprint as Nav2's parameter files have it, such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]]."""
     from locplan.costs import Footprint
 
+    if text is None:
+        return None
     try:
-        return None if text is None else Footprint(json.loads(text))
-    except json.JSONDecodeError:
+        corners = parsed_json(text)
+    except ValueError:
         raise LocplanError(
-            f"--footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not {text!r}"
+            "--footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]],"
+            f" not {shown(text)}"
         ) from None
+    return Footprint(corners)
 
 
 def refuse(why: str, **options: object) -> None:
@@ -112,4 +118,4 @@ def show(as_json: bool, about: object, table: str, *written: Path | None) -> Non
 def say_written(*paths: Path | None) -> None:
     """Tell on stderr what was written."""
     for path in filter(None, paths):
-        print(f"wrote {path}", file=sys.stderr)
+        print(one_line(f"wrote {path}"), file=sys.stderr)

@@ -1,0 +1,221 @@
+"""What a call or a command can ask for is bounded by the machine, before any work."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+from conftest import drawn, refused
+
+import locplan
+from locplan import FieldConfig, LocplanError, Sad, Scan, compare, covariance_field, save_map
+from locplan._util import machine
+from locplan.comparison._journal import Journal
+from locplan.comparison._runs import Run, Task
+from locplan.errors import ConfigError
+from locplan.field import Lidar, SearchWindow
+from locplan.field._lattice import standing_cells
+from locplan.planners import Ompl, random_queries
+from locplan.simulation import Amcl, Disturbances, evaluate, simulate
+from locplan.simulation._simulator import Simulator
+
+GRID = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)
+ENDS = ((1.5, 2.5), (8.5, 6.5))
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Nothing is computed in the test."""
+
+    def work(*_, **__):
+        raise AssertionError("the work has begun")
+
+    monkeypatch.setattr("locplan.field.Sad.covariances", work)
+    monkeypatch.setattr("locplan._kernels.drives.drive", work)
+
+
+@pytest.fixture
+def room(tmp_path):
+    save_map(GRID, tmp_path / "room.yaml")
+    return tmp_path / "room.yaml"
+
+
+@pytest.fixture
+def small_machine(monkeypatch):
+    monkeypatch.setattr(machine, "usable_cores", lambda: 2)
+    monkeypatch.setattr(machine, "usable_memory", lambda: 10**9)
+
+
+CALLS = [
+    (lambda: covariance_field(GRID, threads=65), r"threads must be at most 64 \(32 for each"),
+    (lambda: simulate(GRID, {"a": np.array(ENDS)}, threads=65), "threads must be at most 64"),
+    (lambda: evaluate([GRID], threads=10**30), "threads must be a whole number"),
+    (lambda: simulate(GRID, {"a": np.array(ENDS)}, drives=100_001), "in 2..100000"),
+    (lambda: simulate(GRID, {"a": np.array(ENDS)}, seed=-1), "seed must be a whole number"),
+    (lambda: evaluate([GRID], seed=10**20), "seed must be a whole number"),
+    (lambda: evaluate([GRID], scans=10**6), "scans must be a whole number in 0..100000"),
+    (lambda: compare(GRID, workers=4), r"workers must be at most 3 \(1 GB of this machine's"),
+    (lambda: compare(GRID, queries=10_001), "random queries must be a whole number in 1..10000"),
+    (lambda: compare(GRID, query_seed=-1), "the seed of random queries"),
+    (lambda: compare(GRID, seeds=range(1, 1002)), "at most 1,000 seeds, not 1,001"),
+    (lambda: compare(GRID, seeds=[10**20]), "each seed must be a whole number in 1..4294967295"),
+    (lambda: compare(GRID, memory=1e10), "take 10 GB of memory, and this machine has 1 GB"),
+    (lambda: Ompl("RRT", seed=2**32).check(), "seed must be a whole number in 1..4294967295"),
+    (lambda: Amcl(max_particles=10**9), "max_particles must be a whole number in 1..1000000"),
+    (lambda: Disturbances(worlds=10**9), "worlds must be a whole number in 1..1000"),
+    (lambda: Lidar(range=1e308), "range must be a positive number of m"),
+    (lambda: Lidar(range=20_000.0), "range must be 0 to 10000"),
+    (lambda: Sad(range=20_000.0), "range must be 0 to 10000"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), CALLS, ids=[message for _, message in CALLS])
+def test_what_the_machine_cannot_bear_is_refused_before_work(call, message, no_work, small_machine):
+    with pytest.raises(LocplanError, match=message) as fault:
+        call()
+    assert "\n" not in str(fault.value)
+
+
+def test_a_search_window_that_does_not_fit_into_memory_is_refused(no_work, small_machine):
+    wide = SearchWindow(half_width=200.0, step=0.2, half_rotation_deg=180, rotation_step_deg=0.2)
+    for estimator in (Sad(window=wide), Scan(Lidar(), window=wide)):
+        fine = drawn("....", "....", resolution=0.1)
+        with pytest.raises(
+            ConfigError, match=r"a search window of \d+ offsets takes too much memory"
+        ):
+            covariance_field(fine, estimator)
+
+
+def test_a_field_that_does_not_fit_into_memory_is_refused(no_work, small_machine):
+    large = locplan.OccupancyGrid(np.full((4000, 4000), 254, np.uint8), 0.1)
+    with pytest.raises(ConfigError, match=r"the values of the field take .* set a larger stride"):
+        covariance_field(large, FieldConfig(Sad(), stride=0.1))
+
+
+def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
+    simulator = Simulator(GRID)
+    monkeypatch.setattr("locplan._util.machine.usable_memory", lambda: 10**6)
+    with pytest.raises(ConfigError, match=r"1000 drives of 800 poses take .* drive fewer"):
+        simulator.drive([np.zeros((800, 3))] * 1000)
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("field MAP --threads 9999999", "threads must be at most"),
+        ("field MAP --range 1e308", "range must be a positive number of m"),
+        ("field MAP --range 1e12", "range must be 0 to 10000"),
+        ("field MAP --stride -0", "stride must be a positive number"),
+        ("field MAP --stride inf", "stride"),
+        ("field MAP --headings 99999999999999999999", "headings"),
+        ("simulate MAP --random 12345678901234567890", "--random"),
+        ("simulate MAP --random 20000", "random queries must be a whole number in 1..10000"),
+        ("simulate MAP --random 2 --seed 12345678901234567890", "--seed"),
+        ("simulate MAP --random 2 --seed -1", "--seed"),
+        ("simulate MAP --random 2 --drives 1000000000", "--drives"),
+        ("simulate MAP --random 2 --set max_particles=1000000000", "max_particles"),
+        ("simulate MAP --random 2 --set resample_interval=1000000000000000000000", "resample"),
+        ("evaluate MAP --scans 9999999999", "--scans"),
+        ("plan MAP --start 1.5,2.5 --goal 1e12,1e12", "goal"),
+        ("plan MAP --start 1.5,2.5 --goal 1e308,-1e308", "goal"),
+        ("plan MAP --start 1.5,2.5 --goal 8.5,6.5 --planner RRT --seed 99999999999", "seed"),
+        ("plan MAP --start 1.5,2.5 --goal 8.5,6.5 --footprint " + "[" * 5000, "--footprint"),
+        ("compare MAP -o out --workers 100000", "workers must be at most"),
+        ("compare MAP -o out --seeds 99999", "at most 1,000 seeds"),
+        ("compare MAP -o out --seed -1", "--seed"),
+        ("maps out --seed -1", "seed"),
+    ],
+)
+def test_commands_refuse_what_is_out_of_bounds_before_work(
+    run, room, command, message, no_work, monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert message in refused(run(*command.replace("MAP", str(room)).split()))
+    if "maps out" not in command:
+        assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("field", ""), "an argument is empty"),
+        (("field", "MAP", "-o", ""), "-o is empty"),
+        (("field", "MAP", "--picture="), "--picture is empty"),
+        (("field", "MAP", "--cache-dir", " "), "--cache-dir is empty"),
+        (("plan", "MAP", "--start", "", "--goal", "1,1"), "--start is empty"),
+    ],
+)
+def test_an_empty_argument_is_an_error_and_not_the_folder_here(
+    run, room, arguments, named, monkeypatch
+):
+    monkeypatch.chdir(room.parent)
+    assert named in refused(run(*[str(room) if each == "MAP" else each for each in arguments]))
+
+
+def test_brackets_and_long_words_are_refused_in_one_short_line(run, room):
+    for word in ("[" * 5000, "x" * 5000, "{" * 5000, "a\nb"):
+        for arguments in (("plan", word), ("field", room, "--estimator", word), (word,)):
+            assert len(refused(run(*arguments))) < 600
+
+
+def test_warnings_of_libraries_are_not_shown_but_logged(run, room, monkeypatch):
+    def noisy(*_, **__):
+        np.float64(1e308) * 10
+
+    monkeypatch.setattr("locplan.cli._field.show", noisy)
+    code, _, err = run("field", room)
+    assert (code, err) == (0, "")
+    code, _, err = run("-v", "field", room)
+    assert re.search("locplan.cli: RuntimeWarning: overflow", err)
+
+
+def test_a_lidar_in_a_wall_moves_to_the_nearest_free_cell_however_far_it_may():
+    free = np.zeros((40, 50), bool)
+    free[5, 7] = free[8, 4] = free[30, 45] = True
+    rows, cols = np.array([5, 6, 39, 0]), np.array([7, 4, 49, 49])
+    near = standing_cells(free, rows, cols, 3)
+    assert [each.tolist() for each in near] == [[5, 8, 39, 0], [7, 4, 49, 49]]
+    far = standing_cells(free, rows, cols, 10**9)
+    assert [each.tolist() for each in far] == [[5, 8, 30, 30], [7, 4, 45, 45]]
+
+
+def test_a_full_disk_names_the_journal_of_a_comparison(tmp_path):
+    file = tmp_path / "runs.jsonl"
+    run = Run(Task("room", "own", "query", 1.0, "grid", 0), "crashed", 1.0, 1.0, note="x" * 9999)
+    with Journal(file) as journal:
+        journal._file.close()
+        journal._file = open("/dev/full", "w")  # noqa: SIM115 - the journal closes it
+        with pytest.raises(LocplanError, match=r"runs\.jsonl: cannot be written \(No space"):
+            journal.add(run, "digest")
+        journal._file.close = lambda: None  # it holds what could not be written
+        journal._file.detach().detach().close()
+    journal = Journal(tmp_path / "others.jsonl")
+    journal._file.close()
+    journal._file = open("/dev/full", "w")  # noqa: SIM115
+    journal._file.write("x")
+    with pytest.raises(LocplanError, match=r"others\.jsonl: cannot be written \(No space"):
+        journal.__exit__(None, None, None)
+
+
+def test_random_queries_have_a_seed_of_at_least_0():
+    costs = locplan.Costmap.blank(GRID)
+    with pytest.raises(ConfigError, match="seed"):
+        random_queries(costs, 2, -1, least_distance=1.0)
+
+
+def test_a_scheduler_is_checked_before_work(run, room, no_work, tmp_path):
+    for arguments in (("field", room), ("compare", room, "-o", tmp_path / "out")):
+        assert "must be an address" in refused(run(*arguments, "--scheduler", "xyz"))
+
+
+def test_a_missing_extra_is_said_before_work(run, room, no_work, monkeypatch, tmp_path):
+    def mine(costs, start, goal):
+        return None
+
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    assert "locplan[ros]" in refused(run("export", room, "--to", "bag", "-o", tmp_path / "b.mcap"))
+    monkeypatch.setitem(sys.modules, "cloudpickle", None)
+    with pytest.raises(LocplanError, match=r"locplan\[functions\]"):
+        compare(room, [mine])
+    assert not list(tmp_path.glob("b.*"))
