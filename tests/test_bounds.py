@@ -80,9 +80,7 @@ def test_a_search_window_that_does_not_fit_into_memory_is_refused(no_work, small
     wide = SearchWindow(half_width=200.0, step=0.2, half_rotation_deg=180, rotation_step_deg=0.2)
     for estimator in (Sad(window=wide), Scan(Lidar(), window=wide)):
         fine = drawn("....", "....", resolution=0.1)
-        with pytest.raises(
-            ConfigError, match=r"window of \d+ offsets takes too much"
-        ):
+        with pytest.raises(ConfigError, match=r"window of \d+ offsets takes too much"):
             covariance_field(fine, estimator)
 
 

@@ -144,6 +144,7 @@ def test_a_client_that_cannot_connect_is_not_closed_by_the_collector(monkeypatch
     """Closing it would take long, and end in a traceback beside the error."""
     monkeypatch.setattr(cluster, "PATIENCE", 1.0)
     closed = []
+    gc.collect()  # those of other tests
     monkeypatch.setattr(distributed.Client, "close", lambda *_, **__: closed.append(1))
     with pytest.raises(LocplanError, match="TLS"), cluster.executor_of("tls://127.0.0.1:9"):
         pass

@@ -447,7 +447,8 @@ def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
         warned = [line for line in err.splitlines() if line.startswith("locplan: warning: ")]
         assert len(warned) == 1
         assert "c.json: deviations of this field are not in metres" in warned[0]
-    target.unlink()
+    for written in (target, target.with_suffix(".png")):
+        written.unlink()
     places = dataclasses.replace(places, tracking=1e9 * places.tracking)
     code, out, err = run("calibrate", map_file, "--preset", "paper", "-o", target)
     assert (code, out) == (3, "")

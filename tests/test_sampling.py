@@ -275,7 +275,7 @@ def test_a_start_at_the_goal_is_solved():
         ({"planner": "RRTstar", "time_limit": 0.0}, "time_limit must be positive, seconds"),
         ({"planner": "RRTstar", "time_limit": math.inf}, "time_limit must be positive, seconds"),
         ({"planner": "RRTstar", "iterations": 2.5}, "iterations must be a whole number"),
-        ({"planner": "RRTstar", "seed": 0}, "seed must be a whole number of at least 1"),
+        ({"planner": "RRTstar", "seed": 0}, "seed must be a whole number in 1..4294967295"),
         ({"planner": "RRT", "convergence": 0.01}, "convergence is for RRTstar"),
         ({"planner": "BITstar", "from_grid": True}, "from_grid is for RRTstar"),
         ({"planner": "RRTstar", "space": "SE2", "improve": True}, "improve is for space R2"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -292,13 +291,8 @@ def test_frames_and_parquet(tmp_path):
 
 
 def test_what_is_missing_is_said(tmp_path, monkeypatch):
-    def without(name, *rest, **named):
-        if name.partition(".")[0] in ("pandas", "pyarrow"):
-            raise ImportError(name)
-        return importlib.__import__(name, *rest, **named)
-
-    monkeypatch.setattr("importlib.import_module", without)
-    with pytest.raises(LocplanError, match="a data frame needs pandas, which is not installed"):
+    monkeypatch.setattr("locplan._util.extras.find_spec", lambda _: None)
+    with pytest.raises(LocplanError, match="a data frame needs pandas: pip install"):
         to_frame([])
     with pytest.raises(LocplanError, match=r"runs.parquet needs pyarrow"):
         write_table([], tmp_path / "runs.parquet")

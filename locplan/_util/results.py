@@ -15,6 +15,7 @@ from typing import Any
 
 from locplan._util.files import check_folder, check_no_input, errors_in_one_line
 from locplan._util.leftovers import temporary_folder
+from locplan._util.reading import parsed_json, read_text
 from locplan.errors import LocplanError
 
 MANIFEST = ".locplan.json"
@@ -87,9 +88,9 @@ class ResultFolder:
 
     def _known(self) -> Written:
         try:
-            known = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
+            known = parsed_json(read_text(self.folder / MANIFEST))
             return {str(kind): dict(files) for kind, files in known.items()}
-        except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        except (LocplanError, ValueError, TypeError, AttributeError):
             return {}  # there is none, or none that helps: nothing is known to be ours
 
     def _check_way(self, name: str, known: Written, digest: str | None = None) -> None:

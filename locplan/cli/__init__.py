@@ -69,11 +69,6 @@ def _check_none_is_empty(tokens: list[str]) -> None:
 
 def _launched(tokens: list[str]) -> int | None:
     """Run the command that is named, and import no other."""
-    for token in tokens:
-        if not token.strip() or (token.startswith("--") and token.endswith("=")):
-            raise LocplanError(
-                f"an argument is empty ({shown(token)}); write a value, or leave it out"
-            )
     first = next((token for token in tokens if not token.startswith("-")), "")
     app = application(*({first} & set(COMMANDS)))
     app.meta.suppress_keyboard_interrupt = False

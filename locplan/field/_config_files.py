@@ -79,8 +79,8 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
 def is_calibration(path: FilePath) -> bool:
     """Return whether a file is one that a calibration wrote."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        content = parsed_json(read_text(path))
+    except (LocplanError, ValueError):
         return False
     return isinstance(content, dict) and {"config", "calibration"} <= set(content)
 
