@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line in a process of its own, which Ctrl-C ends within a second."""
+    """Run the command line; where there is fork, in a process that Ctrl-C ends within a second."""
     try:
         from locplan._util.supervision import supervised
 

@@ -1,6 +1,6 @@
 """The exceptions that locplan raises on bad input."""
 
-MAX_MESSAGE = 450
+MAX_MESSAGE = 1000
 """Greatest length of an error's message [characters]; the middle of a longer one is left out."""
 
 

@@ -52,7 +52,7 @@ from locplan.maps._files import files_of
 from locplan.planners import read_queries
 from locplan.simulation import read_amcl
 
-MAX_LINE = 500
+MAX_LINE = 1050
 """Length of a message [characters] that no error and no warning reaches."""
 SECONDS, BYTES = 20, 2 * 10**9
 """Time of the processor [s] and memory that no case may take."""

@@ -309,7 +309,7 @@ def test_queries_come_in_every_form(tmp_path):
         ({"workers": 1.5}, "workers must be"),
         ({"memory": math.nan}, "memory must be"),
         ({"memory": "2GB"}, "memory must be"),
-        ({"seeds": 3}, "seeds must be a sequence"),
+        ({"seeds": 3}, "seeds must be several whole numbers"),
         ({"configs": [QUICK]}, "configs must be"),
         ({"seeds": [0]}, "each seed must be a whole number"),
         ({"queries": {"other": 3}}, "no queries for map 'rooms'"),

@@ -1,6 +1,8 @@
 """Files and settings that once broke a reader, took all memory, or made an error of 226 MB."""
 
+import itertools
 import json
+import math
 import os
 import warnings
 from pathlib import Path
@@ -28,7 +30,7 @@ from locplan.field import (
     load_or_compute,
 )
 from locplan.field._cache_table import cache_summary, cache_table
-from locplan.field._lattice import standing_cells
+from locplan.field._lattice import _moves, standing_cells
 from locplan.field._store import CacheWarning, field_path
 from locplan.field._zarr import _checksum, write
 from locplan.maps import OccupancyGrid, load_map, name_of, read_parameters, save_map
@@ -380,6 +382,13 @@ def test_a_map_without_an_image_is_an_error_not_the_home_folder(run, tmp_path, i
 def test_an_empty_cache_folder_is_refused():
     with pytest.raises(LocplanError, match="the cache folder must be a path, not ''"):
         cache.cache_folder("")
+
+
+@pytest.mark.parametrize("reach", [0, 1, 2, 5, 17])
+def test_moves_come_by_their_distance_and_then_by_row_and_column(reach):
+    span = range(-reach, reach + 1)
+    every = sorted(itertools.product(span, span), key=lambda move: math.hypot(*move))
+    assert list(_moves(reach)) == every
 
 
 def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():

@@ -77,7 +77,7 @@ def test_tables_show_markup_as_it_is():
     assert "[red]a[/red]" in text
 
 
-def test_bags_and_tables_take_any_name(tmp_path):
+def test_maps_of_ros_take_any_name(tmp_path):
     grid = named("r\udcffm[red]$")
     field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
     costs = locplan.Costmap.from_field(grid, field)

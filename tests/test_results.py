@@ -81,18 +81,36 @@ def test_a_folder_in_the_way_is_never_replaced(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "manifest", ["", "[" * 5000, "[1]", '{"plan": 3}', '{"plan": {"../mine": 0}}', "\xff"]
+    "manifest",
+    [
+        "",
+        "notes of mine",
+        "[" * 5000,
+        "[1]",
+        '{"plan": 3}',
+        '{"plan": {"a": []}}',
+        '{"plan": {"a\\u0000b": "1"}}',
+        '{"plan": {"\\ud800": "1"}}',
+        "\xff",
+    ],
 )
-def test_a_damaged_manifest_means_that_nothing_is_known(tmp_path, manifest):
-    folder = tmp_path / "out"
-    folder.mkdir()
-    (tmp_path / "mine").write_text("mine")
-    (folder / "a").write_text("mine")
-    (folder / MANIFEST).write_text(manifest, encoding="latin-1")
-    with pytest.raises(LocplanError, match="in the way"):
-        write(folder, {"a": "1"})
-    write(folder, {"b": "1"})
-    assert content(tmp_path) == {"mine": "mine", "out/a": "mine", "out/b": "1"}
+def test_a_manifest_that_is_none_of_ours_is_in_the_way(tmp_path, manifest):
+    (tmp_path / MANIFEST).write_text(manifest, encoding="latin-1")
+    with pytest.raises(LocplanError, match=f"{MANIFEST}: is in the way, and no list"):
+        Results("plan", ("a",)).into(tmp_path)
+    with pytest.raises(LocplanError, match=f"{MANIFEST}: is in the way, and no list"):
+        write(tmp_path, {"a": "1"})
+    assert (tmp_path / MANIFEST).read_text(encoding="latin-1") == manifest
+    write(tmp_path, {"a": "1"}, force=True)
+    write(tmp_path, {"a": "2"})
+    assert content(tmp_path) == {"a": "2"}
+
+
+def test_a_folder_of_the_manifests_name_is_never_replaced(tmp_path):
+    (tmp_path / MANIFEST).mkdir()
+    with pytest.raises(LocplanError, match="is in the way"):
+        write(tmp_path, {"a": "1"}, force=True)
+    assert (tmp_path / MANIFEST).is_dir()
 
 
 def test_a_manifest_removes_nothing_outside_of_its_folder(tmp_path):
@@ -127,15 +145,15 @@ def test_an_interrupted_block_leaves_the_folder_as_it_was(tmp_path, error, there
 def test_a_failure_while_files_move_undoes_all_moves(tmp_path, monkeypatch, fails_at):
     write(tmp_path, {"a": "1", "b": "1", "c": "1"})
     before = content(tmp_path)
-    rename, done = results._rename, []
+    replace, done = results._replace, []
 
     def failing(*arguments):
         done.append(arguments)
         if len(done) == fails_at:
             raise OSError(28, "No space left on device")
-        rename(*arguments)
+        replace(*arguments)
 
-    monkeypatch.setattr(results, "_rename", failing)
+    monkeypatch.setattr(results, "_replace", failing)
     with pytest.raises(LocplanError, match="No space left"):
         write(tmp_path, {"a": "2", "b": "2", "d": "2"})
     assert content(tmp_path) == before
@@ -148,6 +166,39 @@ def test_errors_name_the_last_place_of_a_file(tmp_path):
         ResultFolder(tmp_path / "out", "plan").writing() as new,
     ):
         raise LocplanError(f"{new / 'a.png'}: no")
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_process_that_is_killed_while_files_move_leaves_only_files_that_are_ours(
+    tmp_path, monkeypatch, links
+):
+    earlier = {"a": "1", "b": "1", "c": "1"}
+    replace = results._replace
+    if not links:  # as on file systems without hard links
+        monkeypatch.setattr(os, "link", _no_links)
+    for count in range(1, 6):
+        folder = tmp_path / str(count)
+        write(folder, earlier)
+        calls = []
+
+        def killed(*arguments, calls=calls, count=count):
+            calls.append(arguments)
+            if len(calls) == count:
+                raise SystemExit  # nothing is undone, as if the process were gone
+            replace(*arguments)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(results, "_replace", killed)
+            patched.setattr(results.ExitStack, "__exit__", lambda *_: None)
+            with pytest.raises(SystemExit):
+                write(folder, {"a": "2", "b": "2", "d": "2"})
+        assert content(folder).keys() >= {"a", "b"}
+        write(folder, {"a": "3"})
+        assert content(folder) == {"a": "3"}
+
+
+def _no_links(*_, **__):
+    raise OSError(95, "Operation not supported")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -165,13 +216,13 @@ def test_interrupts_are_put_off_until_the_block_ends(number):
 
 def test_ctrl_c_while_files_move_waits_until_all_have_moved(tmp_path, monkeypatch):
     write(tmp_path, {"a": "1", "b": "1"})
-    rename = results._rename
+    replace = results._replace
 
     def interrupting(*arguments):
         os.kill(os.getpid(), signal.SIGINT)
-        rename(*arguments)
+        replace(*arguments)
 
-    monkeypatch.setattr(results, "_rename", interrupting)
+    monkeypatch.setattr(results, "_replace", interrupting)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # the shell may ignore it
     try:
         with pytest.raises(KeyboardInterrupt):
@@ -236,9 +287,20 @@ def test_other_files_in_a_field_are_in_the_way(run, room, tmp_path):
     (field / "notes.txt").write_text("mine")
     code, _, err = run("field", room, "-o", field)
     assert code == 2
-    assert "f.zarr: is there, and not as locplan wrote it" in err
+    assert "notes.txt: is in the way, and not locplan's" in err
     assert run("field", room, "-o", field, "--force")[0] == 0
     assert not (field / "notes.txt").exists()
+    (field / "mine").symlink_to(tmp_path)
+    assert "f.zarr/mine: is in the way" in run("field", room, "-o", field)[2]
+
+
+def test_a_folder_that_is_no_field_is_never_replaced_by_one(run, room, tmp_path):
+    (tmp_path / "mine.zarr").mkdir()
+    (tmp_path / "mine.zarr" / "data").write_text("mine")
+    code, _, err = run("field", room, "-o", tmp_path / "mine.zarr", "--force")
+    assert code == 2
+    assert "mine.zarr: is there, and not as locplan wrote it" in err
+    assert (tmp_path / "mine.zarr" / "data").read_text() == "mine"
 
 
 def test_a_picture_beside_a_calibration_is_in_the_way_unless_calibrate_drew_it(run, room, tmp_path):

@@ -106,11 +106,13 @@ def check_folder(folder: Path) -> None:
 
     It is called before long work; the folder is made when there is something to write.
     """
-    there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
-    if not there.is_dir():
-        raise LocplanError(f"{there}: is a file, not a folder")
-    if not os.access(there, os.W_OK):
-        raise LocplanError(f"{there}: cannot be written; choose another folder")
+    with errors_in_one_line(folder):
+        there = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
+        if not there.is_dir():
+            what = "a file, not a folder" if there.exists() else "a link to nothing"
+            raise LocplanError(f"{there}: is {what}; name another folder")
+        if not os.access(there, os.W_OK):
+            raise LocplanError(f"{there}: cannot be written; choose another folder")
 
 
 def make_folder(folder: Path) -> None:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import signal
 import threading
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+from locplan._util.checks import is_file_name
 from locplan._util.files import check_folder, check_no_input, errors_in_one_line
 from locplan._util.leftovers import temporary_folder
 from locplan._util.reading import parsed_json, read_text
@@ -65,7 +67,7 @@ class ResultFolder:
             errors_in_one_line(self.folder),
             temporary_folder(_nearest(self.folder), prefix=".locplan-") as temporary,
         ):
-            new, old = temporary / "new", temporary / "old"
+            new = temporary / "new"
             new.mkdir()
             try:
                 yield new
@@ -74,30 +76,56 @@ class ResultFolder:
             known, written = self._known(), _digests(new)
             for name, digest in written.items():
                 self._check_way(name, known, digest)
-            before = known.pop(self.kind, {})
+            before = {name: {digest} for name, digest in known.pop(self.kind, {}).items()}
+            for name, digest in known.pop(self._unfinished, {}).items():
+                before.setdefault(name, set()).add(digest)
             stale = [] if others_stay else self._untouched(before, written)
-            kept = {name: before[name] for name in before if others_stay and name not in written}
+            kept = {
+                name: digest
+                for name in before.keys() - written.keys()
+                for digest in before[name] & {_digest(self.folder / name)}
+                if others_stay
+            }
             others = {
                 kind: {name: digest for name, digest in files.items() if name not in written}
                 for kind, files in known.items()
             }
-            manifest = json.dumps({**others, self.kind: {**kept, **written}}, indent=1)
-            (new / MANIFEST).write_text(manifest + "\n", encoding="utf-8")
+            listed = {**others, self.kind: {**kept, **written}}
+            # Whatever kills the process while files move: the next one knows all of them as ours.
+            meanwhile = {**self._known(), self._unfinished: written}
             with interrupts_put_off():
-                _move(new, self.folder, old, [*written, MANIFEST], stale)
+                _move(new, self.folder, temporary / "old", [*written], stale, meanwhile, listed)
+
+    @property
+    def _unfinished(self) -> str:
+        """The kind of the files that are moved into the folder just now."""
+        return f"{self.kind}, unfinished"
 
     def _known(self) -> Written:
+        """What the manifest lists; nothing if there is none.
+
+        One that is damaged, or not locplan's, is in the way unless the user forces it.
+        """
+        file = self.folder / MANIFEST
+        if not os.path.lexists(file):
+            return {}
         try:
-            known = parsed_json(read_text(self.folder / MANIFEST))
-            return {str(kind): dict(files) for kind, files in known.items()}
+            return _parsed(read_text(file))
         except (LocplanError, ValueError, TypeError, AttributeError):
-            return {}  # there is none, or none that helps: nothing is known to be ours
+            if self.force and not file.is_dir():
+                return {}
+            raise LocplanError(
+                f"{file}: is in the way, and no list of locplan's results; move it, or replace a"
+                " file with --force (in Python force=True)"
+            ) from None
 
     def _check_way(self, name: str, known: Written, digest: str | None = None) -> None:
         file = self.folder / name
         check_no_input(file)
         if file.is_dir():
             raise LocplanError(f"{file}: is a folder, and in the way of a file; move it")
+        if file.parent != self.folder and file.parent.exists() and not file.parent.is_dir():
+            raise LocplanError(f"{file.parent}: is in the way of a folder; move it")
         if self.force or not os.path.lexists(file):
             return
         ours = {files.get(name) for files in known.values()} | {digest}
@@ -107,14 +135,14 @@ class ResultFolder:
                 " or replace it with --force (in Python force=True)"
             )
 
-    def _untouched(self, before: Mapping[str, str], besides: Collection[str]) -> list[str]:
+    def _untouched(self, before: Mapping[str, set[str]], besides: Collection[str]) -> list[str]:
         """The files of an earlier run that nobody changed, besides those written now."""
         return [
             name
-            for name, digest in before.items()
+            for name, digests in before.items()
             if name not in besides
             and ".." not in PurePath(name).parts
-            and _digest(self.folder / name) == digest
+            and _digest(self.folder / name) in digests
         ]
 
 
@@ -160,26 +188,65 @@ def interrupts_put_off() -> Iterator[None]:
 
 
 def _move(
-    new: Path, folder: Path, old: Path, written: Collection[str], stale: Collection[str]
+    new: Path,
+    folder: Path,
+    old: Path,
+    written: Collection[str],
+    stale: Collection[str],
+    meanwhile: Written,
+    listed: Written,
 ) -> None:
-    """Move all files into the folder, and the stale ones out of it, or none."""
+    """Move all files into the folder, and the stale ones out of it, or none.
+
+    The manifest is `meanwhile` while they move, and `listed` at the end.
+    """
     if not folder.exists():
+        _write(new / MANIFEST, listed)
         folder.parent.mkdir(parents=True, exist_ok=True)
         new.rename(folder)
         return
     with ExitStack() as undo:
-        for name in [*stale, *written]:
-            if os.path.lexists(folder / name):
-                _rename(folder / name, old / name, undo.callback)
-            if name in written:
-                _rename(new / name, folder / name, undo.callback)
+        _write(new / MANIFEST, meanwhile)
+        _replace(new / MANIFEST, folder / MANIFEST, old / MANIFEST, undo)
+        for name in written:
+            _replace(new / name, folder / name, old / name, undo)
+        for name in stale:
+            _replace(None, folder / name, old / name, undo)
+        _write(new / MANIFEST, listed)
+        os.replace(new / MANIFEST, folder / MANIFEST)
         undo.pop_all()
 
 
-def _rename(source: Path, target: Path, undo: Callable[..., object]) -> None:
+def _parsed(manifest: str) -> Written:
+    """The content of a manifest; one of several errors if it is none."""
+    known = {kind: dict(files) for kind, files in parsed_json(manifest).items()}
+    for files in known.values():
+        for name, digest in files.items():
+            if not is_file_name(name) or not isinstance(digest, str):
+                raise ValueError
+    return known
+
+
+def _replace(source: Path | None, target: Path, backup: Path, undo: ExitStack) -> None:
+    """Move a file to its place, or remove what is there; there is always one or the other."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    source.rename(target)
-    undo(target.rename, source)
+    backup.parent.mkdir(parents=True, exist_ok=True)
+    if os.path.lexists(target):
+        try:
+            os.link(target, backup, follow_symlinks=False)
+        except (OSError, NotImplementedError):  # a file system without hard links
+            shutil.copy2(target, backup, follow_symlinks=False)
+        undo.callback(os.replace, backup, target)
+    else:
+        undo.callback(target.unlink, missing_ok=True)
+    if source:
+        os.replace(source, target)
+    else:
+        target.unlink()
+
+
+def _write(file: Path, manifest: Written) -> None:
+    file.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
 
 
 def _nearest(folder: Path) -> Path:
@@ -196,5 +263,5 @@ def _digest(file: Path) -> str | None:
     """SHA-256 of a file, or None if there is none that can be read."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
-    except OSError:
+    except (OSError, ValueError):  # the latter for names that no file can have
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from numbers import Real
@@ -16,7 +16,7 @@ from locplan._util.checks import is_whole, shown
 from locplan._util.machine import check_workers, usable_cores
 from locplan._util.progress import ProgressCallback
 from locplan.comparison._cases import Source, named_configs, named_maps
-from locplan.comparison._engine import Job, check_seeds, run_all
+from locplan.comparison._engine import Job, checked_seeds, run_all
 from locplan.comparison._result import Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._workers import PATIENCE
@@ -40,7 +40,7 @@ def compare(
     queries: Any = 10,
     *,
     weights: Sequence[float] | None = None,
-    seeds: Sequence[int] = (1,),
+    seeds: Iterable[int] = (1,),
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None = None,
     robot_radius: float = ROBOT_RADIUS,
     criterion: str | None = None,
@@ -73,7 +73,7 @@ def compare(
         MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal) pairs.
     weights : sequence of float, optional
         Metres of detour accepted per degenerate metre; each estimator's own by default.
-    seeds : sequence of int
+    seeds : iterable of int
         Seeds of planners with random numbers; the others run once.
     configs : FieldConfig, or mapping of them by label
         Settings of the fields: the comparison is made for each of them.
@@ -120,7 +120,7 @@ def compare(
     weights = [float(weights)] if isinstance(weights, Real) else weights
     check_workers(workers)
     check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
-    check_seeds(seeds)
+    seeds = checked_seeds(seeds)
     specs = [spec.with_time_limit(time_limit) for spec in specs_of(planners)]
     labels = [spec.label for spec in specs]
     if baseline is None:
@@ -176,7 +176,7 @@ def compare(
             "began": began.isoformat(timespec="seconds"),
             "planners": {spec.label: spec.identity() for spec in specs},
             "weights": list(dict.fromkeys(run.task.weight for run in runs)),
-            "seeds": list(seeds),
+            "seeds": seeds,
             "time_limit": time_limit,
             "memory": memory,
             "patience": patience,

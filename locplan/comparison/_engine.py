@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -53,7 +54,7 @@ def run_all(
     planners: Sequence[AnyPlanner | PlannerSpec],
     *,
     weights: Sequence[float] | None = None,
-    seeds: Sequence[int] = (1,),
+    seeds: Iterable[int] = (1,),
     workers: int | None = None,
     memory: float | None = None,
     patience: float = PATIENCE,
@@ -73,8 +74,7 @@ def run_all(
         positive("memory", memory, "bytes")
         check_memory("runs of so much memory", memory, "set less")
     weights = None if weights is None else list(weights)
-    check_seeds(seeds)
-    seeds = [whole("each seed", seed, 1, MAX_SEED) for seed in seeds]
+    seeds = [whole("each seed", seed, 1, MAX_SEED) for seed in checked_seeds(seeds)]
     specs = specs_of(planners)
     for name, values in (("weight", weights), ("seed", seeds)):
         if values is not None and (not values or len(set(values)) < len(values)):
@@ -101,12 +101,15 @@ def run_all(
     return [runs[order.task] for order in orders]
 
 
-def check_seeds(seeds: Sequence[int]) -> None:
-    """Raise a ConfigError unless these are seeds, and not too many."""
-    if not isinstance(seeds, Sequence):
-        raise ConfigError(f"seeds must be a sequence of whole numbers, not {shown(seeds)}")
-    if len(seeds) > MAX_SEEDS:
-        raise ConfigError(f"a comparison has at most {MAX_SEEDS:,} seeds, not {len(seeds):,}")
+def checked_seeds(seeds: Iterable[int]) -> list[int]:
+    """Return seeds as a list; a ConfigError unless they are some, and not too many."""
+    try:
+        first = list(itertools.islice(seeds, MAX_SEEDS + 1))
+    except TypeError:
+        raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
+    if len(first) > MAX_SEEDS:
+        raise ConfigError(f"a comparison has at most {MAX_SEEDS:,} seeds")
+    return first
 
 
 def _orders(

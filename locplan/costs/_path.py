@@ -113,12 +113,15 @@ class Path:
                 [[float(v) for v in each.split(",")] for each in lines[1:] if each.strip()]
             )
             xy = rows[:, [columns.index("x_m"), columns.index("y_m")]]
-            headed = "heading_rad" in columns
-            return cls(xy, rows[:, columns.index("heading_rad")] if headed else None)
+            heading = rows[:, columns.index("heading_rad")] if "heading_rad" in columns else None
         except (ValueError, IndexError):
             raise LocplanError(
                 f"{file}: is no path; its first line must name x_m,y_m, and numbers follow"
             ) from None
+        try:
+            return cls(xy, heading)
+        except LocplanError as error:
+            raise LocplanError(f"{file}: {error}") from None
 
     @cached_property
     def distance(self) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField
 from locplan.field._summary import FieldSummary, shown
-from locplan.field._zarr import SUFFIX, is_untouched
+from locplan.field._zarr import SUFFIX, may_be_replaced
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
 
@@ -33,7 +34,7 @@ class Job:
     def check(self) -> None:
         """Raise a LocplanError unless both can be written."""
         if self.output:
-            check_folder_target(self.output, SUFFIX, Path.is_dir if self.force else is_untouched)
+            check_folder_target(self.output, SUFFIX, partial(may_be_replaced, force=self.force))
         if self.picture:
             check_target(self.picture, *PICTURES)
         if self.picture and self.pictures:

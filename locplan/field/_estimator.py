@@ -136,7 +136,7 @@ class Estimator(Settings, ABC):
         """Distance from a cell within which the map decides its covariance [cells]."""
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        """Memory that the computation of a tile takes beyond what all maps take [bytes]."""
+        """Memory that a tile takes, or else what `prepare` makes for all tiles to share [bytes]."""
         return 0.0
 
     def points_apart(self, resolution: float, stride: int) -> int:

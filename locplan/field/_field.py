@@ -7,8 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from functools import cached_property
-from pathlib import Path as FilePath
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -314,15 +313,15 @@ class CovarianceField(Pictured):
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
 
-        A field of that name is replaced; any other folder is refused, and a field with other
-        files in it, unless `force` is set.
+        A field of that name is replaced, unless it has other files in it: `force` deletes them.
+        Any other folder is refused.
 
         Raises
         ------
         LocplanError
             If the folder cannot be written, or may not be replaced.
         """
-        ours = FilePath.is_dir if force else field_files.is_untouched
+        ours = partial(field_files.may_be_replaced, force=force)
         with replacing_folder(file_path("a field", path), field_files.SUFFIX, ours) as temporary:
             field_files.write(temporary, self.values, self.grid, self.config)
 

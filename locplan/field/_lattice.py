@@ -6,6 +6,7 @@ Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,16 +36,30 @@ def standing_cells(
 
     A lattice point in a wall serves free cells beside it; a lidar inside the wall sees nothing.
     """
-    standing_rows, standing_cols = rows.copy(), cols.copy()
-    for n in np.flatnonzero(~free[rows, cols]):
-        row, col = int(rows[n]), int(cols[n])
-        top, left = max(0, row - reach), max(0, col - reach)
-        box = free[top : row + reach + 1, left : col + reach + 1]
-        near = np.argwhere(box) + np.array([top, left])
-        if near.size:
-            squared = ((near - (row, col)) ** 2).sum(axis=1)
-            standing_rows[n], standing_cols[n] = near[np.argmin(squared)]
-    return standing_rows, standing_cols
+    rows, cols = rows.copy(), cols.copy()
+    lost = np.flatnonzero(~free[rows, cols])
+    for move in _moves(min(reach, max(free.shape))):
+        if not lost.size:
+            break
+        row, col = rows[lost] + move[0], cols[lost] + move[1]
+        inside = (row >= 0) & (row < free.shape[0]) & (col >= 0) & (col < free.shape[1])
+        found = inside & free[np.where(inside, row, 0), np.where(inside, col, 0)]
+        rows[lost[found]], cols[lost[found]] = row[found], col[found]
+        lost = lost[~found]
+    return rows, cols
+
+
+def _moves(reach: int) -> Iterator[tuple[int, int]]:
+    """Rows and columns up to `reach` away, the nearest first; no list of all is made."""
+    for ring in range(math.ceil(math.sqrt(2) * reach) + 1):
+        moves = []
+        for row in range(-min(ring, reach), min(ring, reach) + 1):
+            within = (ring - 1) ** 2 - row**2 if ring else -1
+            least = math.isqrt(within) + 1 if within >= 0 else 0
+            most = min(reach, math.isqrt(ring**2 - row**2))
+            cols = {*range(-most, 1 - least), *range(least, most + 1)}
+            moves += [(row, col) for col in sorted(cols)]
+        yield from sorted(moves, key=lambda move: math.hypot(*move))
 
 
 def interpolate(

@@ -123,11 +123,11 @@ def finished_chunks(
     done: SimpleQueue[_Tile] = SimpleQueue()
     pending: dict[Chunk, int] = {}
     waiting = _tiles(missing, pending, config, grid.resolution)
-    at_once = usable_memory() / 2 // max(1.0, estimator.memory(grid.resolution, grid.shape))
-    workers = max(1, int(min(threads, at_once)))
-    pool = executor or ThreadPoolExecutor(workers)
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
+    taken = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
+    workers = max(1, int(min(threads, usable_memory() / 2 // max(1.0, taken))))
+    pool = executor or ThreadPoolExecutor(workers)
     try:
         while True:
             for chunk, points in islice(waiting, IN_FLIGHT - len(running)):

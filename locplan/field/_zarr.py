@@ -102,19 +102,30 @@ def _description(folder: Path) -> str:
     return content.decode("utf-8")
 
 
-def is_untouched(folder: Path) -> bool:
-    """Return whether the folder holds a covariance field, and nothing that locplan did not write.
+def may_be_replaced(folder: Path, *, force: bool = False) -> bool:
+    """Return whether a folder holds a covariance field, which is known by its attributes.
 
-    A field is known by its attributes, and a file by its name.
+    Raises
+    ------
+    FieldError
+        Unless `force` is set: if the field has files in it that locplan did not write.
     """
     try:
         layers = FieldConfig.from_json(read_attributes(folder)["config"]).estimator.layers
     except (LocplanError, KeyError, TypeError):
         return False
+    if force:
+        return True
     arrays = "|".join(("covariance", "cells", "y", "x", "heading", *(each.name for each in layers)))
     ours = re.compile(rf"zarr\.json|({arrays})/(zarr\.json|c([./]\d+)*(\.\w+\.partial)?)")
-    files = (path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir())
-    return all(ours.fullmatch(file.as_posix()) for file in files)
+    for path in folder.rglob("*"):
+        its_own = ours.fullmatch(path.relative_to(folder).as_posix())
+        if path.is_symlink() or not (path.is_dir() or its_own):
+            raise FieldError(
+                f"{path}: is in the way, and not locplan's; move it, name another folder, or"
+                " replace the field with --force (in Python force=True)"
+            )
+    return True
 
 
 def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:

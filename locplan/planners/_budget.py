@@ -13,10 +13,7 @@ from locplan._util.checks import number
 from locplan.costs import Costmap
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
-from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
-
-GAIN = 1e-10
-"""Share of a weighted sum by which a path must be better to lie below a line."""
+from locplan.planners._trade_offs import GAIN, Problem, Search, check_caps, prepare
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from locplan.errors import ConfigError
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
-from locplan.planners._trade_offs import Problem, Search, check_caps, prepare
+from locplan.planners._trade_offs import GAIN, Problem, Search, check_caps, prepare
 
 SUPPORTED = 24
 """Number of paths of least weighted sums that complete a front whose search was cut short."""
@@ -243,7 +243,8 @@ def _weighted_sums(
         assert flat is not None
         bounds.append((multiplier, float(to_go[problem.source])))
         middle = problem.measured(flat)
-        if middle[0] + multiplier * middle[1] < left[0] + multiplier * left[1] - 0.5:
+        line = left[0] + multiplier * left[1]
+        if line - (middle[0] + multiplier * middle[1]) > GAIN * line:
             points.append((*middle, cells_of(flat, problem.columns)))
             gaps += [(left, middle), (middle, right)]
     return bounds

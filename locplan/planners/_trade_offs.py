@@ -19,6 +19,8 @@ from locplan.planners._protocol import Position
 OBJECTIVES = ("u", "e")
 ROOM = 1 << 16
 """Number of labels for which there is room at first."""
+GAIN = 1e-10
+"""Share of a weighted sum by which a path must be better to lie below a line."""
 TOLERANCE = 1e-9
 """Share of the greatest rate by which integrals may differ, over the path of least integral.
 

@@ -9,6 +9,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from locplan._util.checks import printable
 from locplan._util.notebook import png_of
 
 
@@ -25,7 +26,7 @@ class Picture(Figure):
         for text in self.findobj(Text):
             if id(text) not in numbers:
                 text.set_parse_math(False)
-                text.set_text(_printable(text.get_text()))
+                text.set_text("\n".join(map(printable, text.get_text().split("\n"))))
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
             super().draw(renderer)
@@ -39,8 +40,3 @@ def _numbers_of(axis: Any) -> list[Text]:
     ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
     labels = [label for tick in ticks for label in (tick.label1, tick.label2)]
     return [*labels, axis.get_offset_text()]
-
-
-def _printable(text: str) -> str:
-    """A text without what no font can draw: bytes that are no UTF-8, and control characters."""
-    return "".join(c if c.isprintable() or c == "\n" else "\ufffd" for c in text)

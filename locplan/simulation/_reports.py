@@ -262,12 +262,14 @@ def check_calibration(target: Path) -> Path:
     Raises
     ------
     LocplanError
-        If one cannot be written, or if the picture is there and no calibration beside it.
+        If one cannot be written, or if one is there that no calibration wrote.
     """
     picture = target.with_suffix(".png")
     check_target(target, ".json")
     check_target(picture, ".png")
-    if picture.exists() and not is_calibration(target):
+    if target.exists() and not is_calibration(target):
+        raise LocplanError(f"{target}: is there, and no calibration; name another file")
+    if picture.exists() and not target.exists():
         raise LocplanError(f"{picture}: is in the way of the picture; move it, or rename {target}")
     return picture
 
