@@ -366,7 +366,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     assert len(lines) == 1 + 3 * 2 * 2
     code, _, err = run(*common)
     assert code == 2
-    assert "resume it" in err
+    assert "go on with them by --resume" in err
     code, out, err = run(*common, "--resume", "--weight", 4, "--weight", 8, "--json")
     assert code == 0, err
     assert json.loads(out)["weights"] == [4.0, 8.0]

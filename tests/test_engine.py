@@ -330,7 +330,7 @@ def test_what_is_done_is_not_done_again(tmp_path):
     assert count == 2
     assert [run for run in more if run.task.seed < 3] == first
     assert made(weights=[2.0])[1] == 4
-    with pytest.raises(LocplanError, match="holds 14 runs; resume it"):
+    with pytest.raises(LocplanError, match="holds 14 runs; go on with them by --resume"):
         made(resume=False)
     # Another map or query of the same name is no other's result.
     other = dataclasses.replace(room(), u=room().u / 2)

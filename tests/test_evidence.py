@@ -417,7 +417,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     code, table, _ = run("calibrate", map_file, *few, "-o", target)
     assert code == 0
     assert "noise level k" in table
-    assert target.with_suffix(".png").stat().st_size > 10_000
+    assert target.with_name(f"{target.stem}_calibration.png").stat().st_size > 10_000
     config = locplan.load_config(target)
     assert config.estimator.noise_level != 1.0
     code, out, _ = run("field", map_file, "--config", target, "--json")
@@ -447,7 +447,7 @@ def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
         warned = [line for line in err.splitlines() if line.startswith("locplan: warning: ")]
         assert len(warned) == 1
         assert "c.json: deviations of this field are not in metres" in warned[0]
-    for written in (target, target.with_suffix(".png")):
+    for written in (target, target.with_name("c_calibration.png")):
         written.unlink()
     places = dataclasses.replace(places, tracking=1e9 * places.tracking)
     code, out, err = run("calibrate", map_file, "--preset", "paper", "-o", target)

@@ -57,10 +57,10 @@ def test_what_must_not_be_is_found(tmp_path, monkeypatch, error, words):
 def test_long_lines_are_found(tmp_path, monkeypatch):
     class Long(LocplanError):
         def __str__(self):
-            return "a" * 500
+            return "a" * 1051
 
     monkeypatch.setitem(READERS, "own", Reader(lines("a", "1"), "a", fails(Long("a"))))
-    with pytest.raises(Fault, match="a message of 500 characters"):
+    with pytest.raises(Fault, match="a message of 1051 characters"):
         Bench(tmp_path).run("own", 3)
 
 

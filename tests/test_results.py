@@ -9,9 +9,17 @@ from conftest import drawn
 
 from locplan import plotting
 from locplan._util import results
-from locplan._util.results import MANIFEST, ResultFolder, Results, interrupts_put_off
+from locplan._util.results import (
+    MANIFEST,
+    ResultFolder,
+    Results,
+    digest_of,
+    interrupts_put_off,
+)
 from locplan.errors import LocplanError
-from locplan.maps import save_map
+from locplan.maps import find_maps, load_map, save_map
+from locplan.planners._summary import _up
+from locplan.simulation._reports import check_calibration
 
 ENDS = ("--start", "1,3", "--goal", "4,3")
 PLAN = ("plan", *ENDS, "--stride", "0.5")
@@ -259,7 +267,7 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
 @pytest.mark.parametrize(
     ("command", "name"),
     [
-        ((*PLAN, "ROOM", "-o", "OUT"), "history.png"),
+        ((*PLAN, "ROOM", "-o", "OUT", "--planner", "BITstar"), "history.png"),
         ((*PLAN, "ROOM", "-o", "OUT"), "shortest.csv"),
         (("pareto", *ENDS, "ROOM", "-o", "OUT"), "front.csv"),
         (("simulate", *ENDS, "--drives", "2", "ROOM", "-o", "OUT"), "errors.csv"),
@@ -303,14 +311,54 @@ def test_a_folder_that_is_no_field_is_never_replaced_by_one(run, room, tmp_path)
     assert (tmp_path / "mine.zarr" / "data").read_text() == "mine"
 
 
-def test_a_picture_beside_a_calibration_is_in_the_way_unless_calibrate_drew_it(run, room, tmp_path):
-    (tmp_path / "mine.png").write_text("mine")
+def test_only_a_picture_that_calibrate_drew_is_replaced(run, room, tmp_path):
+    (tmp_path / "mine_calibration.png").write_text("mine")
     code, _, err = run("calibrate", room, "-o", tmp_path / "mine.json")
     assert code == 2
-    assert "mine.png: is in the way of the picture" in err
-    assert (tmp_path / "mine.png").read_text() == "mine"
+    assert "mine_calibration.png: is in the way of the picture" in err
     assert not (tmp_path / "mine.json").exists()
-    (tmp_path / "mine.json").write_text('{"config": {}, "calibration": {}}')
-    assert (
-        "in the way" not in run("calibrate", room, "--places", "2", "-o", tmp_path / "mine.json")[2]
-    )
+    notes = tmp_path / "notes.json"
+    notes.write_text("mine")
+    assert "notes.json: is there, and no calibration" in run("calibrate", room, "-o", notes)[2]
+    settings = {"config": {}, "calibration": {}, "picture": "?"}
+    (tmp_path / "mine.json").write_text(json.dumps(settings))
+    with pytest.raises(LocplanError, match="in the way of the picture"):
+        check_calibration(tmp_path / "mine.json")
+    settings["picture"] = digest_of(tmp_path / "mine_calibration.png")
+    (tmp_path / "mine.json").write_text(json.dumps(settings))
+    assert check_calibration(tmp_path / "mine.json") == tmp_path / "mine_calibration.png"
+
+
+def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
+    save_map(load_map(room), tmp_path / "lab.yaml", image_format="png")
+    before = (tmp_path / "lab.png").read_bytes()
+    code, _, err = run("field", room, "--picture", tmp_path / "lab.png")
+    assert code == 2
+    assert "replaces lab.png, a map" in err
+    assert (tmp_path / "lab.png").read_bytes() == before
+
+
+def test_masks_that_were_exported_are_no_maps_of_a_folder(run, room, tmp_path):
+    folder = tmp_path / "maps"
+    save_map(load_map(room), folder_of(folder) / "room.yaml")
+    for _ in range(2):
+        assert run("export", folder, "--to", "nav2-keepout", "-o", folder / "keepout")[0] == 0
+    assert find_maps(folder) == [folder / "room.yaml"]
+    assert len(find_maps(folder / "keepout")) == 1
+
+
+def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
+    least = "--least-distance", "1"
+    compare = ("compare", room, "--random", "2", *least, "-o", tmp_path / "out")
+    assert [run(*compare)[0], run(*compare)[0], run(*compare, "--force")[0]] == [0, 2, 0]
+    assert len((tmp_path / "out" / "runs.jsonl").read_text().splitlines()) == 5
+
+
+def test_a_front_in_a_table_has_integrals_that_serve_as_budgets():
+    for value in (4.17538, 7.3791, 0.00012344, 9999.6, 3.0, 0.0):
+        assert value <= float(_up(value)) <= value * 1.002
+
+
+def folder_of(path):
+    path.mkdir()
+    return path

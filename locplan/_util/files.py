@@ -130,7 +130,9 @@ def check_no_input(path: Path) -> None:
     target = _real(path)
     for each in _INPUTS.get() or ():
         if target in (each, *each.parents):
-            raise LocplanError(f"{path}: replaces {each.name}, an input; choose another name")
+            raise LocplanError(
+                f"{path}: replaces {each.name}, a map or another input; choose another name"
+            )
 
 
 def _real(path: Path) -> Path:

@@ -83,7 +83,7 @@ class ResultFolder:
             kept = {
                 name: digest
                 for name in before.keys() - written.keys()
-                for digest in before[name] & {_digest(self.folder / name)}
+                for digest in before[name] & {digest_of(self.folder / name)}
                 if others_stay
             }
             others = {
@@ -129,7 +129,7 @@ class ResultFolder:
         if self.force or not os.path.lexists(file):
             return
         ours = {files.get(name) for files in known.values()} | {digest}
-        if _digest(file) not in ours - {None}:
+        if digest_of(file) not in ours - {None}:
             raise LocplanError(
                 f"{file}: is in the way, and not as locplan wrote it; move it, name another folder,"
                 " or replace it with --force (in Python force=True)"
@@ -142,7 +142,7 @@ class ResultFolder:
             for name, digests in before.items()
             if name not in besides
             and ".." not in PurePath(name).parts
-            and _digest(self.folder / name) in digests
+            and digest_of(self.folder / name) in digests
         ]
 
 
@@ -256,10 +256,10 @@ def _nearest(folder: Path) -> Path:
 
 def _digests(folder: Path) -> dict[str, str]:
     files = sorted(each for each in folder.rglob("*") if each.is_file())
-    return {file.relative_to(folder).as_posix(): _digest(file) or "" for file in files}
+    return {file.relative_to(folder).as_posix(): digest_of(file) or "" for file in files}
 
 
-def _digest(file: Path) -> str | None:
+def digest_of(file: Path) -> str | None:
     """SHA-256 of a file, or None if there is none that can be read."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()

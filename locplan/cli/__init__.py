@@ -12,7 +12,13 @@ from contextlib import contextmanager
 from io import TextIOWrapper
 from typing import Annotated, Any, cast
 
-from cyclopts import CoercionError, CycloptsError, Parameter, UnusedCliTokensError
+from cyclopts import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    Parameter,
+    UnusedCliTokensError,
+)
 
 from locplan._util.checks import shown
 from locplan._util.files import inputs_are_kept
@@ -123,6 +129,8 @@ def _warnings_as_lines() -> Iterator[None]:
 def _in_one_line(error: CycloptsError) -> str:
     if isinstance(error, UnusedCliTokensError):
         return f"unexpected: {' '.join(map(_short, error.unused_tokens or ()))}"
+    if isinstance(error, MissingArgumentError) and (argument := error.argument):
+        return f"{argument.name} is missing"
     if isinstance(error, CoercionError) and (token := error.token) and (of := error.argument):
         choices = of.get_choices(force=True)
         if choices:

@@ -38,7 +38,7 @@ def calibrate(
         Path,
         results(
             "The settings are written to this file, for --config of other commands, and a picture"
-            " of that name beside it; calibrated.json by default."
+            " NAME_calibration.png beside it; calibrated.json by default."
         ),
     ] = Path("calibrated.json"),
     json: Json = False,

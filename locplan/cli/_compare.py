@@ -132,6 +132,7 @@ def compare(
             patience=running.patience,
             journal=output / JOURNAL,
             resume=running.resume,
+            anew=force and not running.resume,
             field_of=computing.field,
             progress=progress,
         )

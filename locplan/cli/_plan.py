@@ -111,7 +111,8 @@ def plan(
     config = options.to_config()
     planners.check_ends(costs.blank(grid), start, goal, stops, space=planning.space or "R2")
     costs.check(config)
-    folder = PLAN.into(output, force=force) if output else None
+    history = ["history.png"] if planners.takes(planner, "progress") else []
+    folder = PLAN.into(output, *history, force=force) if output else None
     field = computing.field(grid, config)
     costmap = costs.costmap(grid, field)
     untimed = planning.iterations and planning.time_limit is None

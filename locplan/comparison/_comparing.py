@@ -53,6 +53,7 @@ def compare(
     patience: float = PATIENCE,
     journal: str | os.PathLike[str] | None = None,
     resume: bool = False,
+    anew: bool = False,
     field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute,
     progress: ProgressCallback | None = None,
 ) -> Comparison:
@@ -98,6 +99,8 @@ def compare(
         ended after twice that limit and 10 s.
     journal : path, optional
         File that every run is written to as soon as it is done.
+    anew : bool
+        Whether the runs in the journal are forgotten.
     resume : bool
         Whether the journal may hold runs already. Their tasks are not run again, except for those
         that crashed, hung or took too much memory.
@@ -161,6 +164,7 @@ def compare(
         patience=patience,
         journal=journal,
         resume=resume,
+        anew=anew,
         progress=progress,
     )
     return Comparison(

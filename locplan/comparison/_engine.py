@@ -60,6 +60,7 @@ def run_all(
     patience: float = PATIENCE,
     journal: str | os.PathLike[str] | None = None,
     resume: bool = False,
+    anew: bool = False,
     progress: ProgressCallback | None = None,
 ) -> list[Run]:
     """Run every planner on every query in worker processes, see `locplan.compare`.
@@ -80,7 +81,7 @@ def run_all(
         if values is not None and (not values or len(set(values)) < len(values)):
             raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
     with ExitStack() as stack:
-        book = stack.enter_context(Journal(journal, resume=resume)) if journal else None
+        book = stack.enter_context(Journal(journal, resume=resume, anew=anew)) if journal else None
         folder = stack.enter_context(temporary_folder())
         pool = stack.enter_context(
             Workers(specs, count, memory=memory, patience=patience, scratch=folder)

@@ -27,10 +27,12 @@ class Journal:
 
     Each run stands beside the digest of everything that decided it. Where maps, settings or
     planners have changed since, or others were added, only unchanged runs are taken from the
-    journal. Unless it is resumed, there may be no runs in it.
+    journal. Unless it is resumed, or begun `anew`, there may be no runs in it.
     """
 
-    def __init__(self, file: str | os.PathLike[str], *, resume: bool = False) -> None:
+    def __init__(
+        self, file: str | os.PathLike[str], *, resume: bool = False, anew: bool = False
+    ) -> None:
         self.path = file_path("a journal", file)
         self._made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
@@ -41,9 +43,13 @@ class Journal:
         try:
             self._lock()
             self.runs = self._read()
+            if anew:
+                self._file.truncate(0)
+                self.runs = self._read()
             if self.runs and not resume:
                 raise LocplanError(
-                    f"{self.path}: holds {len(self.runs)} runs; resume it, or name another file"
+                    f"{self.path}: holds {len(self.runs)} runs; go on with them by --resume"
+                    " (resume=True), begin anew by --force (anew=True), or name another place"
                 )
         except BaseException:
             with suppress(OSError):

@@ -125,6 +125,8 @@ def run_all(
             summary = FieldSummary.of(job.run(compute))
         except LocplanError as error:
             reason = str(error)
+            if str(job.map_file) not in reason:
+                reason = f"{job.map_file}: {reason}"
         yield Run(job.map_file, summary, reason, time.perf_counter() - started)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from typing import Any
 
 from locplan._util.files import check_folder_target, replacing_folder
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan._util.results import digest_of
 from locplan.errors import LocplanError
 
 ABOUT = "export.json"
@@ -34,7 +34,7 @@ def export_folder(
     with replacing_folder(target, None, _is_untouched_export) as folder:
         yield folder
         (folder / README).write_text("\n".join([f"# {title}", "", *readme]) + "\n", "utf-8")
-        files = {file.name: _digest(file) for file in sorted(folder.iterdir())}
+        files = {file.name: digest_of(file) for file in sorted(folder.iterdir())}
         text = json.dumps({**about, "files": files}, indent=2, allow_nan=False)
         (folder / ABOUT).write_text(text + "\n", "utf-8")
 
@@ -46,11 +46,7 @@ def _is_untouched_export(folder: Path) -> bool:
     try:
         files = parsed_json(read_text(folder / ABOUT, MAX_JSON_BYTES))["files"]
         return there == {ABOUT, *files} and all(
-            _digest(folder / name) == digest for name, digest in files.items()
+            digest_of(folder / name) == digest for name, digest in files.items()
         )
     except (LocplanError, OSError, ValueError, TypeError, KeyError, AttributeError):
         return not there
-
-
-def _digest(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -15,7 +15,7 @@ from locplan.planners import ParetoFront, Plan
 from locplan.planners._plan import AWARE, SHORTEST
 from locplan.planners._summary import front_summary, plans_summary
 
-PLAN = Results("plan", ("plan.json", "plan.png", "history.png", f"{SHORTEST}.csv", f"{AWARE}.csv"))
+PLAN = Results("plan", ("plan.json", "plan.png", f"{SHORTEST}.csv", f"{AWARE}.csv"))
 FRONT = Results("pareto", ("front.json", "front.csv", "front.png", "knee.csv"))
 
 

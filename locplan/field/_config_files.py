@@ -76,13 +76,14 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     return config
 
 
-def is_calibration(path: FilePath) -> bool:
-    """Return whether a file is one that a calibration wrote."""
+def picture_of_calibration(path: FilePath) -> str | None:
+    """SHA-256 of the picture of a calibration, or None if the file is none."""
     try:
         content = parsed_json(read_text(path))
     except (LocplanError, ValueError):
-        return False
-    return isinstance(content, dict) and {"config", "calibration"} <= set(content)
+        return None
+    known = isinstance(content, dict) and {"config", "calibration"} <= set(content)
+    return str(content.get("picture")) if known else None
 
 
 def _settings(content: Any) -> Any:

@@ -39,6 +39,8 @@ OTHER_RANGE = re.compile(rb"P[25]%b\d+%b\d+%b(?!255\s)\d" % (_GAP, _GAP, _GAP))
 IMAGE_FORMATS = ("PPM", "PNG", "BMP")  # Pillow's PPM also reads PBM and PGM
 MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
 PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
+EXPORTED = "export.json"
+"""The file that describes an export, whose masks are no maps of places."""
 
 
 class MapWarning(UserWarning):
@@ -102,20 +104,27 @@ def name_of(map_file: Path) -> str:
 
 
 def files_of(path: Path) -> list[Path]:
-    """Files that a map, or the maps in a folder, are read from, as far as they can be told."""
-    maps = find_maps(path)
+    """Files that a map, or the maps in a folder, are read from, as far as they can be told.
+
+    Those of the other maps beside a map file count, too: a picture is easily given their name.
+    """
+    beside = [] if os.path.isdir(path) else sorted(path.parent.glob("*.y*ml"))
+    maps = [*find_maps(path), *(file for file in beside if _names_an_image(file))]
     return [*maps, *(image for file in maps if (image := _image_of(file)))]
 
 
 def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     """List map files: the given files, and in given folders each YAML that names an image.
 
-    Subfolders count, too. A folder without any is listed itself, so that `load_map` reports it.
+    Subfolders count, too, but not what was exported there. A folder without any is listed itself,
+    so that `load_map` reports it.
     """
     found: list[Path] = []
     for path in (file_path("a map file", path) for path in paths):
         files = sorted(path.rglob("*.y*ml")) if os.path.isdir(path) else [path]
         if os.path.isdir(path):
+            exported = {file.parent for file in path.rglob(EXPORTED)} - {path}
+            files = [file for file in files if file.parent not in exported]
             files = [file for file in files if _names_an_image(file)] or [path]
         found += files
     return list(dict.fromkeys(found))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -91,9 +92,18 @@ def front_table(front: ParetoFront, e_unit: str) -> str:
     for index in sorted({*map(int, shown), front.knee}):
         longer = front.length[index] / front.length[0] - 1
         texts = [f"{front.length[index]:.2f} m", f"+{longer:.1%}"]
-        texts += [f"{front.integral[index]:.4g} {unit}", "knee" if index == front.knee else ""]
+        texts += [f"{_up(front.integral[index])} {unit}", "knee" if index == front.knee else ""]
         rows.append([str(index), *texts])
     how = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%} of every path"
     last = f"{len(front)} paths, {how}; {front.labels:,} labels, {front.solve_time:.2f} s"
     columns = ["path", "length", "longer", f"∫{front.objective} ds", ""]
     return f"{table(columns, rows)}\n{last}"
+
+
+def _up(value: float) -> str:
+    """A number of four digits that is not below the value, so that it serves as a budget."""
+    text = f"{value:.4g}"
+    if float(text) < value:
+        step = 10.0 ** (math.floor(math.log10(value)) - 3)
+        text = f"{float(text) + step:.4g}"
+    return text

@@ -13,11 +13,11 @@ import numpy as np
 from locplan import __version__
 from locplan._util.files import check_target, replacing
 from locplan._util.intervals import Interval
-from locplan._util.results import ResultFolder, Results
+from locplan._util.results import ResultFolder, Results, digest_of
 from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.field import save_config
-from locplan.field._config_files import is_calibration
+from locplan.field._config_files import picture_of_calibration
 from locplan.simulation._calibration import NOT_IN_METRES, Calibration
 from locplan.simulation._drives import PROFILE, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
@@ -251,8 +251,12 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     picture = check_calibration(target)
     about = {**calibration.verdict, "calibration": calibration.summary()}
     with replacing(picture) as drawn, replacing(target) as settings:
-        save_config(settings, calibration.config, **about)
-        save_figure(_figures.calibration_figure(calibration), drawn)
+        try:
+            save_figure(_figures.calibration_figure(calibration), drawn)
+            save_config(settings, calibration.config, **about, picture=digest_of(drawn))
+        except LocplanError as error:  # it names the files' last places
+            text = str(error).replace(str(drawn), str(picture)).replace(str(settings), str(target))
+            raise type(error)(text) from None
     return [target, picture]
 
 
@@ -262,14 +266,15 @@ def check_calibration(target: Path) -> Path:
     Raises
     ------
     LocplanError
-        If one cannot be written, or if one is there that no calibration wrote.
+        If one cannot be written, or if one is there that is not as a calibration wrote it.
     """
-    picture = target.with_suffix(".png")
     check_target(target, ".json")
+    picture = target.with_name(f"{target.stem}_calibration.png")
     check_target(picture, ".png")
-    if target.exists() and not is_calibration(target):
+    written = picture_of_calibration(target) if target.exists() else None
+    if target.exists() and not written:
         raise LocplanError(f"{target}: is there, and no calibration; name another file")
-    if picture.exists() and not target.exists():
+    if picture.exists() and digest_of(picture) != written:
         raise LocplanError(f"{picture}: is in the way of the picture; move it, or rename {target}")
     return picture
 
