@@ -130,7 +130,8 @@ def _in_one_line(error: CycloptsError) -> str:
     if isinstance(error, UnusedCliTokensError):
         return f"unexpected: {' '.join(map(_short, error.unused_tokens or ()))}"
     if isinstance(error, MissingArgumentError) and (argument := error.argument):
-        return f"{argument.name} is missing"
+        guess = "".join(" ".join(str(error).split()).partition("Did you mean")[1:])
+        return f"{argument.name} is missing{'. ' if guess else ''}{guess}"
     if isinstance(error, CoercionError) and (token := error.token) and (of := error.argument):
         choices = of.get_choices(force=True)
         if choices:
