@@ -21,6 +21,7 @@ from .field import (
     CovarianceField as CovarianceField,
     FieldConfig as FieldConfig,
     Fisher as Fisher,
+    Fused as Fused,
     Lidar as Lidar,
     Sad as Sad,
     Scan as Scan,

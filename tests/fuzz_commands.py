@@ -372,9 +372,9 @@ def faults(code: object, out: str, err: str, logged: str) -> Iterator[str]:
     if code in (1, 2) and not failed:
         if len(lines) != 1 or not lines[0].startswith("locplan: error: "):
             yield "no single line"
-        elif len(lines[0]) > 1000:
+        elif len(lines[0]) > 1050:
             yield "long line"
-    elif code in (0, 3) and lines:
+    elif lines and (code == 0 or (code == 3 and not lines[0].startswith("locplan: error: "))):
         yield "more on stderr"
 
 

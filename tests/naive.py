@@ -400,25 +400,31 @@ def empty_squares(stops):
     return result
 
 
-def information(stops, normals, resolution, row, col, heading, lidar, least_cosine=0.15, step=1e-5):
-    """Central differences of the ranges to the tangents of the surfaces that the beams hit."""
+def information(
+    stops, normals, resolution, row, col, heading, lidar, of_ranges, least_cosine=0.15, step=1e-5
+):
+    """Central differences of what the beams tell of the tangents of the surfaces that they hit.
+
+    That is the range to the tangent, or how far the beam's end, as it was measured, departs from
+    it when the robot moves.
+    """
     total = np.zeros((3, 3))
 
-    def origin(x, y, theta):
-        cos, sin = math.cos(theta), math.sin(theta)
-        return (
-            x + cos * lidar.forward - sin * lidar.left,
-            y + sin * lidar.forward + cos * lidar.left,
+    def turned(x, y, theta):
+        return np.array(
+            [math.cos(theta) * x - math.sin(theta) * y, math.sin(theta) * x + math.cos(theta) * y]
         )
+
+    def origin(x, y, theta):
+        return np.array([x, y]) + turned(lidar.forward, lidar.left, theta)
 
     pose = np.array([col * resolution, row * resolution, heading])
     for angle in lidar.angles:
 
         def direction(theta, angle=angle):
-            bearing = theta + lidar.yaw + angle
-            return np.array([math.cos(bearing), math.sin(bearing)])
+            return turned(1.0, 0.0, theta + lidar.yaw + angle)
 
-        start, along = np.array(origin(*pose)), direction(heading)
+        start, along = origin(*pose), direction(heading)
         first, best = None, lidar.max_range / resolution
         for cell in np.argwhere(stops):
             at = enters(
@@ -426,26 +432,53 @@ def information(stops, normals, resolution, row, col, heading, lidar, least_cosi
             )
             if at < best:
                 first, best = cell, at
-        if first is None or best == 0:
+        if first is None or best == 0 or best * resolution < lidar.min_range:
             continue
         normal = np.array(normals[tuple(first)][::-1], float)
         if not normal.any():
             continue
         hit = start + best * resolution * along
+        on_robot = turned(*(hit - pose[:2]), -heading)
 
-        def range_at(moved, normal=normal, hit=hit, direction=direction):
-            return (normal @ (hit - origin(*moved))) / (normal @ direction(moved[2]))
+        def told(moved, normal=normal, hit=hit, direction=direction, on_robot=on_robot):
+            if of_ranges:
+                return (normal @ (hit - origin(*moved))) / (normal @ direction(moved[2]))
+            return normal @ (moved[:2] + turned(*on_robot, moved[2]) - hit)
 
         gradient = np.array(
             [
-                (range_at(pose + step * axis) - range_at(pose - step * axis)) / (2 * step)
+                (told(pose + step * axis) - told(pose - step * axis)) / (2 * step)
                 for axis in np.eye(3)
             ]
         )
-        cosine = abs(normal @ along)
-        gradient *= cosine / max(cosine, least_cosine)
-        total += np.outer(gradient, gradient) / lidar.sigma**2
+        if of_ranges:
+            cosine = abs(normal @ along)
+            gradient *= cosine / max(cosine, least_cosine)
+        total += np.outer(gradient, gradient)
     return total
+
+
+def radical_inverse(number):
+    """The number's binary digits, mirrored at the point: van der Corput's sequence."""
+    digits = reversed(f"{number:b}")
+    return sum(int(digit) / 2**place for place, digit in zip(itertools.count(1), digits))
+
+
+def moved_ends(cells, resolution, row, col, heading, sensor, angles, noise):
+    """Ends of a simulated scan's beams, x and y from the robot [cells].
+
+    Each is moved along its beam by ``noise[b][0]`` [m] and ``noise[b][1]`` of its range.
+    """
+    lever_x = (math.cos(heading) * sensor.mount_x - math.sin(heading) * sensor.mount_y) / resolution
+    lever_y = (math.sin(heading) * sensor.mount_x + math.cos(heading) * sensor.mount_y) / resolution
+    ends = []
+    for angle, (shift, growth) in zip(angles, noise, strict=True):
+        bearing = heading + sensor.mount_yaw + angle
+        start, reach = (row + lever_y, col + lever_x), sensor.range / resolution
+        at = middle_of_hit(cells, *start, bearing, reach, least=sensor.least_range / resolution)
+        at += shift / resolution + growth * at
+        ends.append((lever_x + at * math.cos(bearing), lever_y + at * math.sin(bearing)))
+    return np.array(ends)
 
 
 def walls(levels):
@@ -796,18 +829,22 @@ def measured_ends(random, cells, resolution, pose, sensor, angles, disturbances)
             at = min(at, before) if at == at else before
         ahead = sensor.mount_x / resolution + at * math.cos(bearing)
         left = sensor.mount_y / resolution + at * math.sin(bearing)
-        ends.append((ahead, left) if 0 < at < sensor.range / resolution else (math.nan, math.nan))
+        returns = at > 0 and sensor.least_range / resolution <= at < sensor.range / resolution
+        ends.append((ahead, left) if returns else (math.nan, math.nan))
     return np.array(ends)
 
 
-def middle_of_hit(cells, row, col, bearing, reach):
-    """Distance to the middle of a ray's way through the first occupied cell [cells], or NaN."""
+def middle_of_hit(cells, row, col, bearing, reach, least=0.0):
+    """Distance to the middle of a ray's way through the first occupied cell [cells], or NaN.
+
+    A cell that is entered at less than `least` or beyond `reach` gives no return.
+    """
     drow, dcol = math.sin(bearing), math.cos(bearing)
     hits = [
         (enters(row, col, drow, dcol, i, j, 0.0), i, j) for i, j in np.argwhere(cells == 0).tolist()
     ]
     entry, i, j = min(hits, default=(math.inf, 0, 0))
-    if not entry <= reach:
+    if entry == 0 or not least <= entry <= reach:  # at 0 the lidar itself is within a wall
         return math.nan
     leave = min((i + (drow >= 0) - row) / drow, (j + (dcol >= 0) - col) / dcol)
     return (entry + leave) / 2

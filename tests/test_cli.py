@@ -61,7 +61,7 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     np.testing.assert_allclose(xy[[0, -1]], [[1, 2], [4, 3.5]])
     about = json.loads((out_dir / "plan.json").read_text())
     assert about["plans"]["shortest"]["metrics"]["length"] > 3
-    assert about["configs"][0]["estimator"]["range"] == 6.0
+    assert about["config"]["estimator"]["range"] == 6.0
     assert about["map"]["digest"] == load_map(room).digest
 
 
@@ -384,7 +384,7 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
     sensor = "--estimator", "scan", "--range", "3", "--field-of-view", "180", "--headings", "4"
     code, out, _ = run("field", room, *sensor, "-o", tmp_path / "f.zarr")
     assert code == 0
-    assert "scan, 180°, range 3 m, 4 headings" in out.replace("\n", " ")
+    assert "one assumed, 3 m, 180°, 4 headings" in " ".join(out.split())
     field = CovarianceField.load(tmp_path / "f.zarr")
     assert field.covariance.shape[2] == 4
     ends = "--start", "1,1", "--goal", "4,3.5", "--robot-radius", "0.1"
@@ -396,16 +396,51 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
         assert picture.stat().st_size > 1000
 
 
-def test_a_saturated_field_names_the_estimator_that_tells_more(run, room):
-    _, out, _ = run("field", room, "--estimator", "fisher", "--sensor", "utm-30lx")
-    assert "--estimator scan" in out
+def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_path):
+    _, out, _ = run("field", room, "--lidar", "utm-30lx")
+    assert "scan, utm-30lx, 30 m, 270°, 8 headings" in " ".join(out.split())
+    _, out, _ = run("field", room, "--lidar", "turtlebot3", "--estimator", "sad", "--range", "3")
+    assert "sad, disc, exponential, turtlebot3, 3 m" in " ".join(out.split())
+    _, out, _ = run("field", room)
+    assert "no lidar named: the paper's disc, 6 m assumed" in " ".join(out.split())
+    ends = "--start", "1,1", "--goal", "4,3", "--drives", "2", "--robot-radius", "0.1"
+    for estimator in ("scan", "sad"):
+        lidar = "--lidar", "tim571", "--estimator", estimator, "--headings", "2"
+        options = (*ends, *lidar[: 4 if estimator == "sad" else 6], "--stride", "1")
+        about = json.loads(run("simulate", room, *options, "--json")[1])
+        assert (about["lidar"]["model"], about["lidar"]["beams"]) == ("tim571", 811)
+    _, _, err = run("field", room, "--config", "missing.json", "--lidar", "tim571")
+    assert "missing.json: cannot be read" in err
+
+
+def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
+    lines = ["#" * 16, *["#" + "." * 14 + "#"] * 14, "#" * 16]
+    save_map(drawn(*lines, resolution=0.1), tmp_path / "small.yaml")
+    ends = "--start", "0.75,0.75", "--goal", "0.95,0.85", "--robot-radius", "0.1"
+    said = "no weak spot for this lidar"
+    for lidar, none in (("tim571", True), ("turtlebot4", False)):
+        monkeypatch.setattr("locplan.field.estimators._beams.SHARP", 0.8 if none else 0.01)
+        named = "--lidar", lidar, "--headings", "2"
+        named = named if none else named[:2]
+        assert (said in run("field", tmp_path / "small.yaml", *named)[1]) == none
+        assert (said in run("plan", tmp_path / "small.yaml", *ends, *named)[1]) == none
+
+
+def test_deviations_are_shown_in_centimetres_and_degrees(run, room):
+    out = " ".join(run("field", room, "--lidar", "turtlebot4")[1].split())
+    about = json.loads(run("field", room, "--lidar", "turtlebot4", "--json")[1])
+    median = about["position_std_m"]["median"]
+    assert f"/ {100 * median:.3g} /" in out
+    assert f"/ {math.degrees(about['heading_std_rad']['median']):.3g} /" in out
+    assert out.index("cm") < out.index("deg") < out.index("m² rad")
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--sensor", "utm-30lx"), "--sensor is for --estimator fisher, scan, not for sad"),
-        (("--estimator", "scan", "--sensor", "kinect"), "sensor must be one of rplidar-a1"),
+        (("--field-of-view", "90"), "--field-of-view is for --estimator fisher, scan, fused"),
+        (("--lidar", "utm-30lx", "--template", "disc"), "--template is for --estimator sad"),
+        (("--lidar", "kinect"), "lidar must be one of rplidar-a1"),
         (("--estimator", "icp"), "estimator must be one of sad, fisher, scan"),
         (("--estimator", "fisher", "--preset", "paper"), "--preset is for --estimator sad"),
         (("--estimator", "scan", "--template", "disc"), "--template is for --estimator sad"),
@@ -629,9 +664,7 @@ def test_choices_are_those_of_the_library():
     from locplan.export._names import NavPlannerName
     from locplan.export._travel_costs import PLANNERS as NAV_PLANNERS
     from locplan.field import Scan
-    from locplan.field._lidar import LIDARS
 
-    assert tuple(LIDARS) == _options.LIDARS
     assert get_args(NavPlannerName) == tuple(NAV_PLANNERS)
     (help,) = (each.help for each in _options.Criterion.__metadata__)
     assert all(name in help for name in (*SCALARS, *(layer.name for layer in Scan.layers)))

@@ -10,6 +10,7 @@ from locplan.field import (
     Exponential,
     FieldConfig,
     Fisher,
+    Fused,
     InverseSquare,
     Lidar,
     Sad,
@@ -47,6 +48,9 @@ def test_settings_out_of_range_are_named(make, message):
         make()
 
 
+BEAMS = Lidar(range=9.0, field_of_view_deg=180.0, least_range=0.2)
+
+
 @pytest.mark.parametrize(
     "config",
     [
@@ -55,6 +59,8 @@ def test_settings_out_of_range_are_named(make, message):
         FieldConfig(Sad(template="visible", weights=Exponential(0.4))),
         FieldConfig(Fisher(Lidar.preset("rplidar-a1"), window=SearchWindow(half_width=1.0))),
         FieldConfig(Scan(Lidar(field_of_view_deg=180.0), max_beams=np.int64(9)), headings=4),
+        FieldConfig(Fused(Fisher(BEAMS, model="range"), Scan(BEAMS, endpoint_noise=(0.1, 0.0)))),
+        FieldConfig(Fused.of(BEAMS), stride=0.4),
     ],
 )
 def test_settings_survive_json(config):
@@ -66,9 +72,21 @@ def test_settings_survive_json(config):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"estimator": {"name": "sad", "lidar": {}}}, "sad has no setting 'lidar'; it has: window"),
+        (
+            {"estimator": {"name": "sad", "sigma_hit": 0.1}},
+            "sad has no setting 'sigma_hit'; it has: noise_level",
+        ),
         ({"estimator": {"name": "scan"}}, "lidar"),
-        ({"estimator": {"name": "icp"}}, "one of sad, fisher, scan"),
+        ({"estimator": {"name": "icp"}}, "one of sad, fisher, scan, fused"),
+        (
+            {"estimator": {"name": "scan", "lidar": {}, "temperature": 0.1}},
+            "scan has no setting 'temperature'; it has: lidar",
+        ),
+        (
+            {"estimator": {"name": "fisher", "lidar": {}, "endpoint_noise": [0.03, 0.01]}},
+            "fisher has no setting 'endpoint_noise'",
+        ),
+        ({"estimator": {"name": "fused", "fisher": {"name": "sad"}}}, "fisher cannot be made of"),
         ({"estimator": {"name": "sad", "weights": {"name": "cubic"}}}, "weights cannot be made of"),
         ({"estimator": "sad"}, "estimator must be an object with a name"),
         ({"strides": 0.2}, "FieldConfig has no setting 'strides'"),
@@ -129,3 +147,29 @@ def test_uniform_covariance_is_that_of_the_offsets():
     window = FieldConfig().estimator.window.on(0.05)
     expected = [window.offsets.var(), window.offsets.var(), window.angles.var()]
     np.testing.assert_allclose(np.diag(window.uniform_covariance), expected)
+
+
+def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
+    fused = Fused.of(BEAMS)
+    window = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=10.0, rotation_step_deg=2.0)
+    assert fused.fisher == Fisher(
+        BEAMS, window=window, sigma_hit=0.1, effective_beams=12.6, max_beams=180, model="endpoint"
+    )
+    assert fused.scan == Scan(
+        BEAMS,
+        window=window,
+        sigma_hit=0.1,
+        effective_beams=12.6,
+        max_beams=180,
+        z_rand=0.05,
+        endpoint_noise=(0.03, 0.01),
+    )
+    for estimator in (fused, fused.fisher, fused.scan):
+        assert estimator.criterion == "position_std"
+        assert estimator.weight == 8.0
+        assert estimator.headings == 8
+    assert Sad().criterion == "e"
+    assert Sad().weight == 4.0
+    assert fused.scan.temperature == fused.fisher.temperature == pytest.approx(0.07)
+    few = Lidar(range=9.0, beams=10)
+    assert (Scan(few).temperature, Scan(few, effective_beams=5).temperature) == (1.0, 0.5)

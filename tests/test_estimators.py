@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -9,14 +10,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import corridor, drawn, random_rooms
+from scipy.linalg import expm, logm
 
 from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.errors import ConfigError
 from locplan.field import (
     CovarianceField,
+    Estimator,
     FieldConfig,
     Fisher,
+    Fused,
     Lidar,
+    MapPart,
     Sad,
     Scan,
     SearchWindow,
@@ -24,12 +29,11 @@ from locplan.field import (
     load_or_compute,
     scalar,
 )
-from locplan.field._covariance import rotated
+from locplan.field._covariance import mean_information, rotated
 from locplan.field._lattice import standing_cells
-from locplan.field._lidar import LIDARS
-from locplan.field._registry import estimator_class
+from locplan.field._lidar_presets import PRESETS
 from locplan.field._surfaces import REACH, surface_normals
-from locplan.maps import FREE, OccupancyGrid, environments
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planners import plan
 from locplan.planners.ompl._motions import Motions
 
@@ -38,11 +42,16 @@ AHEAD = Lidar(range=2.5, field_of_view_deg=120.0, beams=40, mount_x=0.15, mount_
 SMALL = SearchWindow(half_width=0.6, step=0.2, half_rotation_deg=30.0)
 
 
+def made(name, lidar=ALL_ROUND, **settings) -> Estimator:
+    """An estimator with a small window, unless another one is given."""
+    settings = {"window": SMALL} | settings
+    if name == "fused":
+        return Fused(made("fisher", lidar, **settings), made("scan", lidar, **settings))
+    return {"fisher": Fisher, "scan": Scan}[name](lidar, **settings)
+
+
 def config(estimator, lidar=ALL_ROUND, *, headings=0, stride=0.2, **settings):
-    kind = estimator_class(estimator)
-    return FieldConfig(
-        kind(lidar, **{"window": SMALL} | settings), headings=headings, stride=stride
-    )
+    return FieldConfig(made(estimator, lidar, **settings), headings=headings, stride=stride)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +59,7 @@ def rooms() -> OccupancyGrid:
     return OccupancyGrid(random_rooms((110, 130), seed=7), 0.05, (1.0, 2.0, 0.6), name="rooms")
 
 
-@pytest.fixture(scope="module", params=["fisher", "scan"])
+@pytest.fixture(scope="module", params=["fisher", "scan", "fused"])
 def estimator(request) -> str:
     return request.param
 
@@ -70,7 +79,7 @@ def test_one_heading_has_no_axis_of_its_own(rooms, estimator):
     field = covariance_field(rooms, config(estimator))
     assert field.covariance.shape[2:] == (3, 3)
     assert field.e.shape == field.covariance.shape[:2]
-    assert set(field.layers) == ({"ambiguity", "entropy"} if estimator == "scan" else set())
+    assert set(field.layers) == (set() if estimator == "fisher" else {"ambiguity", "entropy"})
     for layer in field.layers.values():
         assert layer.shape == field.e.shape
         assert np.array_equal(np.isnan(layer), ~field.evaluated)
@@ -96,6 +105,38 @@ def test_a_place_without_returns_is_exactly_featureless(estimator):
         assert costs.u[5, 5] == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.parametrize("half_rotation_deg", [10.0, 0.0])
+def test_u_is_0_within_5_cm_and_1_where_nothing_is_seen(estimator, half_rotation_deg):
+    window = SearchWindow(
+        half_width=1.5, step=0.1, half_rotation_deg=half_rotation_deg, rotation_step_deg=2.0
+    )
+    wanted = config(estimator, window=window, stride=0.1)
+    grid = OccupancyGrid(np.full((2, 6), FREE), 0.1)
+    nothing = wanted.estimator.featureless(window.on(0.1))
+    top = math.sqrt(nothing[0, 0])
+    assert top == pytest.approx(0.9, abs=0.01)
+    deviations = np.array([0.01, 0.05, 0.052, math.sqrt(0.05 * top), top, 2.0])
+    covariance = np.tile(nothing, (2, 6, 1, 1))
+    covariance[..., :2, :2] = np.eye(2) * 1e-4
+    covariance[..., 0, 0] = deviations**2
+    covariance = rotated(covariance, 0.7)
+    field = CovarianceField(covariance, grid, wanted)
+    assert field.anchors("position_std") == pytest.approx((0.05, top))
+    costs = Costmap.from_field(grid, field, robot_radius=0.0)
+    expected = [0.0, 0.0, math.log(1.04) / math.log(top / 0.05), 0.5, 1.0, 1.0]
+    np.testing.assert_allclose(costs.u, [expected] * 2, atol=1e-9)
+    assert costs.weight == 8.0
+    np.testing.assert_allclose(costs.density, 1 + 8 * costs.u)
+    assert field.saturated_share == 0.5
+
+
+def test_steps_coarser_than_5_cm_bound_what_counts_as_perfect(estimator):
+    lattice = SearchWindow(half_width=2.0, step=0.5).on(0.5)
+    least = made(estimator).perfect(lattice)
+    np.testing.assert_allclose(least, lattice.quantisation)
+    assert lattice.quantisation[0, 0] > 0.05**2
+
+
 def test_neither_tiles_nor_executors_change_a_bit(rooms, estimator, ahead, monkeypatch):
     monkeypatch.setattr("locplan.field._tiles.TILE", 9)
     assert_same(covariance_field(rooms, ahead.config, threads=2), ahead)
@@ -107,6 +148,17 @@ def test_neither_tiles_nor_executors_change_a_bit(rooms, estimator, ahead, monke
             wanted = config(estimator, sensor, headings=4)
             field = covariance_field(rooms, wanted, executor=executor)
             assert_same(field, covariance_field(rooms, wanted))
+
+
+def test_ends_that_noise_moves_far_do_not_leave_their_piece_of_the_map(monkeypatch):
+    monkeypatch.setattr("locplan.field._tiles.TILE", 3)
+    posts = np.random.default_rng(1).random((100, 110)) < 0.02
+    grid = OccupancyGrid(np.where(posts, OCCUPIED, FREE).astype(np.uint8), 0.05)
+    short = Lidar(range=0.8, beams=180)
+    wanted = config("scan", short, stride=0.4, endpoint_noise=(1.0, 0.2))
+    with ThreadPoolExecutor(1) as executor:
+        field = covariance_field(grid, wanted, executor=executor)
+    assert_same(field, covariance_field(grid, wanted))
 
 
 def test_fields_are_saved_cached_and_updated_with_all_they_hold(rooms, ahead, tmp_path):
@@ -145,6 +197,21 @@ def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
     difference = np.abs(after.covariance[both] - expected[both])
     assert np.median(difference) < 1e-9
     assert (difference.max(axis=(1, 2, 3)) < 1e-6).mean() > 0.9  # a ray on an edge may take either
+
+
+def test_without_noise_of_its_ends_an_all_round_scan_turns_with_the_map_alone():
+    # The pattern of the noise belongs to the beams, and would not turn with the map.
+    grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
+    turned = OccupancyGrid(np.rot90(grid.cells, -1), 0.05)
+    for name, settings in (("fisher", {}), ("scan", {"endpoint_noise": (0.0, 0.0)})):
+        before, after = (
+            covariance_field(each, config(name, **settings)) for each in (grid, turned)
+        )
+        both = np.rot90(before.evaluated, -1) & after.evaluated
+        expected = rotated(np.rot90(before.covariance, -1), math.pi / 2)[both]
+        difference = np.abs(after.covariance[both] - expected)
+        assert np.median(difference) < 1e-9
+        assert (difference.max(axis=(1, 2)) < 1e-6).mean() > 0.9  # an edge's ray may take either
 
 
 def test_the_yaw_of_the_map_turns_covariances_but_not_headings(estimator):
@@ -186,7 +253,8 @@ def test_a_lidar_sees_where_it_is_mounted_to(estimator, yaw, facing_the_wall):
 
 def test_the_papers_places_are_told_apart():
     grid, at = environments.make("places", resolution=0.05), environments.landmarks("places")
-    wanted = FieldConfig(Scan(Lidar(range=6.0)), stride=0.4)
+    wide = SearchWindow(half_width=2.0, step=0.1, half_rotation_deg=10.0, rotation_step_deg=2.0)
+    wanted = FieldConfig(Scan(Lidar(range=6.0), window=wide), stride=0.4)
     field = covariance_field(grid, wanted)
     e = {name: float(scalar(field.at(*xy), "e")) for name, xy in at.items()}
     assert min(e, key=e.get) == "A"
@@ -198,12 +266,25 @@ def test_the_papers_places_are_told_apart():
     fisher = covariance_field(grid, FieldConfig(Fisher(Lidar(range=6.0)), stride=0.4))
     corridor_, complex_ = (fisher.at(*at[name]) for name in "BA")
     assert scalar(corridor_, "position_std") > 5 * scalar(complex_, "position_std")
+    fused = covariance_field(grid, FieldConfig(Fused.of(Lidar(range=6.0)), stride=0.4))
+    costs = Costmap.from_field(grid, fused, robot_radius=0.0)
+    u = {name: costs.u[grid.world_to_cell(*xy)] for name, xy in at.items()}
+    assert u["A"] < 0.1
+    assert u["B"] > 0.95
+    assert u["D"] > 0.4
 
 
 def test_positions_alone_have_two_dimensions(rooms, estimator):
     field = covariance_field(rooms, config(estimator, window=replace(SMALL, half_rotation_deg=0.0)))
+    known = field.evaluated
     assert field.covariance.shape[2:] == (2, 2)
-    assert (np.linalg.eigvalsh(field.covariance[field.evaluated]) > 0).all()
+    assert (np.linalg.eigvalsh(field.covariance[known]) > 0).all()
+    if estimator == "fisher":  # it is what is left where the heading is known
+        turning = covariance_field(rooms, config(estimator)).covariance[known]
+        expected = np.linalg.inv(np.linalg.inv(turning)[:, :2, :2])
+        np.testing.assert_allclose(field.covariance[known], expected, rtol=1e-6, atol=1e-12)
+    costs = Costmap.from_field(rooms, field, robot_radius=0.0)
+    assert 0 <= np.nanmin(costs.u) < 0.5 < np.nanmax(costs.u) <= 1
 
 
 def test_the_covariance_in_between_headings(ahead):
@@ -245,39 +326,180 @@ def test_costs_by_every_criterion(rooms, ahead):
         Costmap.from_field(rooms, plain, criterion="ambiguity", robot_radius=0.0)
 
 
-def test_two_fields_make_one_cost(rooms):
-    fields = [covariance_field(rooms, config(name)) for name in ("fisher", "scan")]
-    apart = [
-        Costmap.from_field(rooms, field, criterion="position_std", robot_radius=0.0)
-        for field in fields
-    ]
-    larger = Costmap.from_fields(rooms, fields, criterion="position_std", robot_radius=0.0)
-    mean = Costmap.from_fields(
-        rooms, fields, criterion="position_std", fuse="mean", robot_radius=0.0
-    )
-    free = np.isfinite(larger.density)
-    assert larger.u[free] == pytest.approx(np.maximum(apart[0].u, apart[1].u)[free])
-    # But for what is clipped before or after.
-    assert mean.u[free] == pytest.approx((apart[0].u + apart[1].u)[free] / 2, abs=0.01)
-    assert mean.e[free] == pytest.approx(np.sqrt(apart[0].e * apart[1].e)[free])
-    assert larger.e[free] == pytest.approx(np.maximum(apart[0].e, apart[1].e)[free])
-    with pytest.raises(ConfigError, match="fuse must be one of"):
-        Costmap.from_fields(rooms, fields, fuse="sum", robot_radius=0.0)
-    with pytest.raises(ConfigError, match="at least one field"):
-        Costmap.from_fields(rooms, [], robot_radius=0.0)
+def part_of(rooms, count=5, headings=2, **more) -> MapPart:
+    rows, cols = np.argwhere(rooms.free)[:: rooms.free.sum() // count][:count].T
+    return MapPart(
+        rooms.cells, rows, cols, rooms.resolution, rooms.shape,
+        headings=np.linspace(0.2, 2.9, headings), **more,
+    )  # fmt: skip
 
 
-def test_fields_with_one_heading_and_with_several_go_together(rooms, ahead):
-    other = covariance_field(rooms, config("fisher"))
-    costs = Costmap.from_fields(rooms, [ahead, other], robot_radius=0.0)
-    expected = np.maximum(
-        Costmap.from_field(rooms, ahead, robot_radius=0.0).u_of_heading,
-        Costmap.from_field(rooms, other, robot_radius=0.0).u,
+@pytest.mark.parametrize("half_rotation_deg", [30.0, 0.0])
+def test_fused_is_the_mean_of_the_logarithms(rooms, half_rotation_deg):
+    window = replace(SMALL, half_rotation_deg=half_rotation_deg)
+    fisher, scan = (made(name, AHEAD, window=window) for name in ("fisher", "scan"))
+    fused, part = Fused(fisher, scan, noise_level=2.5), part_of(rooms)
+    one, other, both = (each.covariances(part) for each in (fisher, scan, fused))
+    for n, k in np.ndindex(5, 2):
+        logs = logm(one["covariance"][n, k]) + logm(other["covariance"][n, k])
+        np.testing.assert_allclose(both["covariance"][n, k], 2.5 * expm(logs / 2), atol=1e-12)
+    assert not np.allclose(one["covariance"], other["covariance"], rtol=0.5)
+    for layer in ("ambiguity", "entropy"):
+        np.testing.assert_array_equal(both[layer], other[layer])
+
+
+def test_a_fused_field_has_the_geometric_mean_of_both_e(rooms):
+    fields = [covariance_field(rooms, config(name)) for name in ("fisher", "scan", "fused")]
+    known = fields[0].evaluated
+    e = [field.e[known] for field in fields]
+    assert e[2] == pytest.approx(np.sqrt(e[0] * e[1]))
+    anchors = [field.anchors("e") for field in fields]
+    assert anchors[2][1] == pytest.approx(math.sqrt(anchors[0][1] * anchors[1][1]))
+
+
+def test_cells_are_counted_once_and_a_stop_is_heeded(rooms, estimator):
+    part = part_of(rooms)
+    found = made(estimator, AHEAD).covariances(part)
+    assert all(np.isfinite(values).all() for values in found.values())
+    assert part.control.tolist() == [0, 5]
+    stopped = part_of(rooms, control=np.array([1, 0]))
+    found = made(estimator, AHEAD).covariances(stopped)
+    assert all(np.isnan(values).all() for values in found.values())
+    assert stopped.control.tolist() == [1, 0]
+
+
+def test_a_stop_is_heeded_by_both_parts_of_a_fused_field(rooms, monkeypatch):
+    controls = []
+
+    def spied(estimator, part, original=Fisher.covariances):
+        controls.append(part.control)
+        return original(estimator, part)
+
+    monkeypatch.setattr(Fisher, "covariances", spied)
+    part = part_of(rooms)
+    made("fused", AHEAD).covariances(part)
+    part.control[0] = 1
+    assert controls[0].tolist() == [1]
+
+
+def test_a_fused_estimator_has_one_lidar_and_one_window():
+    both = Fused.of(AHEAD)
+    assert both == Fused(Fisher(AHEAD), Scan(AHEAD))
+    assert both.lidar == AHEAD
+    for other in (Scan(ALL_ROUND), Scan(AHEAD, window=SMALL)):
+        with pytest.raises(ConfigError, match="one lidar and one window"):
+            Fused(Fisher(AHEAD), other)
+    with pytest.raises(ConfigError, match="scan must be a Scan"):
+        Fused(Fisher(AHEAD), Fisher(AHEAD))
+
+
+def test_the_variance_of_steps_is_the_scans_alone(rooms):
+    """A match as sharp as can be leaves Q to the scan, and nothing but its own to fisher."""
+    grid = OccupancyGrid(random_rooms((60, 60), seed=3, blocks=40), 0.05)
+    sharp = {"effective_beams": 1e6, "sigma_hit": 0.01, "max_beams": 72}
+    least = {}
+    for name in ("fisher", "scan"):
+        field = covariance_field(grid, config(name, **sharp))
+        variances = np.diagonal(field.covariance[field.evaluated], axis1=1, axis2=2)
+        least[name] = variances.min(axis=0) / np.diag(field.window.quantisation)
+        assert (variances <= np.diag(field.config.estimator.featureless(field.window)) + 1e-9).all()
+    assert least["scan"] == pytest.approx(np.ones(3), rel=1e-6)
+    assert (least["fisher"] < 0.1).all()
+
+
+def test_the_noise_level_scales_all_but_q(rooms, estimator):
+    one, other = made(estimator, AHEAD), replace(made(estimator, AHEAD), noise_level=2.5)
+    lattice = one.lattice(rooms.resolution)
+    q = one.q(lattice)
+    assert one.adds_q
+    assert q.any() == (estimator == "scan")
+    before, after = (each.covariances(part_of(rooms))["covariance"] for each in (one, other))
+    np.testing.assert_allclose(after - q, 2.5 * (before - q), rtol=1e-9, atol=1e-12)
+    nothing = one.featureless(lattice), other.featureless(lattice)
+    np.testing.assert_allclose(nothing[1] - q, 2.5 * (nothing[0] - q), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", ["endpoint", "range"])
+def test_information_falls_with_the_square_of_sigma_which_is_at_least_a_cell(rooms, model):
+    def information(cell, **settings):
+        fisher = Fisher(lidar, window=SMALL, model=model, **settings)
+        part = replace(part_of(rooms), resolution=cell)
+        prior = np.linalg.inv(fisher.lattice(cell).uniform_covariance)
+        return np.linalg.inv(fisher.covariances(part)["covariance"]) - prior
+
+    lidar = replace(AHEAD, range_sigma=0.05)
+    one = information(0.05, sigma_hit=0.05)
+    noisy = {"range": {}, "endpoint": {"sigma_hit": 0.3}}[model]
+    if model == "range":
+        lidar = replace(AHEAD, range_sigma=0.3)
+    tolerance = {"rtol": 1e-6, "atol": 1e-6 * np.abs(one).max()}
+    np.testing.assert_allclose(information(0.05, **noisy), one / 36, **tolerance)
+    lidar = replace(AHEAD, range_sigma=0.001)
+    np.testing.assert_allclose(information(0.05, sigma_hit=0.001), one, **tolerance)
+
+
+def test_fisher_is_scaled_to_the_scans_effective_beams(rooms):
+    """At most `max_beams` count, each as the share of an independent one."""
+    many = replace(ALL_ROUND, beams=720)
+    part = part_of(rooms)
+
+    def information(lidar, **settings):
+        fisher = Fisher(lidar, window=SMALL, **settings)
+        prior = np.linalg.inv(fisher.lattice(0.05).uniform_covariance)
+        return np.linalg.inv(fisher.covariances(part)["covariance"]) - prior
+
+    tolerance = {"rtol": 1e-6, "atol": 1e-6 * np.abs(information(many)).max()}
+    all_of_them = information(many, max_beams=720, effective_beams=720)
+    np.testing.assert_allclose(
+        information(many, max_beams=720), all_of_them * 12.6 / 720, **tolerance
     )
-    np.testing.assert_allclose(costs.u_of_heading, expected, rtol=1e-6)
-    more = covariance_field(rooms, config("fisher", AHEAD, headings=3))
-    with pytest.raises(ConfigError, match="as many"):
-        Costmap.from_fields(rooms, [ahead, more], robot_radius=0.0)
+    np.testing.assert_allclose(
+        information(many, max_beams=720, effective_beams=1e9), all_of_them, **tolerance
+    )
+    fewer = information(many, max_beams=180)
+    total, of_fewer = (np.trace(each, axis1=-2, axis2=-1) for each in (all_of_them, fewer))
+    # Another number of beams tells about as much.
+    assert of_fewer.sum() == pytest.approx(total.sum() * 12.6 / 720, rel=0.05)
+
+
+EFFECTIVE = Lidar(range=5.0, field_of_view_deg=180.0, beams=90, least_range=0.1)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        (Scan(EFFECTIVE), Scan(replace(EFFECTIVE, range_sigma=0.2)), True),
+        (Scan(EFFECTIVE), Scan(replace(EFFECTIVE, model="mine")), True),
+        (Scan(EFFECTIVE), Scan(EFFECTIVE, max_beams=90), True),
+        (Scan(EFFECTIVE), Scan(EFFECTIVE, max_beams=89), False),
+        (Scan(EFFECTIVE, effective_beams=90), Scan(EFFECTIVE, effective_beams=500), True),
+        (Scan(EFFECTIVE), Scan(EFFECTIVE, effective_beams=12), False),
+        (Scan(EFFECTIVE), Scan(EFFECTIVE, endpoint_noise=[0.03, 0.01]), True),
+        (Scan(EFFECTIVE), Scan(EFFECTIVE, endpoint_noise=(0.03, 0.0)), False),
+        (Scan(EFFECTIVE), Scan(replace(EFFECTIVE, least_range=1.5)), False),
+        (Scan(EFFECTIVE), Scan(EFFECTIVE, sigma_hit=0.2), False),
+        (Fisher(EFFECTIVE), Fisher(replace(EFFECTIVE, range_sigma=0.2)), True),
+        (Fisher(EFFECTIVE), Fisher(EFFECTIVE, sigma_hit=0.2), False),
+        (Fisher(EFFECTIVE), Fisher(EFFECTIVE, model="range"), False),
+        (
+            Fisher(EFFECTIVE, model="range"),
+            Fisher(replace(EFFECTIVE, range_sigma=0.2), model="range"),
+            False,
+        ),
+        (Fisher(EFFECTIVE, model="range"), Fisher(EFFECTIVE, model="range", sigma_hit=0.2), True),
+        (Fused.of(EFFECTIVE), Fused.of(replace(EFFECTIVE, range_sigma=0.2)), True),
+        (Fused.of(EFFECTIVE), Fused(Fisher(EFFECTIVE, sigma_hit=0.2), Scan(EFFECTIVE)), False),
+        (Fused.of(EFFECTIVE), Fused(Fisher(EFFECTIVE), Scan(EFFECTIVE, z_rand=0.1)), False),
+        (Fused.of(EFFECTIVE), Fused(Fisher(EFFECTIVE), Scan(EFFECTIVE), noise_level=2.0), False),
+    ],
+)
+def test_only_what_decides_the_values_tells_cached_fields_apart(one, other, same):
+    keys = [json.dumps(each.identity(), sort_keys=True) for each in (one, other)]
+    assert (keys[0] == keys[1]) == same
+    levels = random_rooms((60, 60), seed=7)
+    part = MapPart.whole(levels, *np.argwhere(levels == FREE)[::97].T, 0.1)
+    values = [each.covariances(part)["covariance"] for each in (one, other)]
+    assert np.array_equal(*values) == same
 
 
 @pytest.fixture(scope="module")
@@ -371,8 +593,8 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
     squares = empty_squares(cells == 0)
     sensor = Lidar(range=10.0, beams=90, range_sigma=0.02)
     grid = OccupancyGrid(cells, size)
-    wide = FieldConfig(Fisher(sensor, quantisation=False), stride=0.2)
-    field = covariance_field(grid, wide)
+    alone = {"model": "range", "effective_beams": 90, "window": SearchWindow()}
+    field = covariance_field(grid, FieldConfig(Fisher(sensor, **alone), stride=0.2))
 
     def ranges(x, y, theta):
         return np.array(
@@ -405,11 +627,10 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
 
 
 def test_presets_follow_the_makers():
-    assert {sensor.range for sensor in LIDARS.values()} == {5.6, 12.0, 30.0, 80.0}
-    for name, sensor in LIDARS.items():
-        assert Lidar.preset(name) == sensor
+    for name, sheet in PRESETS.items():
+        sensor = Lidar.preset(name)
         wanted = FieldConfig(Fisher(sensor))
-        assert wanted.estimator.reach == sensor.range
+        assert wanted.estimator.reach == sensor.range == sheet.range
         assert wanted.headings == (1 if sensor.sees_all_round else 8)
         spacing = np.degrees(np.diff(sensor.angles))
         assert spacing == pytest.approx(np.full(sensor.beams - 1, spacing[0]))
@@ -433,10 +654,14 @@ def test_presets_follow_the_makers():
         (lambda: FieldConfig(Scan(AHEAD), headings=1), "depends on the heading"),
         (lambda: FieldConfig(Scan(Lidar(range=6.0), z_rand=1.0)), "z_rand must lie between"),
         (lambda: FieldConfig(Scan(Lidar(range=6.0), max_beams=0)), "max_beams must be a whole"),
-        (
-            lambda: FieldConfig(Scan(Lidar(range=6.0), temperature=-1)),
-            "temperature must be a positive",
-        ),
+        (lambda: Scan(AHEAD, effective_beams=-1), "effective_beams must be a positive"),
+        (lambda: Fisher(AHEAD, sigma_hit=0.0), "sigma_hit must be a positive number of m"),
+        (lambda: Fisher(AHEAD, window=1.5), "window must be a SearchWindow"),
+        (lambda: Fisher(AHEAD, model="point"), "model must be one of endpoint, range"),
+        (lambda: Scan(AHEAD, endpoint_noise=0.03), "endpoint_noise must be two numbers"),
+        (lambda: Scan(AHEAD, endpoint_noise=(0.03, -0.1)), "endpoint_noise must be two numbers"),
+        (lambda: Scan(AHEAD, endpoint_noise=(0.03, math.nan)), "endpoint_noise must be two"),
+        (lambda: Scan(AHEAD, endpoint_noise=(0.03,)), "endpoint_noise must be two numbers"),
     ],
 )
 def test_impossible_sensors_and_configs_are_refused(make, message):
@@ -468,17 +693,22 @@ def test_sharp_posteriors_have_a_mean_information(rooms):
         "scan",
         AHEAD,
         headings=4,
-        quantisation=False,
-        temperature=1.0,
+        effective_beams=40,
+        sigma_hit=0.02,
         window=replace(SMALL, half_rotation_deg=10.0),
     )
     field = covariance_field(rooms, wanted)
     assert np.isfinite(field.scalar("e", headings="mean")[field.evaluated]).all()
-    for fuse in ("max", "mean"):
-        costs = Costmap.from_fields(rooms, iter([field, field]), fuse=fuse, robot_radius=0.0)
+    for headings in ("mean", "worst"):
+        costs = Costmap.from_field(rooms, field, headings=headings, robot_radius=0.0)
         free = np.isfinite(costs.density)
         assert np.isfinite(costs.u[free]).all()
         assert np.isfinite(costs.e[free]).all()
+
+
+def test_covariances_of_zero_have_a_mean_information():
+    known = np.stack([np.zeros((3, 3)), np.eye(3)])
+    np.testing.assert_allclose(mean_information(known), 2e-12 * np.eye(3), rtol=1e-6)
 
 
 def test_an_empty_map_and_a_full_one_do_no_harm(estimator):

@@ -15,7 +15,7 @@ from scipy import stats
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
 from locplan.errors import CalibrationError
-from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, SearchWindow
+from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, Scan, SearchWindow
 from locplan.maps import environments
 from locplan.simulation import Amcl, Places, _reports as reports, calibrate, evaluate
 from locplan.simulation._predictors import (
@@ -187,17 +187,21 @@ def made_up_places(grid, config, level, *, noise=0.1):
     i, j = np.nonzero(field.evaluated)
     chosen = np.random.default_rng(0).choice(len(i), 120, replace=False)
     points = np.column_stack([i, j])[chosen]
-    plain = changed(config, quantisation=False, noise_level=1.0)
-    q = config.estimator.window.on(grid.resolution).quantisation
+    plain = changed(config, noise_level=1.0)
+    q = config.estimator.q(config.estimator.lattice(grid.resolution)) * config.estimator.adds_q
     scatter = np.exp(noise * np.random.default_rng(1).standard_normal(120))[:, None, None]
-    moments = scatter * (
-        level * covariances_at(grid, plain, points) + config.estimator.quantisation * q
-    )
+    moments = scatter * (level * (covariances_at(grid, plain, points) - q) + q)
     return Places(grid, points, moments, 4 * moments)
 
 
 @pytest.mark.parametrize(
-    "config", [FieldConfig(), FieldConfig(Sad.paper()), FieldConfig(Fisher(Lidar(range=6.0)))]
+    "config",
+    [
+        FieldConfig(),
+        FieldConfig(Sad.paper()),
+        FieldConfig(Fisher(Lidar(range=6.0))),
+        FieldConfig(Scan(Lidar(range=6.0))),
+    ],
 )
 def test_a_calibration_finds_the_noise_level(grid, config):
     places = made_up_places(grid, config, 0.3)
@@ -211,7 +215,7 @@ def test_a_calibration_finds_the_noise_level(grid, config):
     assert not result.fitted_tau
     assert result.within_two == 1.0
     assert result.config == changed(config, noise_level=result.config.estimator.noise_level)
-    if not config.estimator.quantisation:
+    if not config.estimator.adds_q:
         fourfold = calibrate([places], config, error="match")
         assert fourfold.config.estimator.noise_level == pytest.approx(
             4 * result.config.estimator.noise_level, rel=1e-3
@@ -425,7 +429,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     code, out, _ = run("field", map_file, "--config", target, "--range", 4, "--json")
     assert json.loads(out)["config"]["estimator"]["range"] == 4.0
     err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))
-    assert "--config has all settings of the field; besides it only --range" in err
+    assert "--config has all settings of the field; besides it only a lidar" in err
 
 
 def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(

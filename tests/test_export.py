@@ -403,7 +403,7 @@ def test_a_folder_says_what_it_holds_in_five_lines(tmp_path, costs, write):
         assert name in "".join(lines) or name.endswith(".png"), name
     about = json.loads(files["export.json"])
     assert about["map"]["digest"] == costs.grid.digest
-    assert about["configs"][0]["estimator"]["range"] == 1.0
+    assert about["config"]["estimator"]["range"] == 1.0
     assert (about["weight"], about["criterion"]) == (4.0, "e")
 
 

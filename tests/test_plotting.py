@@ -25,7 +25,7 @@ def test_field_figure_names_map_scalar_and_unit(field):
     axes, bar = figure.axes
     assert axes.get_title().startswith("rooms: 0% saturated\nsad, disc, exponential")
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
-    assert bar.get_ylabel() == "largest position std. deviation [m]"
+    assert bar.get_ylabel() == "largest position std. deviation [cm]"
 
 
 def test_a_field_of_equal_values_can_be_drawn(tmp_path):

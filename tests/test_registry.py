@@ -12,7 +12,15 @@ from conftest import drawn
 
 import locplan
 from locplan.errors import ConfigError
-from locplan.field import ESTIMATORS, Estimator, FieldConfig, Layer, MapPart
+from locplan.field import (
+    ESTIMATORS,
+    Estimator,
+    FieldConfig,
+    Layer,
+    MapPart,
+    OffsetLattice,
+    SearchWindow,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,11 +45,14 @@ class FromTheRight(Estimator):
     def summary(self) -> str:
         return f"{self.name}, slope {self.slope:g}"
 
+    def lattice(self, resolution: float) -> OffsetLattice:
+        return SearchWindow().on(resolution)
+
     def covariances(self, part: MapPart) -> dict[str, np.ndarray]:
         variance = self.slope * (part.cols + 1.0) * part.resolution
         covariance = variance[:, None, None] * np.eye(3)
-        lattice = self.window.on(part.resolution)
-        return {"covariance": self.plus_q(covariance, lattice), "column": part.cols.astype(float)}
+        q = self.q(self.lattice(part.resolution))
+        return {"covariance": covariance + q, "column": part.cols.astype(float)}
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         return 0
@@ -84,5 +95,5 @@ def test_its_settings_are_those_of_a_file(tmp_path):
     locplan.save_config(tmp_path / "c.json", FieldConfig(FromTheRight(slope=0.2)))
     assert locplan.load_config(tmp_path / "c.json") == FieldConfig(FromTheRight(slope=0.2))
     (tmp_path / "c.json").write_text(json.dumps({"estimator": {"name": "from-the-right", "x": 1}}))
-    with pytest.raises(ConfigError, match="from-the-right has no setting 'x'; it has: window"):
+    with pytest.raises(ConfigError, match="from-the-right has no setting 'x'; it has: noise_level"):
         locplan.load_config(tmp_path / "c.json")

@@ -8,15 +8,23 @@ import naive
 import numpy as np
 import pytest
 from conftest import corridor, random_rooms
-from scipy import ndimage
+from scipy import ndimage, stats
 
 from locplan._kernels import likelihood, offsets as window_offsets, posterior as scan
 from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.rays import empty_squares
-from locplan.field import FieldConfig, OffsetLattice, Sad, SearchWindow
+from locplan.field import (
+    FieldConfig,
+    Lidar as Settings,
+    MapPart,
+    OffsetLattice,
+    Sad,
+    Scan,
+    SearchWindow,
+)
 from locplan.field._surfaces import walls
-from locplan.field.estimators._scan import likelihood_field
+from locplan.field.estimators._scan import likelihood_field, pattern
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 
 SIGMA_HIT, Z_RAND, TEMPERATURE = 0.1, 0.05, 0.1
@@ -29,7 +37,7 @@ def all_round(beams):
 def cast_ends(levels, row, col, angles, reach):
     """Where beams from a cell's centre end, (beam, 2) [cells]."""
     ends = np.empty((len(angles), 2))
-    all_of_them = Lidar(np.asarray(angles, float), 0.0, 0.0, 0.0, 0.03, float(reach))
+    all_of_them = Lidar(np.asarray(angles, float), 0.0, 0.0, 0.0, 0.03, 0.0, float(reach))
     squares = empty_squares(levels == OCCUPIED)
     scan_ends(squares, 1.0, row + 0.5, col + 0.5, 0.0, all_of_them, ends)
     return ends
@@ -333,3 +341,80 @@ def test_many_beams_do_not_overflow():
     field = likelihood_field(levels, 0.05, 1, 2)
     ends = np.full((2000, 2), 25.0)  # as far from the only occupied cell as may be
     assert (kernel_costs(field, window, 30, 30, ends) == 2000 * TOP).all()
+
+
+def test_the_ends_noise_is_that_of_van_der_corputs_sequence():
+    quantiles = [naive.radical_inverse(b + 1) for b in range(180)]
+    assert quantiles[:5] == [1 / 2, 1 / 4, 3 / 4, 1 / 8, 5 / 8]
+    halton = stats.qmc.Halton(1, scramble=False).random(181)[1:, 0]
+    np.testing.assert_array_equal(halton, quantiles)
+    np.testing.assert_allclose(pattern(180), stats.norm.ppf(quantiles), rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(pattern(41), pattern(180)[:41])
+    many = stats.norm.cdf(pattern(1023))
+    np.testing.assert_allclose(np.sort(many), np.arange(1, 1024) / 1024, rtol=1e-9)
+
+
+BEAMS = Settings(
+    range=1.6, least_range=0.25, field_of_view_deg=200.0, beams=47,
+    mount_x=0.11, mount_y=-0.06, mount_yaw_deg=25.0,
+)  # fmt: skip
+
+
+def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
+    """Sigma + Q, ambiguity and entropy of one pose."""
+    beams, window = scan_.max_beams, scan_.lattice(resolution)
+    spacing = len(scan_.lidar.angles) / beams
+    angles = [scan_.lidar.angles[math.floor((b + 0.5) * spacing)] for b in range(beams)]
+    shift, growth = scan_.endpoint_noise
+    quantiles = [stats.norm.ppf(naive.radical_inverse(b + 1)) for b in range(beams)]
+    noise = [(shift * z, growth * z) for z in quantiles]
+    pose, sigma = (row + 0.5, col + 0.5, heading), max(scan_.sigma_hit, resolution)
+    ends = naive.moved_ends(levels, resolution, *pose, scan_.lidar, angles, noise)
+    table = likelihood.costs_of_squared_distance(resolution, sigma, scan_.z_rand)
+    nats = -math.log(scan_.z_rand) / TOP
+    losses = naive.score(
+        levels, row, col, ends, window.step_cells, window.half_steps, window.angles,
+        lambda squared: nats * table[int(min(squared, table.size - 1))],
+    ) * (scan_.effective_beams / beams)  # fmt: skip
+    mode = naive.central_mode(losses, -math.log(scan.CONNECTED))
+    _, in_steps, entropy, ambiguity = naive.moments(losses, mode)
+    covariance = scan_.noise_level * in_steps * np.outer(window.steps, window.steps)
+    covariance += np.diag(window.steps**2 / 12)
+    return covariance[: window.dimension, : window.dimension], ambiguity, entropy
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.15])
+@pytest.mark.parametrize("noise", [(0.0, 0.0), (0.06, 0.02)])
+@pytest.mark.parametrize("half_rotation_deg", [20.0, 0.0])
+def test_a_scans_covariance_is_that_of_the_plain_loops(resolution, noise, half_rotation_deg):
+    """On coarse maps sigma is a cell, and the steps are whole cells."""
+    window = SearchWindow(half_width=0.3, step=0.1, half_rotation_deg=half_rotation_deg)
+    scan_ = Scan(
+        BEAMS, window=window, endpoint_noise=noise, max_beams=31, effective_beams=8.0,
+        sigma_hit=0.08, noise_level=1.3, z_rand=0.1,
+    )  # fmt: skip
+    levels, headings = random_rooms((22, 26), seed=9), np.array([0.4, 2.9])
+    rows, cols = np.argwhere(levels == FREE)[[90, 150]].T
+    part = MapPart(levels, rows, cols, resolution, (22, 26), headings=headings)
+    found = scan_.covariances(part)
+    for n, k in np.ndindex(2, 2):
+        expected = covariance_in_plain_loops(
+            scan_, levels, resolution, rows[n], cols[n], headings[k]
+        )
+        assert found["covariance"][n, k] == pytest.approx(expected[0], rel=1e-9, abs=1e-12)
+        assert found["ambiguity"][n, k] == pytest.approx(expected[1], abs=1e-9)
+        assert found["entropy"][n, k] == pytest.approx(expected[2], rel=1e-9)
+    assert np.ptp(found["entropy"]) > 0.1  # the poses see something, and not the same
+
+
+def test_the_beams_that_count_are_spread_over_the_lidars():
+    for beams, most in ((7, 180), (180, 180), (360, 180), (1081, 180), (10, 3)):
+        lidar = Settings(range=5.0, field_of_view_deg=200.0, beams=beams)
+        chosen = Scan(lidar, max_beams=most).beams().angles
+        assert len(chosen) == min(beams, most)
+        ideal = lidar.angles[0] + (np.arange(len(chosen)) + 0.5) * (
+            np.ptp(lidar.angles) + np.diff(lidar.angles)[0]
+        ) / len(chosen)
+        step = np.diff(lidar.angles)[0]
+        assert (abs(chosen - (ideal - step / 2)) <= step / 2 + 1e-12).all()
+        assert np.isin(chosen, lidar.angles).all()

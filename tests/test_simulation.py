@@ -374,6 +374,7 @@ NAV2 = {
     "alpha4": 0.2,
     "laser_likelihood_max_dist": 2.0,
     "laser_max_range": 100.0,
+    "laser_min_range": -1.0,
     "laser_model_type": "likelihood_field",
     "max_beams": 60,
     "max_particles": 2000,

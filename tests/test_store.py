@@ -129,7 +129,7 @@ def test_a_cached_field_is_a_field_like_any_other(grid, tmp_path):
         dataclasses.replace(QUICK, stride=0.3),
         FieldConfig(Scan(LIDAR)),
         FieldConfig(Scan(dataclasses.replace(LIDAR, mount_yaw_deg=5.0))),
-        FieldConfig(Fisher(dataclasses.replace(LIDAR, range_sigma=0.01))),
+        FieldConfig(Fisher(LIDAR, model="range")),
     ],
 )
 def test_another_config_is_another_field(grid, other):

@@ -1,15 +1,15 @@
-"""Fisher information of a lidar's ranges about the robot's pose.
-
-Source: A. Censi, "On achievable accuracy for range-finder localization", ICRA 2007,
-doi 10.1109/ROBOT.2007.364120.
+"""Fisher information of a lidar's beams about the robot's pose.
 
 A beam of direction d meets a surface with the unit normal n at h, counted from the robot's own
-centre of rotation. When the robot moves by dp and turns by dtheta the range changes by
+centre of rotation. When the robot moves by dp and turns by dtheta, the beam's end as it was
+measured departs from the surface, along the normal, by
 
-    dr = -(n . dp + (h x n) dtheta) / (d . n),        h x n = h_x n_y - h_y n_x,
+    n . dp + (h x n) dtheta,        h x n = h_x n_y - h_y n_x,
 
-which holds wherever on the robot the lidar is mounted. The information is the sum of g g^T /
-sigma^2 over the beams, g the gradient of the range.
+and the range changes by that over -(d . n), wherever on the robot the lidar is mounted (A. Censi,
+"On achievable accuracy for range-finder localization", ICRA 2007, doi 10.1109/ROBOT.2007.364120).
+The information is the sum of g g^T over the beams, g the gradient of one or the other, for a
+standard deviation of 1.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ def information(
     cols: NDArray[np.float64],
     headings: NDArray[np.float64],
     lidar: Lidar,
+    of_ranges: bool,
     control: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     """Information about (x, y, theta) at each position and heading.
@@ -52,21 +53,23 @@ def information(
     headings : (m,) array of float
         Headings of the robot [rad], from the columns' axis towards that of the rows.
     lidar : Lidar
-        Beams, mount and noise.
-    control : (2,) array of int64
-        Shared with other threads: the first is set to stop early, the second counts the positions
-        done. Positions left out are NaN.
+        Beams and mount.
+    of_ranges : bool
+        Whether a beam tells its range, or else its end's distance from the surface.
+    control : (2,) or (1,) array of int64
+        Shared with other threads: the first is set to stop early, the second, if any, counts the
+        positions done. Positions left out are NaN.
 
     Returns
     -------
     (n, m, 3, 3) array of float64
         Information in the grid's own axes, x along the columns and y along the rows
-        [1/m^2, 1/(m rad), 1/rad^2]; zero without any return.
+        [1, m/rad, m^2/rad^2], for a standard deviation of 1 m; zero without any return.
     """
     result = np.full((rows.size, headings.size, 3, 3), np.nan)
     bearings = headings.reshape(-1, 1) + lidar.yaw + lidar.angles
     beam_x, beam_y = np.cos(bearings), np.sin(bearings)
-    max_range = lidar.max_range / resolution
+    least, most = lidar.min_range / resolution, lidar.max_range / resolution
     for n in range(rows.size):
         if control[STOP]:
             break
@@ -76,13 +79,14 @@ def information(
             xx = xy = yy = xt = yt = tt = 0.0
             for b in range(lidar.angles.size):
                 dx, dy = beam_x[k, b], beam_y[k, b]
-                at, hit_row, hit_col = cast(squares, row, col, dy, dx, max_range)
-                if not 0 < at < np.inf:  # at 0 the lidar itself is within a wall
+                at, hit_row, hit_col = cast(squares, row, col, dy, dx, most)
+                if not 0 < at < np.inf or at < least:  # at 0 the lidar itself is within a wall
                     continue
                 ny, nx = normals[hit_row, hit_col, 0], normals[hit_row, hit_col, 1]
                 hx, hy = (ahead_x + at * dx) * resolution, (ahead_y + at * dy) * resolution
                 turn = hx * ny - hy * nx
-                weight = 1 / max((dx * nx + dy * ny) ** 2, MIN_COSINE**2)
+                cosine = dx * nx + dy * ny
+                weight = 1 / max(cosine**2, MIN_COSINE**2) if of_ranges else 1.0
                 xx += weight * nx * nx
                 xy += weight * nx * ny
                 yy += weight * ny * ny
@@ -94,6 +98,6 @@ def information(
             of_pose[0, 1] = of_pose[1, 0] = xy
             of_pose[0, 2] = of_pose[2, 0] = xt
             of_pose[1, 2] = of_pose[2, 1] = yt
-            of_pose /= lidar.sigma**2
-        control[DONE] += 1
+        if control.size > DONE:
+            control[DONE] += 1
     return result

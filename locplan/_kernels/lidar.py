@@ -22,6 +22,7 @@ class Lidar(NamedTuple):
     left: float  # distance to the left of it [m]
     yaw: float  # angle of the lidar's axis against the robot's [rad]
     sigma: float  # standard deviation of a range [m]
+    min_range: float  # nearer returns count as none [m]
     max_range: float  # [m]
 
 
@@ -68,12 +69,12 @@ def scan_ends(
     """
     lever_x, lever_y = lever(lidar, heading, resolution)
     from_row, from_col = row + lever_y, col + lever_x
-    max_range = lidar.max_range / resolution
+    least, most = lidar.min_range / resolution, lidar.max_range / resolution
     for b in range(lidar.angles.size):
         bearing = heading + lidar.yaw + lidar.angles[b]
         dx, dy = np.cos(bearing), np.sin(bearing)
-        at, hit_row, hit_col = cast(squares, from_row, from_col, dy, dx, max_range)
-        if not 0 < at < np.inf:  # at 0 the lidar itself is within a wall
+        at, hit_row, hit_col = cast(squares, from_row, from_col, dy, dx, most)
+        if not 0 < at < np.inf or at < least:  # at 0 the lidar itself is within a wall
             ends[b] = np.nan
             continue
         leave_row = (hit_row + (dy >= 0) - from_row) / dy
@@ -81,3 +82,23 @@ def scan_ends(
         middle = (at + max(at, min(leave_row, leave_col))) / 2
         ends[b, 0] = lever_x + middle * dx
         ends[b, 1] = lever_y + middle * dy
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def move_ends(
+    resolution: float,
+    heading: float,
+    lidar: Lidar,
+    noise: NDArray[np.float64],
+    ends: NDArray[np.float64],
+) -> None:
+    """Move the ends of the beams outwards by ``noise[b, 0]`` [m] and ``noise[b, 1]`` of the range.
+
+    The arguments are those of `scan_ends`, which filled `ends`; `noise` is (beam, 2).
+    """
+    lever_x, lever_y = lever(lidar, heading, resolution)
+    for b in range(lidar.angles.size):
+        x, y = ends[b, 0] - lever_x, ends[b, 1] - lever_y
+        farther = noise[b, 1] + noise[b, 0] / resolution / np.hypot(x, y)
+        ends[b, 0] += farther * x
+        ends[b, 1] += farther * y

@@ -33,7 +33,8 @@ def measured_ends(
 ) -> None:
     """Write the measured ends of beams, ahead and to the left of the robot [cells], into `ends`.
 
-    Ends are NaN without a return. As many random numbers are drawn whatever a scan meets.
+    Ends are NaN without a return, and where less than the lidar's least range is measured. As many
+    random numbers are drawn whatever a scan meets.
 
     Parameters
     ----------
@@ -49,9 +50,13 @@ def measured_ends(
         Filled with the ends of the beams.
     """
     row, col, heading = pose
-    scan_ends(squares, resolution, row, col, heading, lidar, ends)
+    # A near wall still hides what lies behind it.
+    near = Lidar(
+        lidar.angles, lidar.forward, lidar.left, lidar.yaw, lidar.sigma, 0.0, lidar.max_range
+    )
+    scan_ends(squares, resolution, row, col, heading, near, ends)
     lever_x, lever_y = lever(lidar, heading, resolution)
-    reach = lidar.max_range / resolution
+    least, reach = lidar.min_range / resolution, lidar.max_range / resolution
     occluded = random.random() < disturbances.occlusion
     middle = lidar.angles[0] + random.random() * (lidar.angles[-1] - lidar.angles[0])
     between = disturbances.farthest - disturbances.nearest
@@ -67,7 +72,7 @@ def measured_ends(
         aside = abs((lidar.angles[b] - middle + np.pi) % (2 * np.pi) - np.pi)
         if occluded and aside <= disturbances.width / 2 and not before > at:
             at = before
-        if not 0 < at < reach:
+        if not 0 < at < reach or at < least:
             ends[b] = np.nan
             continue
         # Start at the lidar's position on the robot, and go along the beam.

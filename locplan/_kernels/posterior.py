@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.lidar import Lidar, scan_ends
+from locplan._kernels.lidar import Lidar, move_ends, scan_ends
 from locplan._kernels.likelihood import GROUP, TOP, LikelihoodField
 from locplan._kernels.offsets import FINE, NOWHERE, Lattice, Weights, make_weights
 from locplan._kernels.simd import SHORTS, add_shorts, add_shorts_to, lanes_at_most, zero_shorts
@@ -257,6 +257,7 @@ def scan_posteriors(
     cols: NDArray[np.int64],
     headings: NDArray[np.float64],
     lidar: Lidar,
+    noise: NDArray[np.float64],
     temperature: float,
     control: NDArray[np.int64],
 ) -> Posteriors:
@@ -276,6 +277,8 @@ def scan_posteriors(
         Headings of the robot, from the columns' axis towards that of the rows [rad].
     lidar : Lidar
         Beams and mount of the lidar.
+    noise : (beam, 2) array
+        Distances by which the beams' ends are moved, see `lidar.move_ends`.
     temperature : float
         Factor on the log-likelihood.
     control : (2,) array
@@ -297,6 +300,7 @@ def scan_posteriors(
         for m in range(headings.size):
             row, col = rows[n] + 0.5, cols[n] + 0.5
             scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
+            move_ends(resolution, headings[m], lidar, noise, ends)
             result.entropy[n, m], result.ambiguity[n, m] = posterior_of(
                 field,
                 lattice,

@@ -62,6 +62,11 @@ def in_bytes(size: float) -> str:
     return f"{size:,.4g} TB"
 
 
+def in_square_metres(area: float) -> str:
+    """Text of an area [m^2], such as 1,234.5 m² or 0.25 m²."""
+    return f"{area:,.1f} m²" if area >= 10 else f"{area:.3g} m²"
+
+
 def age(moment: float) -> str:
     """Text of the time since a moment [s since the epoch], such as 5 min ago."""
     seconds = max(0.0, time.time() - moment)

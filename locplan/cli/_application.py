@@ -16,6 +16,7 @@ COMMANDS = (
     "evaluate",
     "export",
     "field",
+    "info",
     "maps",
     "pareto",
     "plan",

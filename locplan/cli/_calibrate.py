@@ -56,7 +56,7 @@ def calibrate(
     unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
     refuse(f"with --error {error}", **unread)
     config = options.to_config()
-    simulated = simulation.simulated(config)
+    simulated = simulation.simulated(config, options.named_lidar())
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],

@@ -11,6 +11,7 @@ from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
 from locplan.cli._values import show
+from locplan.field._lidar_presets import PRESETS
 
 app = command("evaluate", "evaluate lab.yaml -o evaluated")
 
@@ -20,8 +21,21 @@ def evaluate(
     maps: MapFiles,
     /,
     *,
+    lidar: Annotated[
+        str | None,
+        Parameter(
+            group=FIELD,
+            choices=tuple(PRESETS),
+            help="The lidar, or the robot that carries it, is one of these.",
+        ),
+    ] = None,
     range: Annotated[
-        float | None, Parameter(group=FIELD, help="The lidar's range is 6 by default [m].")
+        float | None,
+        Parameter(group=FIELD, help="The lidar's range is that of its data sheet, or 6 [m]."),
+    ] = None,
+    field_of_view: Annotated[
+        float | None,
+        Parameter(group=FIELD, help="The field of view is that of the lidar that is named [deg]."),
     ] = None,
     at: AtPlaces = AtPlaces(),
     simulation: SimulationOptions = SimulationOptions(),
@@ -36,8 +50,9 @@ def evaluate(
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _evaluation as evaluation, _reports as reports
 
-    config = FieldOptions(range=range).to_config()
-    simulated = simulation.simulated(config)
+    options = FieldOptions(lidar=lidar, range=range, field_of_view=field_of_view)
+    config = options.to_config()
+    simulated = simulation.simulated(config, options.named_lidar())
     folder = reports.EVALUATION.into(output, force=force) if output else None
     with progress_bar("driving", "drives") as progress:
         result = evaluation.evaluate(

@@ -20,18 +20,16 @@ from locplan.cli._kinds import check_has, field_names, given_of
 from locplan.cli._values import numbers
 from locplan.errors import ConfigError
 from locplan.field import ESTIMATORS
+from locplan.field._lidar_presets import PRESETS
 
 if TYPE_CHECKING:
     from locplan.costs import Costmap
-    from locplan.field import CovarianceField, Estimator, FieldConfig
+    from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar
     from locplan.maps import OccupancyGrid
 
     Compute = Callable[[OccupancyGrid], CovarianceField]
 
 LOG = logging.getLogger("locplan.cli")
-LIDAR = "--sensor"
-"""The option that names the lidar of a field."""
-LIDARS = ("rplidar-a1", "utm-30lx", "lms291", "urg-04lx")
 
 RobotRadius = Annotated[
     float | None, Parameter(group=COSTS, help="The robot's radius is 0.25 by default [m].")
@@ -40,8 +38,8 @@ Criterion = Annotated[
     str | None,
     Parameter(
         group=COSTS,
-        help="The degeneracy u is made of e (default), position_std, position_rms or heading_std,"
-        " or of ambiguity or entropy of scan.",
+        help="The degeneracy u is made of e (default of sad), position_std (default of the others),"
+        " position_rms or heading_std, or of ambiguity or entropy of scan and fused.",
     ),
 ]
 
@@ -68,20 +66,20 @@ CacheDir = Annotated[
 
 @option_group(FIELD)
 class FieldOptions:
-    """The settings of the covariance field."""
+    """The lidar, and the settings of the covariance field."""
 
+    lidar: Annotated[str | None, Parameter(choices=tuple(PRESETS))] = None
+    """The lidar, or the robot that carries it, is one of these; it decides the estimator, too."""
+    range: float | None = None
+    """The lidar's range [m] is that of its data sheet, or 6 by default where none is named."""
+    field_of_view: float | None = None
+    """The lidar's field of view [deg] is that of its data sheet, or 360 where none is named."""
     config: Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")] = None
-    """This file has all settings, as calibrate wrote them; only --range may be given beside it."""
+    """This file has all settings, as calibrate wrote them; only a lidar may be given beside it."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
-    """The estimator is the paper's sad by default; fisher and scan know the lidar."""
+    """The estimator is scan by default where a lidar is named, and else the paper's sad."""
     preset: Literal["default", "paper"] | None = None
     """The settings of sad are the default ones, or Eq. 8-10 of the paper as printed."""
-    range: float | None = None
-    """The lidar's range [m] is 6 by default, or that of the lidar that is named."""
-    lidar: Annotated[str | None, Parameter(name=LIDAR, choices=LIDARS)] = None
-    """The lidar is one of these, for fisher and scan."""
-    field_of_view: float | None = None
-    """The lidar's field of view [deg] is 360 by default, or that of the lidar that is named."""
     headings: int | None = None
     """The number of headings is 1 by default where the lidar sees all round, else 8."""
     template: Literal["disc", "visible"] | None = None
@@ -89,41 +87,51 @@ class FieldOptions:
     stride: float | None = None
     """The spacing of the evaluated cells is 0.2 by default [m]."""
 
-    def to_config(self, reach: float | None = None) -> FieldConfig:
-        """The settings of a field that were asked for; `reach` replaces the range."""
-        from locplan.field import FieldConfig, Lidar, load_config
-        from locplan.field._registry import estimator_class
-        from locplan.field.estimators._sad import PAPER_RANGE
+    def named_lidar(self, reach: float | None = None) -> Lidar | None:
+        """The lidar that was named, or None; `reach` replaces its range [m]."""
+        from locplan.field import Lidar
 
+        if self.lidar is None:
+            return None
+        reach = self.range if reach is None else reach
+        return _changed(Lidar.preset(self.lidar), reach, self.field_of_view)
+
+    def to_config(self, reach: float | None = None) -> FieldConfig:
+        """The settings of a field that were asked for; `reach` replaces the range [m]."""
+        from locplan.field import FieldConfig, load_config
+        from locplan.field._registry import estimator_class
+
+        lidar = self.named_lidar(reach)
         given = given_of(self)
-        own = given.pop("range", None)
+        own, view = given.pop("range", None), given.pop("field_of_view", None)
         reach = own if reach is None else reach
+        given.pop("lidar", None)
         if self.config is not None:
             if len(given) > 1:
-                names = [name for name in field_names(self) if name not in ("config", "range")]
-                rest = ", ".join(map(_flag, names))
+                allowed = ("config", "lidar", "range", "field_of_view")
+                names = [name for name in field_names(self) if name not in allowed]
                 raise ConfigError(
-                    "--config has all settings of the field; besides it only --range may be given,"
-                    f" none of {rest}"
+                    "--config has all settings of the field; besides it only a lidar and its range"
+                    f" and field of view may be given, none of {', '.join(map(_flag, names))}"
                 )
             config = load_config(self.config)
-            return dataclasses.replace(config, estimator=_reaching(config.estimator, reach))
+            estimator = _seen_by(config.estimator, lidar, reach, view)
+            own = config.headings == config.estimator.headings  # by default, as is the new one's
+            headings = 0 if own else config.headings
+            return dataclasses.replace(config, estimator=estimator, headings=headings)
         kinds = [estimator_class(name) for name in ESTIMATORS]
-        kind: Any = estimator_class(given.pop("estimator", "sad"))
+        kind: Any = estimator_class(given.pop("estimator", "scan" if lidar else "sad"))
         for name in given:
             check_has(
                 _flag(name), "--estimator", kind.name, [k.name for k in kinds if _takes(k, name)]
             )
         others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
-        if _takes(kind, "lidar"):
-            named, view = given.pop("lidar", None), given.pop("field_of_view", None)
-            lidar = Lidar.preset(named) if named else Lidar(range=PAPER_RANGE)
-            turned = lidar if view is None else dataclasses.replace(lidar, field_of_view_deg=view)
-            estimator = kind(turned, **given)
+        if kind.casts_rays:
+            made = kind.of(lidar or _assumed())
         else:
-            made = kind.paper if given.pop("preset", None) == "paper" else kind
-            estimator = dataclasses.replace(made(), **given)
-        return FieldConfig(_reaching(estimator, reach), **others)
+            paper = given.pop("preset", None) == "paper"
+            made = dataclasses.replace(kind.paper() if paper else kind(), **given)
+        return FieldConfig(_seen_by(made, lidar, reach, view), **others)
 
     def to_configs(self, ranges: str | None) -> list[FieldConfig]:
         """The settings with each of the ranges in a text [m], or as they are without a text."""
@@ -132,30 +140,52 @@ class FieldOptions:
 
 def _flag(name: str) -> str:
     """The option of a field of `FieldOptions`, as it is typed."""
-    return LIDAR if name == "lidar" else f"--{name.replace('_', '-')}"
+    return f"--{name.replace('_', '-')}"
 
 
 def _takes(kind: type[Estimator], option: str) -> bool:
     """True if an option of `FieldOptions` is for this estimator."""
+    if option == "headings":
+        return kind.casts_rays
     if option in ("stride", "preset"):
         return option == "stride" or hasattr(kind, "paper")
-    own = "lidar" if option in ("field_of_view", "headings") else option
-    return own in field_names(kind)
+    return option in field_names(kind)
 
 
-def _reaching(estimator: Any, reach: float | None) -> Any:
-    """An estimator with another range [m], unless that is None."""
-    if reach is None:
-        return estimator
+def _assumed() -> Lidar:
+    """The lidar of estimators that need one where none is named."""
+    from locplan.simulation._settings import SHORT_LIDAR
+
+    return dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
+
+
+def _changed(lidar: Lidar, reach: float | None, view: float | None) -> Lidar:
+    """A lidar with another range [m] and field of view [deg], where they are given."""
+    if reach is not None:
+        lidar = dataclasses.replace(lidar, range=reach)
+    return lidar if view is None else dataclasses.replace(lidar, field_of_view_deg=view)
+
+
+def _seen_by(
+    estimator: Any, lidar: Lidar | None, reach: float | None, view: float | None
+) -> Estimator:
+    """An estimator with another lidar, or with another range [m] and field of view [deg]."""
+    if lidar is None and (own := getattr(estimator, "lidar", None)):
+        lidar = _changed(own, reach, view)
+    if lidar is not None:
+        made: Estimator = estimator.with_lidar(lidar)
+        return made
     from locplan.field._registry import estimator_class
 
-    if _takes(type(estimator), "lidar"):
-        lidar = dataclasses.replace(estimator.lidar, range=reach)
-        return dataclasses.replace(estimator, lidar=lidar)
     kinds = [estimator_class(name) for name in ESTIMATORS]
-    having = [kind.name for kind in kinds if _takes(kind, "range") or _takes(kind, "lidar")]
+    seeing = [kind.name for kind in kinds if kind.casts_rays]
+    if view is not None:
+        check_has("--field-of-view", "--estimator", estimator.name, seeing)
+    if reach is None:
+        return estimator  # type: ignore[no-any-return]
+    having = [kind.name for kind in kinds if kind.casts_rays or "range" in field_names(kind)]
     check_has("--range", "--estimator", estimator.name, having)
-    return dataclasses.replace(estimator, range=reach)
+    return dataclasses.replace(estimator, range=reach)  # type: ignore[no-any-return]
 
 
 def _has_scheduler(_: object, scheduler: str | None) -> None:
@@ -214,7 +244,7 @@ class CostOptions:
 
     weight: float | None = None
     """The weight is the detour accepted per degenerate metre [m]; by default the estimator's own,
-    4 for sad."""
+    4 for sad and 8 for the others."""
     criterion: Criterion = None
     robot_radius: RobotRadius = None
 

@@ -61,6 +61,7 @@ def pareto(
     """
     from locplan import planners
     from locplan.export._plan_folders import FRONT, write_front
+    from locplan.field._summary import about_field
     from locplan.planners._summary import front_summary, front_table
     from locplan.planners._trade_offs import check_caps
 
@@ -81,4 +82,5 @@ def pareto(
     )
     if folder:
         write_front(folder, front, field)
-    show(json, front_summary(front), front_table(front, field.e_unit), output)
+    table = f"{front_table(front, field.e_unit)}\n{about_field(field)}"
+    show(json, front_summary(front), table, output)

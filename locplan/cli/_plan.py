@@ -96,6 +96,7 @@ def plan(
     from locplan import planners
     from locplan._util.progress import in_turn, progress_bar
     from locplan.export._plan_folders import PLAN, write_plans
+    from locplan.field._summary import about_field
     from locplan.planners._summary import plans_summary, plans_table
 
     start, goal = position("start", query.start), position("goal", query.goal)
@@ -124,4 +125,7 @@ def plan(
         )
     if folder:
         write_plans(folder, costmap, field, plans)
-    show(json, plans_summary(plans), plans_table(plans, field.e_unit), output)
+    table = f"{plans_table(plans, field.e_unit)}\n{about_field(field)}"
+    if not costmap.has_weak_spots:
+        table += "\nno weak spot for this lidar: u is 0 all over the map"
+    show(json, plans_summary(plans), table, output)

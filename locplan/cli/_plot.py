@@ -29,8 +29,8 @@ class FigureOptions:
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
     """The figure shows a field (default), the paper's e or ellipses, or a place (--at)."""
     scalar: str | None = None
-    """The figure field shows e (default), position_std, position_rms, heading_std; ambiguity or
-    entropy."""
+    """The figure field shows what degeneracy is made of by default, or e, position_std,
+    position_rms, heading_std, ambiguity or entropy."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
     """The figures e and ellipses show these ranges of the lidar side by side [m]."""
     limits: Annotated[Text | None, Parameter(metavar="LOW,HIGH")] = None
@@ -73,15 +73,15 @@ def plot(
     from locplan.plotting._captions import how
 
     given = given_of(shown)
-    figure, scalar = given.pop("figure"), given.get("scalar", "e")
+    figure, scalar = given.pop("figure"), given.get("scalar")
     for name in given:
         check_has(f"--{name}", "--figure", figure, [each for each in READ if name in READ[each]])
     configs = options.to_configs(shown.ranges)
     estimator: Any = configs[0].estimator
     at_a_place = figure in ("distribution", "models")
     known = [*SCALARS, *(layer.name for layer in estimator.layers)]
-    if scalar not in known:
-        more = "" if estimator.layers else "; ambiguity and entropy are of --estimator scan"
+    if scalar is not None and scalar not in known:
+        more = "" if estimator.layers else "; ambiguity and entropy are of scan and fused"
         raise ConfigError(f"--scalar must be one of {', '.join(known)}, not {scalar!r}{more}")
     if at_a_place and estimator.name != "sad":
         raise ConfigError(f"--figure {figure} is of --estimator sad")
@@ -103,10 +103,7 @@ def plot(
             window = estimator.window.on(grid.resolution)
             drawn = paper.distribution_figure({title: mismatch(grid, *place, estimator)}, window)
     else:
-        fields = {
-            f"{grid.name}: {how(c)}, range {c.estimator.reach:g} m": computing.field(grid, c)
-            for c in configs
-        }
+        fields = {f"{grid.name}: {how(c)}": computing.field(grid, c) for c in configs}
         if figure == "e":
             drawn = plotting.e_figure(fields, colours)
         elif figure == "ellipses":

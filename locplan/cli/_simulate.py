@@ -89,7 +89,7 @@ def simulate(
         refuse("with --path: no path is planned", **vars(costs), **own)
     config = options.to_config()
     costs.check(config)
-    simulated = simulation.simulated(config)
+    simulated = simulation.simulated(config, options.named_lidar())
     drives, threads = driven.drives, computing.threads
     files = find_maps(*maps)
     if driven.random is None and len(files) > 1:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 from cyclopts import Parameter
 
 from locplan.cli._groups import INPUT, SIMULATION, Count, Pair, Seed, option_group, results
-from locplan.cli._options import LIDARS
 from locplan.cli._values import settings_of
 
 if TYPE_CHECKING:
@@ -30,10 +29,8 @@ class Simulated(TypedDict):
 
 @option_group(SIMULATION)
 class SimulationOptions:
-    """The robot's lidar, its filter, and the disturbances of both."""
+    """The robot's filter, and the disturbances of it and of the lidar."""
 
-    lidar: Annotated[str | None, Parameter(choices=LIDARS)] = None
-    """The simulated lidar is one of these, or that of the field by default."""
     params: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
     """The settings of amcl in this parameter file of Nav2 are simulated."""
     set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
@@ -43,9 +40,8 @@ class SimulationOptions:
     seed: Seed = 1
     """The seed of all random numbers is 1 by default."""
 
-    def simulated(self, config: FieldConfig) -> Simulated:
+    def simulated(self, config: FieldConfig, named: Lidar | None) -> Simulated:
         """The lidar, that of the field unless one is named, the filter, and the disturbances."""
-        from locplan.field import Lidar
         from locplan.simulation._nav2 import read_amcl
         from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances, changed
 
@@ -57,7 +53,7 @@ class SimulationOptions:
             settings_of(self.set, "set", "alpha1=0.05", words=True),
         )
         return {
-            "lidar": Lidar.preset(self.lidar) if self.lidar else lidar,
+            "lidar": named or lidar,
             "amcl": amcl,
             "disturbances": disturbances,
             "seed": self.seed,

@@ -2,6 +2,7 @@ from ._about import about_costs as about_costs
 from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap, check_costs as check_costs
 from ._degeneracy import CostSettings as CostSettings
 from ._footprint import Footprint as Footprint
+from ._lidars import LidarShare as LidarShare, compare_lidars as compare_lidars
 from ._metrics import (
     DEGENERATE as DEGENERATE,
     PathMetrics as PathMetrics,

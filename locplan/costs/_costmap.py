@@ -31,8 +31,8 @@ LAYERS = ("density", "u", "e", "u_of_heading", "e_of_heading")
 class Costmap(Pictured):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
-    It is made by `from_field`, `from_fields`, `from_density` or `blank`. Its arrays are read-only;
-    arrays that are given read-only are kept, others are copied.
+    It is made by `from_field`, `from_density` or `blank`. Its arrays are read-only; arrays that are
+    given read-only are kept, others are copied.
     """
 
     _drawn_by: ClassVar[str] = "locplan.plotting:costmap_figure"
@@ -102,12 +102,13 @@ class Costmap(Pictured):
         robot_radius : float
             Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
         law : str
-            "logarithmic": u = ln(e/e_min) / ln(e_max/e_min); "linear": e / e_max; "cube-root":
-            the cube root of e / e_max. All are clipped to 0..1.
+            "logarithmic": u = ln(s/s_min) / ln(s_max/s_min) of the criterion's value s; "linear":
+            s / s_max; "cube-root": the cube root of s / s_max. All are clipped to 0..1.
         criterion : str, optional
-            Value that u is made of, by default the estimator's own: "e", "position_std",
-            "position_rms", "heading_std" (see `locplan.field.scalar`), or a layer of the field,
-            "ambiguity" or "entropy", which is always linear between its anchors.
+            Value that u is made of, by default the estimator's own ("e" of `Sad`, else
+            "position_std"): "e", "position_std", "position_rms", "heading_std" (see
+            `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", which is
+            always linear between its anchors.
         headings : str
             Value that counts in a field with several headings where the robot's own is not known:
             that of the "mean" information, or of the "worst" heading. Planners whose states have
@@ -120,67 +121,21 @@ class Costmap(Pictured):
         ConfigError
             If weight or radius is negative or not finite, or a name is unknown.
         """
-        return cls.from_fields(
-            grid,
-            [field],
-            weight=weight,
-            robot_radius=robot_radius,
-            law=law,
-            criterion=criterion,
-            headings=headings,
-        )
-
-    @classmethod
-    def from_fields(
-        cls,
-        grid: OccupancyGrid,
-        fields: Sequence[CovarianceField],
-        *,
-        fuse: Literal["max", "mean"] = "max",
-        weight: float | None = None,
-        robot_radius: float = ROBOT_RADIUS,
-        law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
-        criterion: str | None = None,
-        headings: Literal["mean", "worst"] = "mean",
-    ) -> Costmap:
-        """Make a costmap from several fields of a map, such as those of "fisher" and "scan".
-
-        Parameters
-        ----------
-        fields : sequence of CovarianceField
-            At least one; those with several headings must have as many.
-        fuse : str
-            "max": the larger u; "mean": u of the criterion's mean logarithm, between the mean
-            logarithms of the anchors. The mean of "fisher" and "scan" by "position_std" predicts
-            the errors of real lasers best. The e that plans report is fused in the same way.
-
-        The other parameters are those of `from_field`.
-        """
         check_grid(grid)
-        fields = [fields] if isinstance(fields, CovarianceField) else list(fields)
-        for field in fields:
-            instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
-            if field.grid.digest != grid.digest:
-                raise FieldError(
-                    f"the field of {field.grid.name or 'another map'} does not belong to"
-                    f" {grid.name or 'this map'}; compute it for this map"
-                )
-        if not fields:
-            raise ConfigError("a costmap needs at least one field")
-        estimator = fields[0].config.estimator
+        instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
+        if field.grid.digest != grid.digest:
+            raise FieldError(
+                f"the field of {field.grid.name or 'another map'} does not belong to"
+                f" {grid.name or 'this map'}; compute it for this map"
+            )
+        estimator = field.config.estimator
         weight = estimator.weight if weight is None else weight
         criterion = criterion or estimator.criterion
         check_weight(weight)
         one_of("law", law, LAWS)
-        one_of("fuse", fuse, ("max", "mean"))
         one_of("headings", headings, ("mean", "worst"))
-        counts = {field.config.headings for field in fields} - {1}
-        if len(counts) > 1:
-            raise ConfigError("the fields of a costmap must have as many headings, or one")
-        if len({field.window.dimension for field in fields}) > 1:
-            raise ConfigError("a costmap needs fields that all have rotation, or none")
-        own = [degeneracy(fields, criterion, law, fuse, None)] if counts else []
-        u, e = degeneracy(fields, criterion, law, fuse, headings)
+        own = degeneracy(field, criterion, law, None) if field.config.headings > 1 else None
+        u, e = degeneracy(field, criterion, law, headings)
         density = np.where(np.isnan(u), np.inf, 1 + weight * u)
         return cls(
             grid=grid,
@@ -189,9 +144,9 @@ class Costmap(Pictured):
             robot_radius=float(robot_radius),
             u=sealed(u),
             e=sealed(e),
-            u_of_heading=sealed(own[0][0].astype(np.float32)) if own else None,
-            e_of_heading=sealed(own[0][1].astype(np.float32)) if own else None,
-            settings=CostSettings(law, criterion, fuse, headings, tuple(f.config for f in fields)),
+            u_of_heading=sealed(own[0].astype(np.float32)) if own else None,
+            e_of_heading=sealed(own[1].astype(np.float32)) if own else None,
+            settings=CostSettings(law, criterion, headings, field.config),
         )
 
     @classmethod
@@ -271,6 +226,12 @@ class Costmap(Pictured):
         density = _blocked(self.density, self.grid, robot_radius)
         return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
 
+    @property
+    def has_weak_spots(self) -> bool:
+        """Whether u is above 0 anywhere; True where there is no field."""
+        known = self.u[~np.isnan(self.u)]
+        return not known.size or bool(known.max() > 0)
+
     def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
         """Row and column of the cell at a world position [m] where the robot can stand.
 
@@ -290,7 +251,8 @@ class Costmap(Pictured):
             decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
             shown = ",".join(f"{v:.{decimals}f}" for v in nearest)
             remedy = f"the nearest free position is {shown}"
-        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}")
+        where = "locplan info MAP -o PICTURE shows coordinates"
+        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {where}")
 
     def _fault(self, row: int, col: int) -> str | None:
         if not self.grid.contains(row, col):
@@ -334,4 +296,4 @@ def sealed(layer: NDArray[Any]) -> NDArray[Any]:
 
 def _blocked(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
     number("robot_radius", robot_radius, 0, MAX_DENSITY)
-    return sealed(np.where(grid.clearance < robot_radius - 1e-9, np.inf, density))
+    return sealed(np.where(grid.closer_than(robot_radius - 1e-9), np.inf, density))

@@ -1,10 +1,8 @@
-"""Degeneracy of places: a scalar of one or several fields, between absolute anchors."""
+"""Degeneracy of places: a scalar of a field, between absolute anchors."""
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,21 +18,17 @@ LAWS = ("logarithmic", "linear", "cube-root")
 
 @dataclass(frozen=True)
 class CostSettings:
-    """Settings of the degeneracy u of a costmap; see `Costmap.from_fields`."""
+    """Settings of the degeneracy u of a costmap; see `Costmap.from_field`."""
 
     law: str
     criterion: str
-    fuse: str
     headings: str
-    configs: tuple[FieldConfig, ...]
-    """The settings of the fields."""
+    config: FieldConfig
+    """The settings of the field."""
 
     def to_json(self) -> dict[str, object]:
         """All settings, fit for JSON."""
-        about: dict[str, object] = {
-            name: getattr(self, name) for name in ("law", "criterion", "fuse", "headings")
-        }
-        return about | {"configs": [config.to_json() for config in self.configs]}
+        return {**vars(self), "config": self.config.to_json()}
 
 
 def check_criterion(criterion: str, config: FieldConfig) -> None:
@@ -44,54 +38,19 @@ def check_criterion(criterion: str, config: FieldConfig) -> None:
 
 
 def degeneracy(
-    fields: Sequence[CovarianceField],
-    criterion: str,
-    law: str,
-    fuse: str,
-    headings: Literal["mean", "worst"] | None,
+    field: CovarianceField, criterion: str, law: str, headings: Literal["mean", "worst"] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """u and e of all fields together, (H, W), or without `headings` of each one, (n, H, W)."""
-    us, es, values = [], [], []
-    anchors = [_anchors(field, criterion) for field in fields]
-    for field, (least, greatest) in zip(fields, anchors, strict=True):
-        layer = criterion in field.layers
-        found = field.scalar(criterion, headings=headings, with_q=True)
-        found = _headings_first(field.on_map(found, logarithmic=not layer), headings)
-        values.append(found)
-        us.append(_degeneracy_of(found, least, greatest, "layer" if layer else law))
-        e = field.on_map(field.scalar("e", headings=headings))
-        es.append(_headings_first(e, headings))
-    if len(fields) == 1:
-        return us[0], es[0]
-    if fuse == "max":
-        return functools.reduce(np.maximum, us), functools.reduce(np.maximum, es)
-    if criterion in fields[0].layers:
-        return _mean(us), _geometric_mean(es)
-    least, greatest = np.exp(np.log(anchors).mean(axis=0))
-    return _degeneracy_of(_geometric_mean(values), least, greatest, law), _geometric_mean(es)
-
-
-def _anchors(field: CovarianceField, criterion: str) -> tuple[float, float]:
+    """u and e of a field, (H, W), or without `headings` of each one, (n, H, W)."""
     check_criterion(criterion, field.config)
     least, greatest = field.anchors(criterion)
     if not greatest > least:
         raise ConfigError(f"criterion {shown(criterion)} says nothing in a field without rotation")
-    return least, greatest
-
-
-def _headings_first(values: NDArray[Any], headings: str | None) -> NDArray[np.float64]:
-    """Move headings to the front, (n, H, W); without `headings`, (H, W) becomes (1, H, W)."""
-    if values.ndim == 3:
-        return np.moveaxis(values, 2, 0)
-    return values if headings else values[None]
-
-
-def _mean(arrays: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
-    return sum(arrays[1:], arrays[0]) / len(arrays)
-
-
-def _geometric_mean(arrays: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
-    return np.exp(_mean([np.log(np.maximum(one, np.finfo(float).tiny)) for one in arrays]))
+    layer = criterion in field.layers
+    found = field.scalar(criterion, headings=headings, with_q=True)
+    values = field.on_map(found, logarithmic=not layer)
+    u = _degeneracy_of(values, least, greatest, "layer" if layer else law)
+    e = field.on_map(field.scalar("e", headings=headings))
+    return (u, e) if headings else (np.moveaxis(u, 2, 0), np.moveaxis(e, 2, 0))
 
 
 def _degeneracy_of(values: NDArray[Any], least: float, greatest: float, law: str) -> NDArray[Any]:

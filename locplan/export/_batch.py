@@ -13,7 +13,7 @@ from locplan._util.files import PICTURES, check_folder_target, check_target, mak
 from locplan._util.results import ResultFolder
 from locplan._util.tables import table
 from locplan.errors import LocplanError
-from locplan.field import CovarianceField
+from locplan.field import SCALARS, CovarianceField
 from locplan.field._summary import FieldSummary, shown
 from locplan.field._zarr import SUFFIX, may_be_replaced
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
@@ -135,10 +135,13 @@ def batch_table(runs: Sequence[Run]) -> str:
     rows = []
     for run in runs:
         if run.summary is None:
-            rows.append([name_of(run.file), "–", "–", "–", "failed"])
+            rows.append([name_of(run.file), "–", "–", "–", "–", "failed"])
         else:
             cells, share = f"{run.summary.cells_evaluated:,}", f"{run.summary.saturated_share:.0%}"
-            e, took = shown(run.summary.e_median), f"{run.seconds:.1f} s"
-            rows.append([run.summary.map, cells, e, share, took])
+            std = SCALARS["position_std"]
+            position = f"{shown(std.factor * run.summary.position_std.median)} {std.unit}"
+            e, took = shown(run.summary.e.median), f"{run.seconds:.1f} s"
+            rows.append([run.summary.map, cells, position, e, share, took])
     errors = [f"failed: {run.error}" for run in runs if run.error]
-    return "\n".join([table(["map", "cells", "median e", "saturated", "took"], rows), *errors])
+    columns = ["map", "cells", "median position std", "median e", "saturated", "took"]
+    return "\n".join([table(columns, rows), *errors])

@@ -15,9 +15,11 @@ from ._covariance import (
 from ._estimator import Estimator as Estimator, Layer as Layer, MapPart as MapPart
 from ._field import CovarianceField as CovarianceField
 from ._lidar import Lidar as Lidar
+from ._lidar_presets import PRESETS as PRESETS
 from ._registry import ESTIMATORS as ESTIMATORS
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
 from ._store import CacheWarning as CacheWarning, load_or_compute as load_or_compute
 from .estimators._fisher import Fisher as Fisher
+from .estimators._fused import Fused as Fused
 from .estimators._sad import Exponential as Exponential, InverseSquare as InverseSquare, Sad as Sad
 from .estimators._scan import Scan as Scan

@@ -39,7 +39,7 @@ class FieldConfig(Settings):
     """
 
     estimator: Estimator = field(default_factory=Sad)
-    """Estimator of the covariance at a pose: `Sad`, `Fisher`, `Scan`, or one of your own."""
+    """Estimator of the covariance at a pose: `Sad`, `Fisher`, `Scan`, `Fused`, or your own."""
     stride: float = field(default=0.2, kw_only=True)
     """Spacing of the evaluated cells [m], rounded to whole cells, at least one."""
     headings: int = field(default=0, kw_only=True)

@@ -41,8 +41,8 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: obje
 def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     """Read the settings of a field from a JSON file.
 
-    They are the file's "config", as `save_config` or a command writes it, the only one of its
-    "configs", or the whole file. Missing settings take their defaults.
+    They are the file's "config", as `save_config` or a command writes it, or the whole file.
+    Missing settings take their defaults.
 
     Raises
     ------
@@ -89,7 +89,4 @@ def picture_of_calibration(path: FilePath) -> str | None:
 def _settings(content: Any) -> Any:
     if not isinstance(content, dict):
         return None
-    if "config" in content:
-        return content["config"]
-    configs = content.get("configs")
-    return configs[0] if isinstance(configs, list) and len(configs) == 1 else content
+    return content.get("config", content)

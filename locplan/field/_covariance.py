@@ -16,6 +16,8 @@ class Quantity(NamedTuple):
 
     label: str
     unit: str
+    factor: float = 1.0
+    """Factor that turns the value into the unit that is shown."""
 
     @property
     def axis(self) -> str:
@@ -25,11 +27,11 @@ class Quantity(NamedTuple):
 
 SCALARS = {
     "e": Quantity("pose uncertainty e", "m² rad"),
-    "position_std": Quantity("largest position std. deviation", "m"),
-    "position_rms": Quantity("rms position deviation", "m"),
-    "heading_std": Quantity("heading std. deviation", "rad"),
+    "position_std": Quantity("largest position std. deviation", "cm", 100.0),
+    "position_rms": Quantity("rms position deviation", "cm", 100.0),
+    "heading_std": Quantity("heading std. deviation", "deg", 180.0 / np.pi),
 }
-"""Label and unit of each scalar of a covariance by name, see `scalar`."""
+"""Label and shown unit of each scalar of a covariance by name, see `scalar`."""
 MIN_VARIANCE = 1e-12
 """Variance far below what any lidar resolves [m^2, rad^2]."""
 
@@ -94,11 +96,28 @@ def log_euclidean_mean(
 
     ln det of the mean, and so its ln e, is the weighted mean of those of the covariances.
     """
+    return _exp(np.einsum("n,nij->ij", weights / weights.sum(), _log(covariances)))
+
+
+def log_euclidean_means(
+    some: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is."""
+    means = np.full(np.broadcast_shapes(some.shape, others.shape), np.nan)
+    known = ~np.isnan(some + others).any(axis=(-2, -1))
+    means[known] = _exp((_log(some[known]) + _log(others[known])) / 2)
+    return means
+
+
+def _log(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     values, vectors = np.linalg.eigh(covariances)
     logs = np.log(np.maximum(values, np.finfo(float).tiny))
-    mean_log = np.einsum("n,nij,nj,nkj->ik", weights, vectors, logs, vectors) / weights.sum()
-    values, vectors = np.linalg.eigh(mean_log)
-    return np.asarray((vectors * np.exp(values)) @ vectors.T)
+    return np.asarray((vectors * logs[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
+def _exp(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    values, vectors = np.linalg.eigh(logs)
+    return np.asarray((vectors * np.exp(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
 def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

@@ -10,9 +10,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, keep, positive, shown
+from locplan._util.checks import Settings, keep, positive
 from locplan.errors import ConfigError
-from locplan.field._search_window import OffsetLattice, SearchWindow
+from locplan.field._lidar import Lidar
+from locplan.field._search_window import OffsetLattice
 from locplan.field._settings import settings_of
 
 Values = dict[str, NDArray[np.float64]]
@@ -55,7 +56,15 @@ class MapPart:
     prepared: Any = None
     """Result of `Estimator.prepare` for these levels, or None."""
     control: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, np.int64))
-    """Two numbers shared with other threads: 1 to stop early, and the number of cells done."""
+    """Two numbers shared with other threads: 1 to stop early, and the number of cells done.
+
+    With the first one alone the cells are not counted.
+    """
+
+    @property
+    def heading_axis(self) -> int | slice:
+        """Index that takes the headings' axis away if there is only one, and keeps it otherwise."""
+        return 0 if len(self.headings) == 1 else slice(None)
 
     def __repr__(self) -> str:
         return f"MapPart({len(self.rows)} cells, {self.levels.shape} of {self.map_shape})"
@@ -93,12 +102,12 @@ class Estimator(Settings, ABC):
     casts_rays: ClassVar[bool] = False
     """True if the estimator simulates a lidar, which must not stand in a wall."""
 
-    window: SearchWindow = field(default_factory=SearchWindow)
-    """Search window of pose offsets, which bounds the covariance."""
     noise_level: float = 1.0
     """Factor k on the covariance (Eq. 8)."""
-    quantisation: bool = True
-    """True to add Q, the variance that the window's steps cannot resolve (step^2 / 12)."""
+
+    @abstractmethod
+    def lattice(self, resolution: float) -> OffsetLattice:
+        """Lattice of pose offsets that bounds the covariance, on cells of `resolution` metres."""
 
     @property
     @abstractmethod
@@ -108,7 +117,22 @@ class Estimator(Settings, ABC):
     @property
     @abstractmethod
     def summary(self) -> str:
-        """Name and most important settings of the estimator, for titles."""
+        """Name of the estimator, its lidar and range, and its most important settings."""
+
+    @classmethod
+    def of(cls, lidar: Lidar, **settings: Any) -> Estimator:
+        """This estimator for a lidar, with further settings of its own.
+
+        Raises
+        ------
+        ConfigError
+            If it has nothing to do with a lidar.
+        """
+        raise ConfigError(f"estimator {cls.name} knows no lidar; leave the lidar out")
+
+    def with_lidar(self, lidar: Lidar) -> Estimator:
+        """This estimator with another lidar; a ConfigError if it has nothing to do with one."""
+        return type(self).of(lidar)
 
     @property
     def headings(self) -> int:
@@ -147,13 +171,22 @@ class Estimator(Settings, ABC):
         """Settings that decide the values of a field, fit for JSON."""
         return settings_of(self)
 
-    def plus_q(self, covariance: NDArray[np.float64], window: OffsetLattice) -> NDArray[np.float64]:
-        """Covariances (..., d, d) in the window's dimension, with Q if `quantisation` is set."""
-        covariance = covariance[..., : window.dimension, : window.dimension]
-        return covariance + window.quantisation if self.quantisation else covariance
+    def perfect(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+        """Covariance up to which a match counts as perfect, so that u is 0, (d, d)."""
+        return lattice.quantisation
+
+    def featureless(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+        """Covariance of a featureless place, where u is 1, (d, d)."""
+        return self.noise_level * lattice.uniform_covariance + self.q(lattice)
+
+    def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+        """Q, the variance that the estimator's steps of offset cannot resolve, (d, d)."""
+        return lattice.quantisation
+
+    @property
+    def adds_q(self) -> bool:
+        """Whether the covariances hold Q; u is made of Sigma + Q in any case."""
+        return True
 
     def __post_init__(self) -> None:
-        instance("window", self.window, SearchWindow)
         keep(self, noise_level=positive("noise_level", self.noise_level, "times Sigma"))
-        if not isinstance(self.quantisation, bool):
-            raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")

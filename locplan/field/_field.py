@@ -82,8 +82,7 @@ class CovarianceField(Pictured):
         median = f", median e {np.median(e):.3g} {self.e_unit}" if e.size else ""
         return (
             f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} cells every"
-            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.summary},"
-            f" range {self.config.estimator.reach:g} m{median})"
+            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.summary}{median})"
         )
 
     @property
@@ -99,7 +98,7 @@ class CovarianceField(Pictured):
     @property
     def window(self) -> OffsetLattice:
         """Lattice of the offsets that were compared at each cell."""
-        return self.config.estimator.window.on(self.grid.resolution)
+        return self.config.estimator.lattice(self.grid.resolution)
 
     @cached_property
     def e(self) -> NDArray[np.float64]:
@@ -147,39 +146,45 @@ class CovarianceField(Pictured):
 
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
-        """Sigma + Q, whether or not the estimator has added Q; shaped like `covariance`."""
-        if self.config.estimator.quantisation:
-            return self.covariance
-        return self.covariance + self.window.quantisation
+        """What u is made of: Sigma + Q, even if Q was not to be added; shaped like `covariance`."""
+        estimator = self.config.estimator
+        return self.covariance if estimator.adds_q else self.covariance + estimator.q(self.window)
 
     def anchors(self, name: str = "e") -> tuple[float, float]:
-        """Values of a scalar of Sigma + Q for a perfect match and for a featureless place.
+        """Values of a scalar for a perfect match and for a featureless place.
 
         The estimator itself defines the anchors of its layers.
         """
         for layer in self.config.estimator.layers:
             if layer.name == name:
                 return layer.anchors(self.window)
-        q = self.window.quantisation
-        featureless = self.config.estimator.noise_level * self.window.uniform_covariance + q
-        return float(scalar(q, name)), float(scalar(featureless, name))
+        estimator = self.config.estimator
+        least, greatest = estimator.perfect(self.window), estimator.featureless(self.window)
+        return float(scalar(least, name)), float(scalar(greatest, name))
 
     @property
     def saturated_share(self) -> float:
-        """Share of the evaluated points whose e (with Q) is within 5 % of its least value.
+        """Share of the evaluated points whose scalar is within 5 % of where u is 0.
 
-        The search window's steps cannot resolve better matches there. Zero for an empty field.
+        The scalar is the estimator's own criterion. Better matches do not count there. Zero for
+        an empty field.
         """
-        e = scalar(self.quantised_covariance, "e")[self.evaluated]
-        return float(np.mean(e <= SATURATION * self.anchors()[0])) if e.size else 0.0
+        criterion = self.config.estimator.criterion
+        values = self.scalar(criterion, with_q=True)[self.evaluated]
+        return (
+            float(np.mean(values <= SATURATION * self.anchors(criterion)[0]))
+            if values.size
+            else 0.0
+        )
 
     @property
     def e_unit(self) -> str:
         """Unit of e, without the angle where poses have no heading."""
         return "m² rad" if self.window.dimension == 3 else "m²"
 
-    def quantity(self, name: str = "e") -> Quantity:
-        """Label and unit of a scalar or of a layer."""
+    def quantity(self, name: str | None = None) -> Quantity:
+        """Label and unit of a scalar or of a layer, by default of the estimator's criterion."""
+        name = name or self.config.estimator.criterion
         if name == "e":
             return Quantity(SCALARS["e"].label, self.e_unit)
         layers = {each.name: each for each in self.config.estimator.layers}

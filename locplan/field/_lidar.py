@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, keep_checked, number, one_of, positive, shown, whole
+from locplan._util.checks import (
+    Settings,
+    file_path,
+    keep_checked,
+    number,
+    one_of,
+    positive,
+    shown,
+    whole,
+)
 from locplan.errors import ConfigError
+from locplan.field._lidar_presets import PRESETS
 
 FULL_CIRCLE = 360.0
+FULL_CIRCLE_TOLERANCE = 0.1
+"""Angle by which a scan may miss a full circle [deg]."""
 MAX_BEAMS = 100_000
 MAX_RANGE = 10_000.0
 """Greatest range [m], beyond that of any lidar."""
+RANGE_SIGMA = 0.03
+"""Default standard deviation of a measured distance [m]."""
 MIN_SIGMA = 1e-6
 """Least `range_sigma` [m]; with less, rounding errors would dominate a covariance."""
 
@@ -43,12 +58,16 @@ class Lidar(Settings):
 
     range: float = 12.0
     """Greatest distance that is measured [m]."""
+    least_range: float = 0.0
+    """Distance below which a return counts as none [m]."""
     field_of_view_deg: float = FULL_CIRCLE
     """Angle that the beams cover, centred on `mount_yaw_deg` [deg]."""
     beams: int = 360
     """Number of beams in the field of view."""
-    range_sigma: float = 0.03
+    range_sigma: float = RANGE_SIGMA
     """Standard deviation of a measured distance [m]."""
+    model: str = field(default="", compare=False)
+    """Name of the lidar, for titles; it decides nothing."""
     mount_x: float = 0.0
     """Position of the lidar on the robot, ahead of its centre [m]."""
     mount_y: float = 0.0
@@ -60,6 +79,11 @@ class Lidar(Settings):
         keep_checked(self, ("range_sigma",), number, MIN_SIGMA)
         keep_checked(self, ("range",), checked_range)
         keep_checked(self, ("field_of_view_deg",), positive, "deg")
+        keep_checked(self, ("least_range",), number, 0.0)
+        if self.least_range >= self.range:
+            raise ConfigError(
+                f"least_range ({self.least_range} m) must be below range ({self.range} m)"
+            )
         keep_checked(self, ("mount_x", "mount_y", "mount_yaw_deg"), number)
         if self.field_of_view_deg > FULL_CIRCLE:
             raise ConfigError(
@@ -69,15 +93,105 @@ class Lidar(Settings):
 
     @classmethod
     def preset(cls, name: str) -> Lidar:
-        """Common lidar with the values of its data sheet, see `LIDARS`.
+        """Common lidar, or that of a robot, with the values of its data sheet.
+
+        `locplan.field.PRESETS` has the names, the values and their sources.
 
         Raises
         ------
         ConfigError
             If the name is unknown.
         """
-        one_of("lidar", name, LIDARS)
-        return LIDARS[name]
+        one_of("lidar", name, PRESETS)
+        sheet = PRESETS[name]._asdict()
+        del sheet["source"]
+        return cls(**sheet, model=name)
+
+    @classmethod
+    def from_scan(
+        cls,
+        *,
+        angle_min: float,
+        angle_max: float,
+        angle_increment: float,
+        range_min: float,
+        range_max: float,
+        mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        range_sigma: float | None = None,
+        model: str = "",
+    ) -> Lidar:
+        """Lidar that took a scan, from the fields of a sensor_msgs/LaserScan.
+
+        Parameters
+        ----------
+        angle_min, angle_max, angle_increment : float
+            Angles of the first and the last beam, and from one beam to the next [rad]. Where the
+            lidar is mounted upside down, which TF tells by a roll of pi, give the first two with
+            the other sign.
+        range_min, range_max : float
+            Least and greatest distance that is measured [m].
+        mount : (x, y, yaw)
+            Pose of the lidar on the robot [m, m, rad], as TF has it.
+        range_sigma : float, optional
+            Standard deviation of a measured distance [m], 0.03 by default.
+        model : str
+            Name for titles.
+
+        Raises
+        ------
+        ConfigError
+            If a value is out of its range.
+        """
+        for name, value in {"angle_min": angle_min, "angle_max": angle_max}.items():
+            number(name, value)
+        x, y, yaw = (number("mount", each) for each in mount)
+        step = number("angle_increment", angle_increment)
+        if step == 0 or not 0 <= (angle_max - angle_min) / step < MAX_BEAMS:
+            raise ConfigError(
+                "angle_increment must lead from angle_min to angle_max in fewer than"
+                f" {MAX_BEAMS:,} steps, not be {step!r}"
+            )
+        beams = round((angle_max - angle_min) / step) + 1
+        width, between = (abs(math.degrees(turn)) for turn in ((beams - 1) * step, step))
+        if width > FULL_CIRCLE + FULL_CIRCLE_TOLERANCE:
+            raise ConfigError(f"a scan covers at most 360 deg, not {width:g}")
+        # A full circle may end a step before where it began, or with a second beam ahead.
+        full = width + between > FULL_CIRCLE - FULL_CIRCLE_TOLERANCE
+        beams -= width > FULL_CIRCLE - between / 2
+        middle = (angle_min + angle_max) / 2
+        return cls(
+            range=range_max,
+            least_range=range_min,
+            field_of_view_deg=FULL_CIRCLE if full else width,
+            beams=beams,
+            range_sigma=RANGE_SIGMA if range_sigma is None else range_sigma,
+            mount_x=x,
+            mount_y=y,
+            mount_yaw_deg=math.degrees(yaw + (0.0 if full else middle)),
+            model=model,
+        )
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str]) -> Lidar:
+        """Lidar of a robot's description: the only ray sensor in a URDF or SDF file.
+
+        Its pose on the link that carries it is taken, but not that link's pose on the robot: put
+        it right by ``dataclasses.replace(lidar, mount_x=...)``. The noise is the file's, where it
+        is Gaussian.
+
+        Raises
+        ------
+        ConfigError
+            If the file cannot be read, or has no ray sensor, or several.
+        """
+        from locplan.field._lidar_files import read_sensor
+
+        return cls.from_scan(**read_sensor(file_path("a robot's description", path))._asdict())
+
+    @property
+    def title(self) -> str:
+        """Name, range and field of view, for titles."""
+        return f"{self.model or 'lidar'}, {self.range:g} m, {self.field_of_view_deg:g}°"
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -106,18 +220,3 @@ class Lidar(Settings):
         Where a feature lies between two beams is neglected.
         """
         return self.sees_all_round and self.mount_x == self.mount_y == 0.0
-
-
-LIDARS = {
-    # Slamtec, RPLIDAR A1M8 data sheet: 0.15-12 m, 360 deg, 1 deg, resolution 1 % of the distance.
-    "rplidar-a1": Lidar(range=12.0, beams=360, range_sigma=0.03),
-    # Hokuyo, UTM-30LX data sheet: 0.1-30 m, 270 deg, 0.25 deg, repeatability 10 mm to 10 m, 30 mm
-    # beyond.
-    "utm-30lx": Lidar(range=30.0, field_of_view_deg=270.0, beams=1081, range_sigma=0.03),
-    # Sick, LMS291 technical description: 80 m, 180 deg, 0.5 deg, statistical error 10 mm.
-    "lms291": Lidar(range=80.0, field_of_view_deg=180.0, beams=361, range_sigma=0.01),
-    # Hokuyo, URG-04LX-UG01 data sheet: 5.6 m, 240 deg, 0.36 deg (682 steps), 30 mm to 1 m,
-    # 3 % beyond.
-    "urg-04lx": Lidar(range=5.6, field_of_view_deg=240.0, beams=682, range_sigma=0.03),
-}
-"""Common lidars by their makers' data sheets."""

@@ -14,6 +14,7 @@ ESTIMATORS: dict[str, str] = {
     "sad": "locplan.field.estimators._sad:Sad",
     "fisher": "locplan.field.estimators._fisher:Fisher",
     "scan": "locplan.field.estimators._scan:Scan",
+    "fused": "locplan.field.estimators._fused:Fused",
 }
 """Module and class of each estimator; imported when first used."""
 

@@ -14,10 +14,11 @@ T = TypeVar("T")
 
 
 def settings_of(owner: Any) -> dict[str, object]:
-    """Settings as values for JSON; an object begins with its class variable `name`, if any."""
+    """Settings as they come back from JSON; an object begins with its class variable `name`."""
     settings = {"name": type(owner).name} if hasattr(type(owner), "name") else {}
     for each in fields(owner):
         value = getattr(owner, each.name)
+        value = list(value) if isinstance(value, tuple) else value
         settings[each.name] = settings_of(value) if is_dataclass(value) else value
     return settings
 

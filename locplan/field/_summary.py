@@ -4,21 +4,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from locplan._util.tables import finite, table
 from locplan.field._config import FieldConfig
+from locplan.field._covariance import SCALARS
 from locplan.field._field import CovarianceField
 
+NOTHING = [math.nan] * 3
 SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
 
 
+class Spread(NamedTuple):
+    """Values that 10 %, half and 90 % of a field's cells stay below; NaN without cells."""
+
+    low: float
+    median: float
+    high: float
+
+    def text(self, factor: float, unit: str) -> str:
+        """The three values for people, in a unit that is `factor` times as small."""
+        return f"{' / '.join(shown(factor * value) for value in self)} {unit}"
+
+
 @dataclass(frozen=True)
 class FieldSummary:
-    """How many cells were evaluated, and how e is distributed over them and all headings."""
+    """How many cells were evaluated, and how values are distributed over them and all headings."""
 
     map: str
     """Name of the map."""
@@ -26,52 +41,93 @@ class FieldSummary:
     """Settings of the field."""
     cells_evaluated: int
     """Number of cells with a covariance."""
-    e_percentile_10: float
-    """e that a tenth of the cells stays below [m^2 rad]; NaN without cells."""
-    e_median: float
-    """Median of e [m^2 rad]; NaN without cells."""
-    e_percentile_90: float
-    """e that a tenth of the cells exceeds [m^2 rad]; NaN without cells."""
+    position_std: Spread
+    """Largest standard deviation of the position [m]."""
+    heading_std: Spread
+    """Standard deviation of the heading [rad]."""
+    e: Spread
+    """e, in `e_unit`."""
     saturated_share: float
-    """Share of the cells whose e is at its least value, 0..1."""
+    """Share of the cells whose matches count as perfect, 0..1."""
+    all_perfect: bool
+    """Whether u is 0 all over the map."""
     e_unit: str
     """Unit of e: without rotation in the search window it is m^2."""
 
     @classmethod
     def of(cls, field: CovarianceField) -> FieldSummary:
         """The summary of a field."""
-        e = field.e[field.evaluated]
-        low, mid, high = np.percentile(e, (10, 50, 90)).tolist() if e.size else [math.nan] * 3
-        name, count, saturated = field.grid.name, int(field.evaluated.sum()), field.saturated_share
-        return cls(name, field.config, count, low, mid, high, saturated, field.e_unit)
+        criterion = field.config.estimator.criterion
+        decisive = field.scalar(criterion, with_q=True)[field.evaluated]
+        perfect = bool(decisive.size and decisive.max() <= field.anchors(criterion)[0])
+        return cls(
+            field.grid.name,
+            field.config,
+            int(field.evaluated.sum()),
+            position_std=_spread(field.scalar("position_std")[field.evaluated]),
+            heading_std=_spread(field.scalar("heading_std")[field.evaluated]),
+            e=_spread(field.scalar("e")[field.evaluated]),
+            saturated_share=field.saturated_share,
+            all_perfect=perfect,
+            e_unit=field.e_unit,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """The summary, fit for JSON."""
-        numbers = {name: value for name, value in vars(self).items() if name != "e_unit"}
-        return {**finite(numbers), "config": self.config.to_json()}
+        spreads = {
+            "position_std_m": self.position_std,
+            "heading_std_rad": self.heading_std,
+            "e": self.e,
+        }
+        return finite(
+            {
+                "map": self.map,
+                "cells_evaluated": self.cells_evaluated,
+                **{name: spread._asdict() for name, spread in spreads.items()},
+                "e_unit": self.e_unit,
+                "saturated_share": self.saturated_share,
+                "config": self.config.to_json(),
+            }
+        )
 
     def table(self) -> str:
         """The summary for people, and what would resolve a saturated field."""
-        values = self.e_percentile_10, self.e_median, self.e_percentile_90
         estimator, headings = self.config.estimator, self.config.headings
         several = "" if headings == 1 else f", {headings} headings"
+        position, heading = SCALARS["position_std"], SCALARS["heading_std"]
         text = table(
-            [],
+            ["", "10 % / median / 90 % of cells and headings"],
             [
                 ["map", self.map],
-                ["estimator", f"{estimator.summary}, range {estimator.reach:g} m{several}"],
+                ["estimator", f"{estimator.summary}{several}"],
                 ["cells evaluated", f"{self.cells_evaluated:,}"],
-                ["e, 10 % / median / 90 %", f"{' / '.join(map(shown, values))} {self.e_unit}"],
-                [
-                    "saturated",
-                    f"{self.saturated_share:.0%} of the cells: e + Q is least",
-                ],
+                ["position std", self.position_std.text(position.factor, position.unit)],
+                ["heading std", self.heading_std.text(heading.factor, heading.unit)],
+                ["e", self.e.text(1.0, self.e_unit)],
+                ["saturated", f"{self.saturated_share:.0%} of the cells: u is about 0"],
             ],
         )
+        if self.all_perfect:
+            return f"{text}\nno weak spot for this lidar: u is 0 all over the map"
         resolved = self.saturated_share <= SATURATED
         return text if resolved else f"{text}\n{estimator.remedy}"
+
+
+def _spread(values: NDArray[np.float64]) -> Spread:
+    return (
+        Spread(*np.percentile(values, (10, 50, 90)).tolist()) if values.size else Spread(*NOTHING)
+    )
 
 
 def shown(e: float) -> str:
     """A value of e for people, a dash where there is none."""
     return "–" if math.isnan(e) else f"{e:.3g}"
+
+
+def about_field(field: CovarianceField) -> str:
+    """The estimator, its lidar and range, how much of the map is saturated, and what helps then."""
+    several = "" if field.config.headings == 1 else f", {field.config.headings} headings"
+    made = f"{field.config.estimator.summary}{several}"
+    share = field.saturated_share
+    remedy = f"\n{field.config.estimator.remedy}" if share > SATURATED else ""
+    return f"{made}; {share:.0%} of the map saturated{remedy}"

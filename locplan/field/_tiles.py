@@ -58,7 +58,7 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
     stride = stride_cells(config.stride, grid.resolution)
     points = tuple(-(-size // stride) for size in grid.shape)
     places = points if config.headings == 1 else (*points, config.headings)
-    dimension = config.estimator.window.on(grid.resolution).dimension
+    dimension = config.estimator.lattice(grid.resolution).dimension
     layers = {layer.name: places for layer in config.estimator.layers}
     return {"covariance": (*places, dimension, dimension), **layers}
 
@@ -70,10 +70,11 @@ def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
     """
     taken = config.estimator.memory(grid.resolution, grid.shape)
     if taken > MAX_TILE_BYTES:
+        lattice = config.estimator.lattice(grid.resolution)
         raise ConfigError(
             f"cells of {grid.resolution:g} m are too fine for a range of"
             f" {config.estimator.reach:g} m and a search window of"
-            f" +-{config.estimator.window.half_width:g} m ({taken / 1e9:.3g} GB of memory); set"
+            f" +-{lattice.reach * lattice.resolution:g} m ({taken / 1e9:.3g} GB of memory); set"
             " smaller ones, or scale the map down"
         )
     shapes = field_shapes(grid, config)

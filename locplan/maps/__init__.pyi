@@ -3,8 +3,11 @@ from ._files import (
     find_maps as find_maps,
     load_map as load_map,
     name_of as name_of,
+    read_map as read_map,
     save_map as save_map,
 )
 from ._grid import OccupancyGrid as OccupancyGrid, check_grid as check_grid
+from ._misleading import misleading as misleading
 from ._occupancy import FREE as FREE, OCCUPIED as OCCUPIED, UNKNOWN as UNKNOWN
 from ._ros_parameters import read_parameters as read_parameters
+from ._source import MapSource as MapSource

@@ -19,6 +19,7 @@ from locplan._util.leftovers import temporary_folder
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
+from locplan.maps._source import MapSource
 from locplan.maps._yaml import (
     MAX_YAML_BYTES,
     MODES,
@@ -70,6 +71,25 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     >>> grid.name, grid.cells.tolist()
     ('room', [[0, 254], [127, 254]])
     """
+    grid, source = read_map(path)
+    count = source.saver_grey_free
+    if count > 0.01 * grid.cells.size:
+        fault = (
+            f"{count} pixels ({count / grid.cells.size:.0%}) of map_saver's unknown grey are free"
+        )
+        remedy = f"if unknown is meant, set free_thresh: 0.196 (it is {source.free_thresh})"
+        warnings.warn(MapWarning(fault_of(Path(source.file), fault, remedy)), stacklevel=2)
+    return grid
+
+
+def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
+    """Read a map as `load_map` does, without its warning, and tell how its pixels were read.
+
+    Raises
+    ------
+    MapError
+        As `load_map`.
+    """
     file = file_path("a map file", path)
     if os.path.isdir(file):  # unlike Path.is_dir it is False for a name that is too long
         (file, *others) = find_maps(file)
@@ -85,17 +105,15 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
         raise fault_of(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
-    top = int(np.iinfo(pixels.dtype).max)
-    cells = _level_of_value(header, top)[pixels]
+    occupancy = _occupancy_of_value(header, int(np.iinfo(pixels.dtype).max))
+    levels = _level_of_value(header, occupancy)
+    cells = levels[pixels]
+    counts = np.bincount(pixels.ravel(), minlength=levels.size)
     if transparent is not None and not raw:
         cells[transparent] = UNKNOWN
-    map_saver_grey = (50 if header.negate else 205) * (top // 255)
-    count = np.count_nonzero((pixels == map_saver_grey) & (cells == FREE))
-    if not raw and count > 0.01 * cells.size:
-        fault = f"{count} pixels ({count / cells.size:.0%}) of map_saver's unknown grey are free"
-        remedy = f"if unknown is meant, set free_thresh: 0.196 (it is {header.free_thresh})"
-        warnings.warn(MapWarning(fault_of(file, fault, remedy)), stacklevel=2)
-    return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file))
+        counts -= np.bincount(pixels[transparent], minlength=levels.size)
+    source = MapSource.of(str(file), header, counts, occupancy, levels)
+    return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file)), source
 
 
 def name_of(map_file: Path) -> str:
@@ -218,15 +236,19 @@ def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]
     return np.asarray(colours.convert("L")), np.asarray(colours.getchannel("A")) < 255
 
 
-def _level_of_value(header: Header, top: int) -> NDArray[np.uint8]:
-    """Level that each pixel value 0..top stands for."""
+def _occupancy_of_value(header: Header, top: int) -> NDArray[np.float32]:
+    """Occupancy that each pixel value 0..top stands for; above 1 there is none, in mode raw."""
     raw = header.mode == "raw"
     occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)
-    occupancy = occupancy if raw or header.negate else 1 - occupancy
-    level = np.full(top + 1, UNKNOWN, np.uint8)
+    return occupancy if raw or header.negate else 1 - occupancy
+
+
+def _level_of_value(header: Header, occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Level that each pixel value stands for, by its occupancy."""
+    level = np.full(occupancy.size, UNKNOWN, np.uint8)
     level[occupancy <= np.float32(header.free_thresh)] = FREE
     level[occupancy >= np.float32(header.occupied_thresh)] = OCCUPIED
-    level[101 if raw else top + 1 :] = UNKNOWN
+    level[101 if header.mode == "raw" else occupancy.size :] = UNKNOWN
     return level
 
 

@@ -3,6 +3,7 @@ from ._budget import BudgetPlanner as BudgetPlanner
 from ._cost_to_go import CostToGo as CostToGo, plan_field as plan_field
 from ._function import FunctionPlanner as FunctionPlanner, Guarded as Guarded
 from ._grid import GridPlanner as GridPlanner
+from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._pareto import ParetoFront as ParetoFront, pareto_front as pareto_front
 from ._plan import (
     check_ends as check_ends,
@@ -32,4 +33,5 @@ from ._request import (
     with_options as with_options,
 )
 from ._result import Plan as Plan
+from ._suggestions import NamedPlace as NamedPlace, PlacePair as PlacePair
 from .ompl._planner import Ompl as Ompl

@@ -6,6 +6,7 @@ from ._fields import (
     fields_figure as fields_figure,
     map_figure as map_figure,
 )
+from ._info import info_figure as info_figure
 from ._maps import (
     draw_ends as draw_ends,
     draw_field as draw_field,

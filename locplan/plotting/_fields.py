@@ -16,7 +16,14 @@ from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.plotting._captions import how
-from locplan.plotting._maps import draw_cells, draw_field, draw_map, map_axes, map_size
+from locplan.plotting._maps import (
+    draw_cells,
+    draw_field,
+    draw_map,
+    field_bar,
+    map_axes,
+    map_size,
+)
 from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
@@ -46,7 +53,7 @@ def map_figure(grid: OccupancyGrid) -> Figure:
     return figure
 
 
-def field_figure(field: CovarianceField, name: str = "e") -> Figure:
+def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     """Draw the map with one scalar of its field as a heat map.
 
     Parameters
@@ -55,14 +62,14 @@ def field_figure(field: CovarianceField, name: str = "e") -> Figure:
         The field.
     name : str
         "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
-        one of the field's layers. For several headings, that of the mean information is drawn.
+        one of the field's layers; by default what degeneracy is made of. For several headings,
+        that of the mean information is drawn.
     """
     figure, axes = map_axes(field.grid)
     image = draw_field(axes, field, name)
-    figure.colorbar(image, ax=axes, label=field.quantity(name).axis, shrink=0.9)
+    field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
-    made = f"{how(field.config)}, range {field.config.estimator.reach:g} m"
-    axes.set_title(f"{title}\n{made}", fontsize="medium")
+    axes.set_title(f"{title}\n{how(field.config)}", fontsize="medium")
     return figure
 
 
@@ -89,7 +96,7 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
             axes.set_title(label, fontsize="medium")
             axes.set(xlabel="", ylabel="")
     assert image is not None
-    figure.colorbar(image, ax=grid.ravel().tolist(), label=label_of_bar, shrink=0.6)
+    field_bar(figure, image, grid.ravel().tolist(), label_of_bar, shrink=0.6)
     figure.supxlabel("x [m]", fontsize="medium")
     figure.supylabel("y [m]", fontsize="medium")
     return figure

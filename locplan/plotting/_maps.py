@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path as FilePath
@@ -12,6 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
@@ -22,6 +24,7 @@ from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.image import AxesImage
 
     from locplan.costs import Path
@@ -30,6 +33,8 @@ FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
 """Colours of fields, never as dark as a wall."""
 MAP_COLOURS = ListedColormap(["black", "0.82", "white"])
 """Colours of occupied, unknown and free cells."""
+DRAWN = 2000
+"""Most cells along a side that are drawn one by one; beyond, blocks of them are."""
 END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 
 
@@ -38,27 +43,41 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     shades = np.zeros(grid.shape, np.uint8)
     shades[grid.cells == UNKNOWN] = 1
     shades[grid.cells == FREE] = 2
-    draw_cells(axes, grid, shades, cmap=MAP_COLOURS, vmin=0, vmax=2)
+    draw_cells(axes, grid, shrunk(shades), cmap=MAP_COLOURS, vmin=0, vmax=2)
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     _limit_to(axes, grid)
 
 
-def draw_field(axes: Axes, field: CovarianceField, name: str = "e") -> AxesImage:
+def draw_field(axes: Axes, field: CovarianceField, name: str | None = None) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
+
+    It is the one that degeneracy is made of unless another is named.
 
     The scale ends at the anchors, except for scalars without Q: at their least and greatest values.
     """
     draw_map(axes, field.grid)
-    layer = name in field.layers
-    values = field.on_map(field.scalar(name, headings="mean"), logarithmic=not layer)
-    low, high = field.anchors(name)
+    name = name or field.config.estimator.criterion
+    layer, factor = name in field.layers, field.quantity(name).factor
+    values = factor * field.on_map(field.scalar(name, headings="mean"), logarithmic=not layer)
+    low, high = (factor * anchor for anchor in field.anchors(name))
     if layer:
         return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=Normalize(low, high))
-    if not field.config.estimator.quantisation and field.evaluated.any():
+    if not field.config.estimator.adds_q and field.evaluated.any():
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
     norm = LogNorm(low, max(high, low * 1.001))
     return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=norm)
+
+
+def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any) -> Colorbar:
+    """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
+    bar = figure.colorbar(image, ax=axes, label=label, **options)
+    low, high = image.get_clim()
+    if isinstance(image.norm, LogNorm) and low and high and low >= 0.1 and high <= 10_000:
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    return bar
 
 
 def draw_path(axes: Axes, path: Path, **style: Any) -> None:
@@ -86,8 +105,9 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
 
 
 def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
-    """Draw values of the map's cells in world coordinates."""
-    height, width = (size * grid.resolution for size in grid.shape)
+    """Draw values of the map's cells, or of blocks of them from `shrunk`, in world coordinates."""
+    cells = _block(grid.shape) if values.shape[:2] != grid.shape else 1
+    height, width = (size * cells * grid.resolution for size in values.shape[:2])
     x, y, yaw = grid.origin
     image = axes.imshow(
         values,
@@ -100,12 +120,34 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     return image
 
 
+def shrunk(values: NDArray[Any]) -> NDArray[Any]:
+    """The least value of each block of cells, so that walls stay; small maps stay as they are."""
+    cells = _block(values.shape)
+    if cells == 1:
+        return values
+    starts = [np.arange(0, size, cells) for size in values.shape]
+    return np.asarray(
+        np.minimum.reduceat(np.minimum.reduceat(values, starts[0], axis=0), starts[1], axis=1)
+    )
+
+
+def _block(shape: tuple[int, ...]) -> int:
+    """Number of cells along a side of the blocks that large maps are drawn in."""
+    return math.ceil(max(shape[:2]) / DRAWN)
+
+
+def _known(grid: OccupancyGrid) -> tuple[int, int, int, int]:
+    """First row, end of the rows, first column and end of the columns with known cells."""
+    known = grid.cells != UNKNOWN
+    if not known.any():
+        return 0, grid.shape[0], 0, grid.shape[1]
+    rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
+
+
 def _limit_to(axes: Axes, grid: OccupancyGrid) -> None:
     """Limit the Axes to the known cells, with a margin."""
-    rows, cols = np.nonzero(grid.cells != UNKNOWN)
-    if rows.size == 0:
-        rows, cols = np.array([0, grid.shape[0] - 1]), np.array([0, grid.shape[1] - 1])
-    low, high, left, right = rows.min(), rows.max() + 1, cols.min(), cols.max() + 1
+    low, high, left, right = _known(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
     margin = 0.02 * max(np.ptp(x), np.ptp(y)) + grid.resolution
     axes.set(xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin))
@@ -119,8 +161,8 @@ def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
 
 def map_size(grid: OccupancyGrid) -> tuple[float, float]:
     """Figure size [inch] for the known part of a map with a colour bar at its side."""
-    rows, cols = np.nonzero(grid.cells != UNKNOWN)
-    height, width = (np.ptp(rows) + 1, np.ptp(cols) + 1) if rows.size else grid.shape
+    low, high, left, right = _known(grid)
+    height, width = high - low, right - left
     cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
     height, width = sin * width + cos * height, cos * width + sin * height
     drawn_width = min(9.0, 8.0 * width / height)

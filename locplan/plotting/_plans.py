@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from locplan.costs import Costmap, profile
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField
-from locplan.plotting._captions import request
+from locplan.plotting._captions import how, request
 from locplan.plotting._maps import (
     END_STYLE,
     FIELD_COLOURS,
@@ -23,6 +23,7 @@ from locplan.plotting._maps import (
     draw_field,
     draw_map,
     draw_path,
+    field_bar,
     map_axes,
     map_size,
     outline,
@@ -62,7 +63,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     figure = Picture(figsize=(width, height + 2.4), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
     image = draw_field(upper, field)
-    figure.colorbar(image, ax=upper, label=field.quantity("e").axis, shrink=0.9)
+    field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
     solved = {label: plan for label, plan in plans.items() if plan.path is not None}
     handles = []
     for (label, plan), style in zip(solved.items(), PATH_STYLES, strict=False):
@@ -105,7 +106,9 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         lower.set_xticks([])
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
-    upper.set_title(f"{costs.grid.name or 'map'}: {request(costs, plans)}", fontsize="medium")
+    made = f"{how(field.config)}; {field.saturated_share:.0%} saturated"
+    title = f"{costs.grid.name or 'map'}: {request(costs, plans)}\n{made}"
+    upper.set_title(title, fontsize="medium")
     return figure
 
 

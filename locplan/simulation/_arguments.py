@@ -59,6 +59,7 @@ def arguments_of(
             left=lidar.mount_y,
             yaw=lidar.mount_yaw,
             sigma=lidar.range_sigma,
+            min_range=max(lidar.least_range, amcl.laser_min_range),
             max_range=reach,
         ),
         BeamDisturbances(

@@ -222,18 +222,26 @@ def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
 
 def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
-    plain = _changed(config, noise_level=1.0, quantisation=False)
-    found = [covariances_at(each.grid, plain, each.points, threads=threads) for each in places]
-    return np.concatenate([each[:, :2, :2] for each in found])
+    plain = _changed(config, noise_level=1.0)
+    found = [
+        covariances_at(each.grid, plain, each.points, threads=threads)[:, :2, :2]
+        - _added_q(each, config)
+        for each in places
+    ]
+    return np.concatenate(found)
 
 
 def _q(places: Places, config: FieldConfig) -> Array:
     """Covariance Q that is added to the positions of a map's places, (n, 2, 2) [m^2]."""
-    added = np.full((2, 2), 0.0)
-    if config.estimator.quantisation:
-        window = config.estimator.window.on(places.grid.resolution)
-        added = window.quantisation[:2, :2]
-    return np.tile(added + MIN_VARIANCE * np.eye(2), (len(places.points), 1, 1))
+    added = _added_q(places, config) + MIN_VARIANCE * np.eye(2)
+    return np.tile(added, (len(places.points), 1, 1))
+
+
+def _added_q(places: Places, config: FieldConfig) -> Array:
+    """Covariance Q that the estimator adds to the positions of a map's places, (2, 2) [m^2]."""
+    estimator = config.estimator
+    q = estimator.q(estimator.lattice(places.grid.resolution))
+    return q[:2, :2] * estimator.adds_q
 
 
 def _rms(covariance: Array) -> Array:

@@ -27,7 +27,6 @@ NO_MATTER = {
     "initial_pose",
     "initialize_at_saved_pose",
     "lambda_short",
-    "laser_min_range",
     "map_topic",
     "odom_frame_id",
     "random_seed",

@@ -49,10 +49,9 @@ def simulation_table(simulation: Simulation) -> str:
     if ratios:
         rows.append([f"RMSE over {next(iter(drives))}'s", "", *map(_formatted, ratios.values())])
     count = len(next(iter(drives.values())).errors)
-    lidar = simulation.lidar
     return (
-        f"{table(['', *drives], rows)}\n{count} drives each, [95 % intervals]; lidar of"
-        f" {lidar.range:g} m, {lidar.field_of_view_deg:g} deg; AMCL of"
+        f"{table(['', *drives], rows)}\n{count} drives each, [95 % intervals];"
+        f" {simulation.lidar.title}; AMCL of"
         f" {simulation.amcl.min_particles}-{simulation.amcl.max_particles} particles"
     )
 

@@ -53,6 +53,8 @@ class Amcl(Settings):
     """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
     laser_likelihood_max_dist: float = 2.0
     """Greatest distance of a beam's end from a wall; larger ones count as this [m]."""
+    laser_min_range: float = -1.0
+    """Range below which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
     laser_max_range: float = 100.0
     """Range above which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
     max_beams: int = 60
@@ -84,7 +86,7 @@ class Amcl(Settings):
         from_0 = ("alpha1", "alpha2", "alpha3", "alpha4", "update_min_a", "update_min_d")
         keep_checked(self, above_0, positive)
         keep_checked(self, from_0, number, 0.0)
-        keep_checked(self, ("laser_max_range",), number)
+        keep_checked(self, ("laser_min_range", "laser_max_range"), number)
         keep_checked(self, ("z_hit", "z_rand"), number, 0.0, 1.0)
         keep_checked(self, ("resample_interval",), whole)
         keep_checked(self, ("min_particles", "max_particles"), whole, 1, MAX_PARTICLES)

@@ -17,7 +17,7 @@ from locplan.maps import OCCUPIED, load_map
 
 MAPS = ("tb4_depot", "fetch_4_26_15", "aws_small_house", "mit_stata_basement_yaw")
 LIDAR = Lidar(range=30.0, beams=360)
-TARGET_FISHER, TARGET_SCAN = 0.5, 0.7
+TARGET_FISHER, TARGET_SCAN = 0.05, 0.2
 
 
 @njit(cache=True)

@@ -3,19 +3,35 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance
+from locplan._util.checks import instance, keep, positive, whole
 from locplan.field._estimator import Estimator
 from locplan.field._lidar import Lidar
-from locplan.field._search_window import OffsetLattice
+from locplan.field._search_window import OffsetLattice, SearchWindow
 
+WINDOW = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=10.0, rotation_step_deg=2.0)
+"""Search window that ranks the uncertainty of real lasers best."""
+EFFECTIVE_BEAMS = 12.6
+"""Number of independent beams that tell as much as a whole scan does, fitted to real lasers."""
+SHARP = 0.05
+"""Largest standard deviation of a position up to which a match counts as perfect [m]."""
 HEADINGS = 8
 """Default number of headings where what the lidar sees depends on the heading."""
+VIEW = (
+    "range",
+    "least_range",
+    "field_of_view_deg",
+    "beams",
+    "mount_x",
+    "mount_y",
+    "mount_yaw_deg",
+)
+"""Settings of a lidar that decide which surfaces its beams meet."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -23,13 +39,66 @@ class LidarEstimator(Estimator):
     """An estimator that simulates a lidar."""
 
     casts_rays: ClassVar[bool] = True
+    remedy: ClassVar[str] = f"matches there are within the {SHARP:g} m that count as perfect"
+    weight: ClassVar[float] = 8.0
+    criterion: ClassVar[str] = "position_std"
 
     lidar: Lidar
     """The lidar: its range, field of view, beams and mount."""
+    window: SearchWindow = field(default=WINDOW, kw_only=True)
+    """Search window of pose offsets, which bounds the covariance."""
+    sigma_hit: float = field(default=0.1, kw_only=True)
+    """Standard deviation of the distance of a beam's end from a wall, at least a cell [m]."""
+    effective_beams: float = field(default=EFFECTIVE_BEAMS, kw_only=True)
+    """Number of independent beams that tell as much as all, since neighbouring ones err alike.
+
+    Of fewer beams than these, each tells as much as an independent one.
+    """
+    max_beams: int = field(default=180, kw_only=True)
+    """Greatest number of the lidar's beams, evenly spaced, that count."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        instance("window", self.window, SearchWindow)
+        keep(
+            self,
+            sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
+            effective_beams=positive("effective_beams", self.effective_beams, "beams"),
+            max_beams=whole("max_beams", self.max_beams),
+        )
+
+    def lattice(self, resolution: float) -> OffsetLattice:
+        return self.window.on(resolution)
+
+    def perfect(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+        """Deviations of 0.05 m, or of the lattice's steps where these are coarser."""
+        least = lattice.quantisation
+        least[[0, 1], [0, 1]] = np.maximum(least[[0, 1], [0, 1]], SHARP**2)
+        return least
+
+    def identity(self) -> dict[str, object]:
+        """The settings as they count; of the lidar, those that decide what its beams meet."""
+        return {
+            **super().identity(),
+            "lidar": {name: getattr(self.lidar, name) for name in VIEW},
+            "effective_beams": float(min(self.effective_beams, self.beams_compared)),
+            "max_beams": self.beams_compared,
+        }
+
+    def sigma(self, resolution: float) -> float:
+        """Standard deviation of a beam's end, at least a cell of `resolution` [m]."""
+        return max(self.sigma_hit, resolution)
+
+    @property
+    def beams_compared(self) -> int:
+        """Number of the lidar's beams that count."""
+        return min(self.lidar.beams, self.max_beams)
+
+    @property
+    def temperature(self) -> float:
+        """Factor on the log-likelihood of the beams that count."""
+        return min(1.0, self.effective_beams / self.beams_compared)
 
     @property
     def reach(self) -> float:
@@ -38,37 +107,36 @@ class LidarEstimator(Estimator):
 
     @property
     def summary(self) -> str:
-        """Name and field of view of the estimator, for titles."""
-        return f"{self.name}, {self.lidar.field_of_view_deg:g}°"
+        """Name of the estimator, its lidar, range and field of view."""
+        return f"{self.name}, {self.lidar.title}"
+
+    @classmethod
+    def of(cls, lidar: Lidar, **settings: Any) -> LidarEstimator:
+        return cls(lidar, **settings)
+
+    def with_lidar(self, lidar: Lidar) -> LidarEstimator:
+        return replace(self, lidar=lidar)
 
     @property
     def headings(self) -> int:
         """Default number of headings: 1 where the lidar sees the same in all, otherwise 8."""
         return 1 if self.lidar.sees_alike_in_all_headings else HEADINGS
 
-    def on_grid(
-        self, covariance: NDArray[np.float64], window: OffsetLattice
-    ) -> NDArray[np.float64]:
-        """Covariances as a field holds them: with Q if set, and no axis for a single heading."""
-        covariance = self.plus_q(covariance, window)
-        return covariance[:, 0] if covariance.shape[1] == 1 else covariance
+    def beams(self) -> Any:
+        """The lidar with the beams that count, in the form that the kernels take."""
+        from locplan._kernels.lidar import Lidar as Beams
 
-
-def beams_of(lidar: Lidar, most: int | None = None) -> Any:
-    """Lidar in the form that the kernels take, with at most `most` beams, evenly spaced."""
-    from locplan._kernels.lidar import Lidar as Beams
-
-    angles = lidar.angles
-    if most and most < len(angles):
-        angles = angles[(2 * np.arange(most) + 1) * len(angles) // (2 * most)]
-    return Beams(
-        angles=angles,
-        forward=lidar.mount_x,
-        left=lidar.mount_y,
-        yaw=lidar.mount_yaw,
-        sigma=lidar.range_sigma,
-        max_range=lidar.range,
-    )
+        lidar, count = self.lidar, self.beams_compared
+        evenly_spaced = (2 * np.arange(count) + 1) * lidar.beams // (2 * count)
+        return Beams(
+            angles=lidar.angles[evenly_spaced],
+            forward=lidar.mount_x,
+            left=lidar.mount_y,
+            yaw=lidar.mount_yaw,
+            sigma=lidar.range_sigma,
+            min_range=lidar.least_range,
+            max_range=lidar.range,
+        )
 
 
 def reach_of_beams(lidar: Lidar, resolution: float) -> int:

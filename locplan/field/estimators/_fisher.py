@@ -1,23 +1,28 @@
 """The covariance that the Fisher information of a lidar's beams allows at given cells.
 
-Sources: A. Censi, "On achievable accuracy for range-finder localization", ICRA 2007, doi
-10.1109/ROBOT.2007.364120; Wang et al. on the static localizability of grid maps. The search
-window's uniform variance is the prior, so that a place without any return is exactly featureless.
+Two models of what a beam tells: the distance of its end from the surface it meets, as likelihood
+fields and scan matching have it; or its range, see A. Censi, "On achievable accuracy for
+range-finder localization", ICRA 2007, doi 10.1109/ROBOT.2007.364120. The search window's uniform
+variance is the prior, so that a place without any return is exactly featureless.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import one_of
 from locplan.field._estimator import MapPart, Values
+from locplan.field._search_window import OffsetLattice
 from locplan.field._surfaces import REACH, surface_normals
-from locplan.field.estimators._beams import LidarEstimator, beams_of, reach_of_beams
+from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
 from locplan.maps import OCCUPIED
+
+MODELS = ("endpoint", "range")
 
 
 class Scene(NamedTuple):
@@ -32,17 +37,47 @@ class Fisher(LidarEstimator):
     """The covariance that the Fisher information of a lidar's beams allows.
 
     It sees corridors and halls, but not repetition: it knows the derivatives at the true pose only.
+
+    Examples
+    --------
+    >>> from locplan.field import Lidar
+    >>> Fisher(Lidar.preset("utm-30lx")).beams_compared
+    180
     """
 
     name: ClassVar[str] = "fisher"
     remedy: ClassVar[str] = "--estimator scan tells more apart: it also sees repetition"
+
+    model: Literal["endpoint", "range"] = field(default="endpoint", kw_only=True)
+    """Quantity that a beam tells: its end's distance from the surface, or its range (Censi)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("model", self.model, MODELS)
+
+    def identity(self) -> dict[str, object]:
+        """The settings that the model reads: of ranges their noise, of ends that of the ends."""
+        settings = super().identity()
+        if self.model == "range":
+            settings["sigma_hit"], settings["range_sigma"] = None, self.lidar.range_sigma
+        return settings
+
+    def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
+        """None: nothing is compared in steps."""
+        return np.zeros_like(lattice.quantisation)
+
+    def sigma(self, resolution: float) -> float:
+        """Standard deviation of what a beam tells, at least a cell of `resolution` [m]."""
+        if self.model == "range":
+            return max(self.lidar.range_sigma, resolution)
+        return super().sigma(resolution)
 
     def covariances(self, part: MapPart) -> Values:
         """Inverse of the sum of the beams' information and the window's prior, times k."""
         from locplan._kernels.information import information
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
-        window = self.window.on(part.resolution)
+        window = self.lattice(part.resolution)
         found = information(
             scene.squares,
             scene.normals,
@@ -50,12 +85,14 @@ class Fisher(LidarEstimator):
             part.rows - part.corner[0] + 0.5,
             part.cols - part.corner[1] + 0.5,
             part.headings,
-            beams_of(self.lidar),
+            self.beams(),
+            self.model == "range",
             part.control,
         )[:, :, : window.dimension, : window.dimension]
         prior = np.linalg.inv(window.uniform_covariance)
-        covariance = self.noise_level * _inverse(found + prior)
-        return {"covariance": self.on_grid(covariance, window)}
+        told = found * (self.temperature / self.sigma(part.resolution) ** 2)
+        covariance = self.noise_level * _inverse(told + prior)
+        return {"covariance": covariance[:, part.heading_axis]}
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
         """Empty squares and normals of a map or a part of it."""

@@ -7,17 +7,18 @@ Source: "Localizability estimation using correlation on occupancy grid maps", RO
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, keep, one_of, positive
+from locplan._util.checks import Settings, instance, keep, one_of, positive, shown
+from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
-from locplan.field._lidar import checked_range
-from locplan.field._search_window import OffsetLattice
+from locplan.field._lidar import Lidar, checked_range
+from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.field._template import BEHIND, beam_count, beam_of_cell, disc, map_centre
 from locplan.maps import FREE, OCCUPIED
 
@@ -74,9 +75,13 @@ class Sad(Estimator):
 
     name: ClassVar[str] = "sad"
     remedy: ClassVar[str] = (
-        "a lidar's beams tell more apart: --estimator scan or fisher, with --sensor"
+        "a lidar's beams tell more apart: --lidar NAME, with the estimator that it takes"
     )
 
+    window: SearchWindow = field(default_factory=SearchWindow)
+    """Search window of pose offsets, which bounds the covariance."""
+    quantisation: bool = True
+    """True to add Q, the variance that the window's steps cannot resolve (step^2 / 12)."""
     range: float = PAPER_RANGE
     """Radius of the template disc [m]."""
     template: Literal["disc", "visible"] = "disc"
@@ -84,10 +89,18 @@ class Sad(Estimator):
     weights: Exponential | InverseSquare = Exponential()
     """Law that gives the weight of an offset from its mismatch."""
 
+    lidar: Lidar | None = field(default=None, compare=False)
+    """The lidar whose range it is, for titles and simulations; it decides nothing."""
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        instance("window", self.window, SearchWindow)
+        if not isinstance(self.quantisation, bool):
+            raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")
         keep(self, range=checked_range("range", self.range))
         one_of("template", self.template, tuple(TAU))
+        if self.lidar is not None:
+            instance("lidar", self.lidar, Lidar)
         if not isinstance(self.weights, InverseSquare):
             instance("weights", self.weights, Exponential)
 
@@ -98,14 +111,33 @@ class Sad(Estimator):
         return cls(range=range, noise_level=noise_level, weights=law, quantisation=False)
 
     @property
+    def adds_q(self) -> bool:
+        return self.quantisation
+
+    def lattice(self, resolution: float) -> OffsetLattice:
+        return self.window.on(resolution)
+
+    @property
     def reach(self) -> float:
         """Radius of the template disc [m]."""
         return self.range
 
     @property
     def summary(self) -> str:
-        """Name, template and weights of the estimator, for titles."""
-        return f"{self.name}, {self.template}, {self.weights.name}"
+        """Name, lidar, range, template and weights of the estimator, for titles."""
+        how = f"{self.name}, {self.template}, {self.weights.name}"
+        if self.lidar:
+            return f"{how}, {self.lidar.model or 'lidar'}, {self.range:g} m"
+        disc = "the paper's disc, 6 m assumed" if self.range == PAPER_RANGE else f"{self.range:g} m"
+        return f"{how}; no lidar named: {disc}"
+
+    @classmethod
+    def of(cls, lidar: Lidar, **settings: Any) -> Sad:
+        """The estimator whose disc reaches as far as a lidar."""
+        return replace(cls(**settings), range=lidar.range, lidar=lidar)
+
+    def with_lidar(self, lidar: Lidar) -> Sad:
+        return replace(self, range=lidar.range, lidar=lidar)
 
     @property
     def tau(self) -> float:
@@ -115,10 +147,12 @@ class Sad(Estimator):
         return TAU[self.template] if self.weights.tau is None else self.weights.tau
 
     def identity(self) -> dict[str, object]:
-        """All settings, with the scale that the weights have without one of their own."""
+        """All settings but the lidar's name, with the scale that the weights have by default."""
+        settings = super().identity()
+        del settings["lidar"]
         if isinstance(self.weights, InverseSquare):
-            return super().identity()
-        return {**super().identity(), "weights": {"name": "exponential", "tau": self.tau}}
+            return settings
+        return {**settings, "weights": {"name": "exponential", "tau": self.tau}}
 
     def covariances(self, part: MapPart) -> Values:
         """Weighted covariance of the offsets about their mean, times k (Eq. 8)."""
@@ -131,7 +165,8 @@ class Sad(Estimator):
         tile = lay_out_tile(part, radius, window, visible=self.template == "visible")
         in_steps = sad.tile_covariances(tile, weights, part.control)
         covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
-        return {"covariance": self.plus_q(covariance, window)}
+        covariance = covariance[:, : window.dimension, : window.dimension]
+        return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
 
     def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> NDArray[np.float64]:
         """Weight of offsets with the sums of absolute differences `mismatch` (Eq. 9).

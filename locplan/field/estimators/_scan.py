@@ -14,11 +14,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import is_number, keep, positive, shown, whole
+from locplan._util.checks import is_number, keep, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import Layer, MapPart, Values
+from locplan.field._lidar import MAX_BEAMS
 from locplan.field._surfaces import walls
-from locplan.field.estimators._beams import LidarEstimator, beams_of, reach_of_beams
+from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
 from locplan.maps import OCCUPIED
 
 
@@ -37,39 +38,21 @@ class Scan(LidarEstimator):
     """
 
     name: ClassVar[str] = "scan"
-    remedy: ClassVar[str] = (
-        "there matches are as sharp as the search window's steps of offset can tell"
-    )
     layers: ClassVar[tuple[Layer, ...]] = (
         Layer("ambiguity", "probability outside the central mode", "1", lambda _: (0.0, 1.0)),
         Layer("entropy", "entropy of the posterior", "nat", lambda on: (0.0, math.log(on.size))),
     )
 
-    sigma_hit: float = field(default=0.1, kw_only=True)
-    """Standard deviation of the distance of a beam's end from a wall [m]."""
     z_rand: float = field(default=0.05, kw_only=True)
     """Share of the beams that end anywhere, above 0 and below 1."""
-    temperature: float = field(default=0.1, kw_only=True)
-    """Factor on the log-likelihood, since neighbouring beams err alike."""
-    max_beams: int = field(default=180, kw_only=True)
-    """Greatest number of the lidar's beams, evenly spaced, that are compared."""
+    endpoint_noise: tuple[float, float] = field(default=(0.03, 0.01), kw_only=True)
+    """Deviation of the ends of the scan's beams along them [m], and its growth with the range."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (is_number(self.z_rand) and 0 < self.z_rand < 1):
             raise ConfigError(f"z_rand must lie between 0 and 1, not {shown(self.z_rand)}")
-        keep(
-            self,
-            sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
-            temperature=positive("temperature", self.temperature, "of 1"),
-            max_beams=whole("max_beams", self.max_beams),
-        )
-
-    def identity(self) -> dict[str, object]:
-        """All settings but the noise of the ranges, which the simulated scan does not have."""
-        settings = super().identity()
-        lidar: Any = settings["lidar"]
-        return {**settings, "lidar": {k: v for k, v in lidar.items() if k != "range_sigma"}}
+        keep(self, endpoint_noise=_noise(self.endpoint_noise))
 
     def covariances(self, part: MapPart) -> Values:
         """Covariance of the posterior about its mean, times k, and the layers."""
@@ -77,7 +60,7 @@ class Scan(LidarEstimator):
         from locplan._kernels.posterior import scan_posteriors
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
-        window = self.window.on(part.resolution)
+        window = self.lattice(part.resolution)
         found = scan_posteriors(
             scene.likelihood,
             make_lattice(window.half_steps, window.angles),
@@ -86,23 +69,25 @@ class Scan(LidarEstimator):
             part.rows - part.corner[0],
             part.cols - part.corner[1],
             part.headings,
-            beams_of(self.lidar, self.max_beams),
+            self.beams(),
+            np.outer(pattern(self.beams_compared), self.endpoint_noise),
             self.temperature,
             part.control,
         )
-        covariance = self.noise_level * found.covariance * np.outer(window.steps, window.steps)
-        single = 0 if len(part.headings) == 1 else slice(None)
+        in_steps = found.covariance[:, :, : window.dimension, : window.dimension]
+        steps = window.steps[: window.dimension]
+        covariance = self.noise_level * in_steps * np.outer(steps, steps) + self.q(window)
         return {
-            "covariance": self.on_grid(covariance, window),
-            "ambiguity": found.ambiguity[:, single],
-            "entropy": found.entropy[:, single],
+            "covariance": covariance[:, part.heading_axis],
+            "ambiguity": found.ambiguity[:, part.heading_axis],
+            "entropy": found.entropy[:, part.heading_axis],
         }
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
         """Empty squares and the likelihood field of a map or a part of it."""
         from locplan._kernels.rays import empty_squares
 
-        window, law = self.window.on(resolution), (self.sigma_hit, self.z_rand)
+        window, law = self.lattice(resolution), (self.sigma(resolution), self.z_rand)
         likelihood = likelihood_field(
             levels, resolution, window.step_cells, window.half_steps, *law
         )
@@ -111,19 +96,48 @@ class Scan(LidarEstimator):
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         from locplan._kernels.likelihood import likelihood_reach
 
-        around = likelihood_reach(resolution, self.sigma_hit, self.z_rand) + 2
-        offsets = self.window.on(resolution).reach
-        reach = reach_of_beams(self.lidar, resolution) + offsets + around
+        around = likelihood_reach(resolution, self.sigma(resolution), self.z_rand) + 2
+        offsets = self.lattice(resolution).reach
+        shift, growth = self.endpoint_noise
+        farthest = float(np.abs(pattern(self.beams_compared)).max())
+        moved = math.ceil(farthest * (shift + growth * self.lidar.range) / resolution)
+        reach = reach_of_beams(self.lidar, resolution) + moved + offsets + around
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
         """Memory of the likelihood field of the whole map and its surroundings."""
         from locplan._kernels.likelihood import likelihood_reach
 
-        reach = likelihood_reach(resolution, self.sigma_hit, self.z_rand)
-        margin = 2.0 * self.window.on(resolution).reach + reach
+        reach = likelihood_reach(resolution, self.sigma(resolution), self.z_rand)
+        margin = 2.0 * self.lattice(resolution).reach + reach
         height, width = (size + 2 * margin for size in map_shape)
         return 4 * height * width + 32.0 * reach**2
+
+
+def pattern(beams: int) -> NDArray[np.float64]:
+    """Standard normal deviations of the beams' ends, the same at all poses, (beams,).
+
+    They are the quantiles at the base-2 van der Corput sequence: evenly spread, and different for
+    neighbouring beams.
+    """
+    from scipy.special import ndtri
+
+    digits = np.arange(MAX_BEAMS.bit_length())
+    reversed_digits = np.arange(1, beams + 1)[:, None] >> digits & 1
+    return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
+
+
+def _noise(noise: object) -> tuple[float, float]:
+    if not (
+        isinstance(noise, (tuple, list))
+        and len(noise) == 2
+        and all(is_number(each) and each >= 0 for each in noise)
+    ):
+        raise ConfigError(
+            "endpoint_noise must be two numbers of at least 0, [m] and [m per m], such as"
+            f" (0.03, 0.01), not {shown(noise)}"
+        )
+    return float(noise[0]), float(noise[1])
 
 
 def likelihood_field(

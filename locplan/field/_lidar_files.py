@@ -1,0 +1,118 @@
+"""Reading a lidar from a robot's description: the ray sensor of a URDF or SDF file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from locplan._util.checks import shown
+from locplan.errors import ConfigError
+
+KINDS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
+"""Types of the sensors that are lidars, in the words of all versions of Gazebo."""
+MAX_BYTES = 2**24
+MAX_TILT = 0.1
+"""Greatest sine of a tilt at which a lidar counts as horizontal."""
+
+
+class Sensor(NamedTuple):
+    """What a file says of a planar lidar, in the words of `Lidar.from_scan`."""
+
+    angle_min: float
+    angle_max: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    mount: tuple[float, float, float]
+    range_sigma: float | None
+    model: str
+
+
+def read_sensor(file: Path) -> Sensor:
+    """The only planar lidar that a file describes; see `Lidar.from_file`."""
+    if file.suffix.lower() in (".yaml", ".yml"):
+        raise ConfigError(
+            f"{file}: parameters name no lidar, their ranges only limit one; name a lidar of"
+            " locplan.field.PRESETS, or give the robot's URDF or SDF"
+        )
+    sensors = [each for each in _root(file).iter("sensor") if each.get("type") in KINDS]
+    planar = [each for each in sensors if _number(each, ".//vertical/samples", 1.0, file) <= 1]
+    if len(planar) != 1:
+        names = ", ".join(shown(each.get("name")) for each in planar[:5])
+        what = f"has {len(planar)} planar lidars ({names})" if planar else "has no planar lidar"
+        raise ConfigError(f"{file}: {what}; leave one sensor of type ray or lidar in the file")
+    return _described(planar[0], file)
+
+
+def _described(sensor: ElementTree.Element, file: Path) -> Sensor:
+    first = _number(sensor, ".//horizontal/min_angle", None, file)
+    last = _number(sensor, ".//horizontal/max_angle", None, file)
+    samples = _number(sensor, ".//horizontal/samples", None, file)
+    beams = round(samples * _number(sensor, ".//horizontal/resolution", 1.0, file))
+    if beams < 2:
+        raise ConfigError(f"{file}: its lidar has {beams} beams; there must be 2 at least")
+    x, y, _, roll, pitch, yaw = _pose(sensor, file)
+    upside_down = math.cos(roll) < 0
+    if max(abs(math.sin(roll)), abs(math.sin(pitch))) > MAX_TILT or math.cos(pitch) < 0:
+        raise ConfigError(f"{file}: its lidar is tilted; locplan knows horizontal ones only")
+    if upside_down:
+        first, last = -last, -first
+    noise = sensor.find(".//noise")
+    kind = "" if noise is None else noise.get("type") or noise.findtext("type") or ""
+    gaussian = kind.strip().startswith("gaussian")
+    sigma = _number(sensor, ".//noise/stddev", 0.0, file) if gaussian else 0.0
+    return Sensor(
+        angle_min=first,
+        angle_max=last,
+        angle_increment=(last - first) / (beams - 1),
+        range_min=_number(sensor, ".//range/min", 0.0, file),
+        range_max=_number(sensor, ".//range/max", None, file),
+        mount=(x, y, yaw),
+        range_sigma=sigma or None,
+        model=sensor.get("name") or "",
+    )
+
+
+def _root(file: Path) -> ElementTree.Element:
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror})") from None
+    if len(content) > MAX_BYTES or b"<!ENTITY" in content:
+        raise ConfigError(f"{file}: is no robot's description; name a URDF or SDF file")
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError):
+        raise ConfigError(f"{file}: is no XML; name a URDF or SDF file, not a .xacro") from None
+
+
+def _pose(sensor: ElementTree.Element, file: Path) -> tuple[float, ...]:
+    text = sensor.findtext("pose") or "0 0 0 0 0 0"
+    try:
+        values = tuple(map(float, text.split()))
+    except ValueError:
+        values = ()
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise ConfigError(f"{file}: the lidar's pose must be six numbers, not {shown(text)}")
+    pose = sensor.find("pose")
+    if pose is not None and pose.get("degrees") in ("true", "1"):
+        return (*values[:3], *map(math.radians, values[3:]))
+    return values
+
+
+def _number(sensor: ElementTree.Element, where: str, default: float | None, file: Path) -> float:
+    text = sensor.findtext(where)
+    name = where.removeprefix(".//")
+    if text is None and default is None:
+        raise ConfigError(f"{file}: its lidar has no {name}")
+    try:
+        value = float(text) if text is not None else float(default or 0.0)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(
+            f"{file}: {name} must be a number, not {shown(text)}; run xacro on a .xacro file first"
+        )
+    return value

@@ -1,0 +1,144 @@
+"""What of a map misleads a planner or its user, in plain sentences."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from locplan.maps._grid import OccupancyGrid
+from locplan.maps._occupancy import FREE, OCCUPIED
+from locplan.maps._source import DARK, MapSource
+
+MIN_SHARE = 0.01
+"""Least share of the pixels, or of the image's edge, that is worth a sentence."""
+MAX_OPEN = 0.5
+"""Greatest share of the free space's boundary that is unknown on a map with walls."""
+FRINGE = 3
+"""Width of the fringe of unknown before walls, as a SLAM map has it [cells]."""
+MASK_WORDS = {"costmap", "filter", "keepout", "limit", "mask", "speed", "virtual"}
+"""Words in the names of files that are no maps but masks for costmap filters."""
+
+
+def misleading(grid: OccupancyGrid, source: MapSource | None = None) -> tuple[str, ...]:
+    """Say what of a map misleads: thresholds, greys, open edges, a mask instead of a map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    source : MapSource, optional
+        How its pixels were read, see `read_map`; without it only the cells are looked at.
+
+    Returns
+    -------
+    tuple of str
+        Sentences without a full stop, the most important first; none if all seems well.
+
+    Examples
+    --------
+    >>> misleading(OccupancyGrid([[127, 0, 0, 0], [127, 0, 254, 0], [127, 0, 0, 0]], 0.05))
+    ()
+    """
+    of_source = [] if source is None else _of_source(grid, source)
+    return (*of_source, *_of_cells(grid), *_of_origin(grid))
+
+
+def _of_source(grid: OccupancyGrid, source: MapSource) -> list[str]:
+    """What the file's entries and pixels make of the map."""
+    doubts = [*_of_mask(grid, source)]
+    free, occupied = source.free_thresh, source.occupied_thresh
+    if source.light_free > MIN_SHARE * source.pixels:
+        lower = 0.196 if free > 0.196 else 0.15
+        doubts.append(
+            f"{source.light_free:,} pixels ({source.light_free / source.pixels:.0%}) of a light"
+            f" grey, mostly {source.light_value}, are read as free, while map_saver's 205 means"
+            f" unknown; if they are unknown, lower free_thresh to {lower:g} (it is {free:g})"
+        )
+    walls = np.count_nonzero(grid.cells == OCCUPIED)
+    if source.dark_unknown > walls / 2 and source.mode == "trinary":
+        doubts.append(
+            f"{source.dark_unknown:,} dark grey pixels are read as unknown, beside {walls:,}"
+            f" occupied ones; if they are walls, lower occupied_thresh to {DARK:g} (it is"
+            f" {occupied:g})"
+        )
+    if free == occupied:
+        doubts.append(
+            f"free_thresh and occupied_thresh are both {free:g}, so that no grey is unknown;"
+            " map_saver writes 0.196 and 0.65"
+        )
+    if source.over_100 > MIN_SHARE * source.pixels:
+        doubts.append(
+            f"{source.over_100:,} pixels ({source.over_100 / source.pixels:.0%}) are above 100 and"
+            " read as unknown, since pixels are per cent in mode raw; for an ordinary image set"
+            " mode: trinary"
+        )
+    return doubts
+
+
+def _of_mask(grid: OccupancyGrid, source: MapSource) -> list[str]:
+    """What tells of a mask for a costmap filter."""
+    signs = []
+    words = re.split(r"[^a-z]+", f"{grid.name} {Path(source.image).name}".lower())
+    found = [word for word in words if word in MASK_WORDS]
+    if found:
+        signs.append(f"its name has the word {found[0]}")
+    if source.mode != "trinary":
+        signs.append(f"its mode is {source.mode}")
+    if source.free_thresh <= 0.05 and source.occupied_thresh >= 0.95:
+        signs.append(
+            f"only the ends of its scale are free or occupied (thresholds {source.free_thresh:g}"
+            f" and {source.occupied_thresh:g})"
+        )
+    if not found and len(signs) < 2:
+        return []
+    return [
+        f"this seems to be a mask for a costmap filter, not a map: {', '.join(signs)};"
+        " plan on the map that it belongs to"
+    ]
+
+
+def _of_cells(grid: OccupancyGrid) -> list[str]:
+    """What the cells themselves tell."""
+    import cv2
+
+    free = np.asarray(grid.cells == FREE, np.uint8)
+    occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
+    if not free.any():
+        return ["no cell is free, so that the robot can stand nowhere; check the thresholds"]
+    doubts = []
+    rim = np.concatenate([free[0], free[-1], free[1:-1, 0], free[1:-1, -1]])
+    if rim.mean() > MIN_SHARE:
+        doubts.append(
+            f"free space runs out of the image along {rim.sum() * grid.resolution:.3g} m"
+            f" ({rim.mean():.0%} of its edge); what lies outside counts as unknown"
+        )
+    if not occupied.any():
+        return [*doubts, "no cell is occupied, so that a lidar sees nothing; check the thresholds"]
+    kernel = np.ones((2 * FRINGE + 1, 2 * FRINGE + 1), np.uint8)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    inner = cv2.erode(free, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    edge = (free > 0) & (inner == 0)
+    open_ = edge & (cv2.dilate(occupied, kernel) == 0)
+    share = np.count_nonzero(open_) / np.count_nonzero(edge)
+    if share > MAX_OPEN:
+        doubts.append(
+            f"{share:.0%} of the free space's boundary is open to the unknown instead of walled;"
+            " no lidar sees that boundary"
+        )
+    return doubts
+
+
+def _of_origin(grid: OccupancyGrid) -> list[str]:
+    """What is unusual about the origin's yaw."""
+    yaw = grid.origin[2]
+    if abs(yaw) > 2 * math.pi:
+        return [f"the origin's yaw of {yaw:g} is in radians, and looks like degrees"]
+    if yaw:
+        return [
+            f"the origin's yaw of {math.degrees(yaw):.4g} deg counts in all coordinates here; Nav2"
+            " and ROS 1 ignore it"
+        ]
+    return []

@@ -1,0 +1,311 @@
+"""What one needs to know of a map before planning on it: `describe_map`."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.notebook import Pictured
+from locplan._util.tables import in_square_metres, table
+from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.maps import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    MapSource,
+    OccupancyGrid,
+    check_grid,
+    misleading,
+    read_map,
+)
+from locplan.planners._grid import connected
+from locplan.planners._suggestions import NamedPlace, PlacePair, farthest_pairs
+
+NAMES = "ABCDEFGH"
+"""Names of places, in the order in which they are given."""
+PLACES = (4, 2, 2)
+"""Number of places in the largest rooms."""
+MIN_SHARE_WITH_PLACES = 0.1
+"""Least area of a room with places, as a share of the area of the first room with places."""
+MAX_SHARE_OF_EDGE = 0.5
+"""Share of the image's edge above which a room lies around the others, as on a drawing."""
+SPECK = 1.0
+"""Area below which a room is a speck if it is also less than `SPECK_SHARE` of the largest [m^2]."""
+SPECK_SHARE = 0.1
+"""Share of the largest room's area below which a room may be a speck."""
+LISTED = 8
+"""Number of rooms in the table; the others are summed up."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A connected part of the space where the robot's centre can be."""
+
+    number: int
+    """Number, from 1 for the largest room on."""
+    area: float
+    """Area that the robot's centre can reach [m^2]."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """The cells of one level."""
+
+    area: float
+    """Area of the cells [m^2]."""
+    share: float
+    """Share of the map's cells, 0..1."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MapInfo(Pictured):
+    """Size, levels, rooms and places of a map; made by `describe_map`."""
+
+    _drawn_by: ClassVar[str] = "locplan.plotting:info_figure"
+
+    grid: OccupancyGrid
+    """The map."""
+    source: MapSource | None
+    """How the file was read; None for a grid that was not."""
+    robot_radius: float
+    """Least distance from the robot's centre to an occupied cell [m]."""
+    free: Level
+    """The free cells."""
+    occupied: Level
+    """The occupied cells."""
+    unknown: Level
+    """The unknown cells."""
+    rooms: tuple[Room, ...]
+    """The rooms, largest first, without the specks."""
+    specks: int
+    """Number of specks: rooms too small to count."""
+    specks_area: float
+    """Area of all specks [m^2]."""
+    room_of_cell: NDArray[np.int32]
+    """Number of the room of each cell, (H, W); 0 where there is none."""
+    pairs: tuple[PlacePair, ...]
+    """Pairs of places far apart in one room, the farthest of each room first."""
+    warnings: tuple[str, ...]
+    """What of the map misleads, each in one sentence."""
+
+    def __repr__(self) -> str:
+        rooms = f"{len(self.rooms)} room{'' if len(self.rooms) == 1 else 's'}"
+        return f"MapInfo({self.grid!r}, {rooms}, {len(self.warnings)} warnings)"
+
+    @property
+    def places(self) -> tuple[NamedPlace, ...]:
+        """The named places, in the order of their names."""
+        by_name = {place.name: place for pair in self.pairs for place in (pair.start, pair.goal)}
+        return tuple(by_name[name] for name in sorted(by_name))
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the image [m], before yaw."""
+        rows, cols = self.grid.shape
+        return cols * self.grid.resolution, rows * self.grid.resolution
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Least x, least y, greatest x and greatest y of the image in the world [m]."""
+        rows, cols = self.grid.shape
+        x, y = self.grid.grid_to_world(np.array([0, 0, rows, rows]), np.array([0, cols] * 2))
+        return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+
+    def command(self, pair: PlacePair) -> str:
+        """The command line that plans between two places."""
+        file = self.source.file if self.source else f"{self.grid.name or 'MAP'}.yaml"
+        radius = f" --robot-radius {self.robot_radius:g}"
+        return (
+            f"locplan plan {shlex.quote(file)} --start {pair.start.xy} --goal {pair.goal.xy}"
+            f"{'' if self.robot_radius == ROBOT_RADIUS else radius}"
+        )
+
+    def table(self) -> str:
+        """The information for people, with command lines to copy."""
+        parts = [table([], self._facts()), self._rooms_table()]
+        for pair in self.pairs:
+            ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
+            parts += [f"{ends}: {_metres(pair.distance)} apart", f"  {self.command(pair)}"]
+        return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
+
+    def _facts(self) -> list[list[str]]:
+        """The rows about the map as a whole."""
+        (rows, cols), (width, height) = self.grid.shape, self.size
+        x, y, yaw = self.grid.origin
+        x_min, y_min, x_max, y_max = self.extent
+        facts = [
+            ["map", self.grid.name],
+            ["size", f"{cols} x {rows} cells, {width:.2f} x {height:.2f} m"],
+            ["resolution", f"{self.grid.resolution:g} m a cell"],
+            ["origin", f"x {x:g} m, y {y:g} m, yaw {math.degrees(yaw):g} deg"],
+            ["covers", f"x {x_min:.2f} to {x_max:.2f} m, y {y_min:.2f} to {y_max:.2f} m"],
+        ]
+        for name in ("free", "occupied", "unknown"):
+            level = getattr(self, name)
+            facts.append([name, f"{in_square_metres(level.area)} ({level.share:.1%})"])
+        if self.source:
+            negate = ", negate" if self.source.negate else ""
+            thresholds = (
+                f"free_thresh {self.source.free_thresh:g},"
+                f" occupied_thresh {self.source.occupied_thresh:g}"
+            )
+            facts.append(["read with", f"mode {self.source.mode}{negate}, {thresholds}"])
+        return facts
+
+    def _rooms_table(self) -> str:
+        """The rooms, with the small ones summed up."""
+        where = f"for a robot of radius {self.robot_radius:g} m"
+        if not self.rooms:
+            return f"no room {where}"
+        rows = []
+        for room in self.rooms[:LISTED]:
+            places = ", ".join(place.name for place in self.places if place.room == room.number)
+            rows.append([str(room.number), in_square_metres(room.area), places or "–"])
+        if more := self.rooms[LISTED:]:
+            rows.append(
+                [f"{len(more)} more", in_square_metres(sum(room.area for room in more)), "–"]
+            )
+        if self.specks:
+            name = "1 speck" if self.specks == 1 else f"{self.specks} specks"
+            rows.append([name, in_square_metres(self.specks_area), "–"])
+        return table([f"room {where}", "area for its centre", "places"], rows)
+
+    def to_json(self) -> dict[str, Any]:
+        """The information, fit for JSON."""
+        (rows, cols), (width, height) = self.grid.shape, self.size
+        x, y, yaw = self.grid.origin
+        levels = {name: getattr(self, name) for name in ("free", "occupied", "unknown")}
+        return {
+            "map": self.grid.name,
+            "cells": {"rows": rows, "cols": cols},
+            "size_m": {"width": width, "height": height},
+            "resolution_m": self.grid.resolution,
+            "origin": {"x_m": x, "y_m": y, "yaw_deg": math.degrees(yaw)},
+            "extent_m": dict(zip(("x_min", "y_min", "x_max", "y_max"), self.extent, strict=True)),
+            **{n: {"area_m2": each.area, "share": each.share} for n, each in levels.items()},
+            "source": dict(vars(self.source)) if self.source else None,
+            "robot_radius_m": self.robot_radius,
+            "rooms": [{"room": room.number, "area_m2": room.area} for room in self.rooms],
+            "specks": {"count": self.specks, "area_m2": self.specks_area},
+            "places": [
+                {"name": each.name, "x_m": each.x, "y_m": each.y, "room": each.room}
+                for each in self.places
+            ],
+            "pairs": [
+                {
+                    "start": pair.start.name,
+                    "goal": pair.goal.name,
+                    "distance_m": pair.distance,
+                    "command": self.command(pair),
+                }
+                for pair in self.pairs
+            ],
+            "warnings": list(self.warnings),
+        }
+
+
+def describe_map(
+    grid: OccupancyGrid | str | os.PathLike[str], *, robot_radius: float = ROBOT_RADIUS
+) -> MapInfo:
+    """Describe a map: size, levels, what misleads, rooms, and places far apart in them.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid, str or path
+        The map, or its file, whose thresholds and greys are then looked at, too.
+    robot_radius : float
+        Radius of the robot [m], which decides what is one room, >= 0.
+
+    Raises
+    ------
+    MapError
+        If the file cannot be read.
+    ConfigError
+        If the radius is out of its range.
+
+    Examples
+    --------
+    >>> from locplan.maps import environments
+    >>> info = describe_map(environments.make("two_corridors", resolution=0.1))
+    >>> [round(room.area) for room in info.rooms], [place.name for place in info.places]
+    ([233], ['A', 'B', 'C', 'D'])
+    """
+    source = None
+    if isinstance(grid, (str, os.PathLike)):
+        grid, source = read_map(grid)
+    check_grid(grid)
+    count, labels = connected(Costmap.blank(grid, robot_radius=robot_radius))
+    cell = grid.resolution**2
+    areas = np.bincount(labels.ravel(), minlength=count)[1:] * cell
+    order = np.argsort(-areas, kind="stable")
+    greatest = float(areas.max(initial=0.0))
+    counted = (areas >= SPECK) | (areas >= SPECK_SHARE * greatest)
+    large = [int(label) for label in order if counted[label]]
+    number_of = np.zeros(count, np.int32)
+    number_of[np.array(large, int) + 1] = np.arange(1, len(large) + 1)
+    room_of_cell = number_of[labels]
+    room_of_cell.setflags(write=False)
+    rooms = tuple(Room(n, float(areas[label])) for n, label in enumerate(large, 1))
+    free, occupied, unknown = (
+        Level(int(number) * cell, int(number) / grid.cells.size)
+        for number in (np.count_nonzero(grid.cells == each) for each in (FREE, OCCUPIED, UNKNOWN))
+    )
+    return MapInfo(
+        grid=grid,
+        source=source,
+        robot_radius=float(robot_radius),
+        free=free,
+        occupied=occupied,
+        unknown=unknown,
+        rooms=rooms,
+        specks=len(areas) - len(rooms),
+        specks_area=float(areas[~counted].sum()),
+        room_of_cell=room_of_cell,
+        pairs=_pairs(grid, room_of_cell, rooms, robot_radius),
+        warnings=(*misleading(grid, source), *_of_robot(grid, robot_radius, bool(rooms))),
+    )
+
+
+def _pairs(
+    grid: OccupancyGrid, room_of_cell: NDArray[np.int32], rooms: tuple[Room, ...], radius: float
+) -> tuple[PlacePair, ...]:
+    """Pairs of places in the largest rooms, first in those inside."""
+    rim = [room_of_cell[0], room_of_cell[-1], room_of_cell[1:-1, 0], room_of_cell[1:-1, -1]]
+    on_edge = np.bincount(np.concatenate(rim), minlength=len(rooms) + 1)
+    outside = on_edge > MAX_SHARE_OF_EDGE * on_edge.sum()
+    inner_first = sorted(rooms, key=lambda room: bool(outside[room.number]))
+    pairs: list[PlacePair] = []
+    used = 0
+    for room, wanted in zip(inner_first, PLACES, strict=False):
+        if room.area >= MIN_SHARE_WITH_PLACES * inner_first[0].area:
+            names = NAMES[used : used + wanted]
+            found = farthest_pairs(grid, room_of_cell, room.number, names, 2 * radius)
+            used += len(found) + 1 if found else 0
+            pairs += found
+    return tuple(pairs)
+
+
+def _of_robot(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
+    """What misleads about the robot on this map."""
+    if not fits and grid.free.any():
+        widest = float(grid.clearance[grid.free].max())
+        return [
+            f"a robot of radius {radius:g} m fits nowhere: the widest place is {widest:.3g} m from"
+            " its walls; give a smaller --robot-radius if the robot is smaller"
+        ]
+    if 0 < radius < grid.resolution:
+        return [
+            f"a cell of {grid.resolution:g} m is larger than the robot's radius of {radius:g} m, so"
+            " that gaps and walls are only roughly known"
+        ]
+    return []
+
+
+def _metres(distance: float) -> str:
+    return f"{distance:.0f} m" if distance >= 9.95 else f"{distance:.1f} m"
