@@ -41,7 +41,7 @@ MEMORY = 2 * 10**9
 """Greatest resident memory of the process [bytes]."""
 ADDRESSES = 3 * 10**9
 """Address space that it may take beside that of its start [bytes]."""
-LINES_EACH = 250
+LINES_EACH = 100
 """Number of lines that one process runs."""
 
 NUMBERS = (
@@ -501,6 +501,7 @@ class Served:
                 "LOCPLAN_CACHE": str(self.folder / "tmp" / "cache"),
                 "MPLCONFIGDIR": str(self.folder / "tmp" / "matplotlib"),
                 "COLUMNS": "120",
+                "MALLOC_ARENA_MAX": "2",  # each thread's own would take 64 MB of addresses
             },
         )
         os.close(theirs)
