@@ -33,7 +33,7 @@ def main(folder: str = "estimators", *maps: str) -> None:
             rows[-1][f"{grid.name}: {label}\n{took}"] = field
     target = Path(folder) / "estimators.png"
     target.parent.mkdir(parents=True, exist_ok=True)
-    locplan.plotting.save_figure(locplan.plotting.fields_figure(rows), target)
+    locplan.plotting.save_figure(locplan.plotting.fields_figure(rows, "position_std"), target)
     print(f"wrote {target}")
 
 

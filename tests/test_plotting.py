@@ -8,7 +8,15 @@ from PIL import Image
 from locplan import paper, plotting
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
-from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, position_axes
+from locplan.field import (
+    FieldConfig,
+    Lidar,
+    Sad,
+    Scan,
+    SearchWindow,
+    covariance_field,
+    position_axes,
+)
 from locplan.field._samples import sampled
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
@@ -158,3 +166,15 @@ def test_distributions_show_every_plane_of_the_window(rotation):
         turned = planes["shift y [m]", "turn θ [°]"].get_array()
         np.testing.assert_array_equal(turned, mismatch[10].T)
     assert len(planes) == (3 if rotation else 1)
+
+
+def test_fields_of_several_estimators_are_drawn_on_one_scale():
+    grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
+    estimators = Sad(range=2.0), Scan(Lidar(range=2.0))
+    fields = {each.name: covariance_field(grid, each) for each in estimators}
+    figure = plotting.fields_figure([fields], "position_std")
+    scales = {axes.images[-1].get_clim() for axes in figure.axes[:2]}
+    ends = [[100 * anchor for anchor in f.anchors("position_std")] for f in fields.values()]
+    ((low, high),) = scales
+    assert low == pytest.approx(min(least for least, _ in ends))
+    assert high == pytest.approx(max(greatest for _, greatest in ends))

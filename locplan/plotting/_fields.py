@@ -89,14 +89,17 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
     size = 3.6 * columns + 1, sum(3.6 * height + 0.6 for height in heights)
     figure = Picture(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
-    image, label_of_bar = None, ""
+    images, label_of_bar = [], ""
     for axes_of_row, fields in zip(grid, rows, strict=True):
         for axes, (label, field) in zip(axes_of_row, fields.items(), strict=False):
-            image, label_of_bar = draw_field(axes, field, name), field.quantity(name).axis
+            images.append(draw_field(axes, field, name))
+            label_of_bar = field.quantity(name).axis
             axes.set_title(label, fontsize="medium")
             axes.set(xlabel="", ylabel="")
-    assert image is not None
-    field_bar(figure, image, grid.ravel().tolist(), label_of_bar, shrink=0.6)
+    ends = np.array([image.get_clim() for image in images])  # of one scale for all
+    for image in images:
+        image.set_clim(ends[:, 0].min(), ends[:, 1].max())
+    field_bar(figure, images[0], grid.ravel().tolist(), label_of_bar, shrink=0.6)
     figure.supxlabel("x [m]", fontsize="medium")
     figure.supylabel("y [m]", fontsize="medium")
     return figure
