@@ -15,7 +15,7 @@ import locplan
 from locplan import CovarianceField, FieldConfig, load_map, save_map
 from locplan.cli import _options
 from locplan.cli._application import COMMANDS
-from locplan.field import save_config
+from locplan.field import save_config, scalar as scalar_of
 from locplan.maps import environments
 
 
@@ -433,6 +433,18 @@ def test_deviations_are_shown_in_centimetres_and_degrees(run, room):
     assert f"/ {100 * median:.3g} /" in out
     assert f"/ {math.degrees(about['heading_std_rad']['median']):.3g} /" in out
     assert out.index("cm") < out.index("deg") < out.index("m² rad")
+
+
+def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
+    ends = "--start", "1,2", "--goal", "4,3.5"
+    out = run("plan", room, *ends, "--lidar", "turtlebot4")[1]
+    about = json.loads(run("plan", room, *ends, "--lidar", "turtlebot4", "--json")[1])
+    lidar = locplan.Lidar.preset("turtlebot4")
+    field = locplan.load_or_compute(load_map(room), locplan.Scan(lidar))
+    xy = locplan.Path(about["shortest"]["xy"]).resampled(0.05).xy
+    std = np.array([scalar_of(field.at(x, y), "position_std") for x, y in xy])
+    (mean,) = [line for line in out.splitlines() if "mean position std" in line]
+    assert float(mean.split()[3]) == pytest.approx(100 * std.mean(), rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def ranks(logs: list[Log], column: str, predicted: list[np.ndarray]) -> tuple[fl
 def test_fused_ranks_the_measured_deviation_of_positions(logs, fused):
     deviations = [scalar(each, "position_std") for each in fused]
     pooled, within = ranks(logs, "sd_major", deviations)
-    assert pooled >= 0.88
+    assert pooled >= 0.89
     assert within >= 0.86
     measured = np.concatenate([log.measured["sd_major"] for log in logs])
     ratio = np.exp(np.mean(np.log(np.concatenate(deviations) / measured)))
@@ -104,13 +104,13 @@ def test_fused_ranks_the_measured_deviation_of_positions(logs, fused):
 def test_scan_alone_ranks_it_within_a_site(logs, scan):
     pooled, within = ranks(logs, "sd_major", [scalar(each, "position_std") for each in scan])
     assert pooled >= 0.86
-    assert within >= 0.84
+    assert within >= 0.85
 
 
 def test_scan_ranks_the_measured_deviation_of_headings(logs, scan):
     deviations = [scalar(each, "heading_std") for each in scan]
     pooled, within = ranks(logs, "sd_theta_deg", deviations)
-    assert pooled >= 0.88
+    assert pooled >= 0.90
     assert within >= 0.84
 
 

@@ -125,7 +125,7 @@ def plan(
         )
     if folder:
         write_plans(folder, costmap, field, plans)
-    table = f"{plans_table(plans, field.e_unit)}\n{about_field(field)}"
+    table = f"{plans_table(plans, field)}\n{about_field(field)}"
     if not costmap.has_weak_spots:
         table += "\nno weak spot for this lidar: u is 0 all over the map"
     show(json, plans_summary(plans), table, output)

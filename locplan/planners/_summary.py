@@ -11,6 +11,7 @@ import numpy as np
 
 from locplan._util.tables import finite, table
 from locplan.costs._metrics import DEGENERATE
+from locplan.field import SCALARS, CovarianceField
 from locplan.planners._pareto import ParetoFront
 from locplan.planners._result import Plan
 
@@ -49,20 +50,39 @@ def _plan_summary(plan: Plan) -> dict[str, Any]:
     }
 
 
-def plans_table(plans: Mapping[str, Plan], e_unit: str) -> str:
-    """The metrics of plans side by side; `e_unit` is `CovarianceField.e_unit`."""
+def plans_table(plans: Mapping[str, Plan], field: CovarianceField) -> str:
+    """The metrics of plans side by side, and the deviations of the position in the field."""
     states = [
         "solved, any path" if plan.status == "solved" and not plan.minimises else plan.status
         for plan in plans.values()
     ]
     rows = [["status", *states]]
     for label, name, unit, spec in _METRICS:
-        unit = unit.replace("m² rad", e_unit)
+        unit = unit.replace("m² rad", field.e_unit)
         values = [getattr(plan.metrics, name, None) for plan in plans.values()]
         texts = ["–" if value is None else f"{value:{spec}} {unit}" for value in values]
         rows.append([label, *texts])
+    along = [_position_std(plan, field) for plan in plans.values()]
+    shown, factor = SCALARS["position_std"].unit, SCALARS["position_std"].factor
+    for number, label in enumerate(("mean position std", "max position std")):
+        texts = ["–" if each is None else f"{factor * each[number]:.3g} {shown}" for each in along]
+        rows.append([label, *texts])
     notes = [f"{label}: {plan.note}" for label, plan in plans.items() if plan.note]
     return "\n".join([table(["", *plans], rows), *notes])
+
+
+def _position_std(plan: Plan, field: CovarianceField) -> tuple[float, float] | None:
+    """Mean and greatest of the largest position deviation along a path [m], if it is known."""
+    if plan.path is None:
+        return None
+    grid = field.grid
+    values = field.on_map(field.scalar("position_std", headings="mean"))
+    rows, cols = grid.world_to_grid(*plan.path.resampled(grid.resolution).xy.T)
+    cells = np.floor([rows, cols]).astype(int)
+    height, width = grid.shape
+    found = values[np.clip(cells[0], 0, height - 1), np.clip(cells[1], 0, width - 1)]
+    found = found[np.isfinite(found)]
+    return (float(found.mean()), float(found.max())) if found.size else None
 
 
 def front_summary(front: ParetoFront) -> dict[str, Any]:

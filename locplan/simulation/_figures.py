@@ -95,7 +95,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=1)
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
-        f"{grid.name or 'map'}: {count} simulated drives of each path\n"
+        f"{grid.name or 'map'}: {count} simulated drives of each path, {simulation.lidar.title}\n"
         "below: mean error of the position, and where 80 % of the drives are",
         fontsize="medium",
     )
