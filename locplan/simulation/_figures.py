@@ -83,7 +83,13 @@ def simulation_figure(simulation: Simulation) -> Figure:
     _plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     lower.annotate(
-        "lost", (1, LOST), (-4, 3), ("axes fraction", "data"), "offset points", ha="right"
+        "lost",
+        (1, LOST),
+        (-4, -3),
+        ("axes fraction", "data"),
+        "offset points",
+        ha="right",
+        va="top",
     )
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     _logarithmic(lower.yaxis)
