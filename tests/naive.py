@@ -729,15 +729,18 @@ def weigh(cells, resolution, ends, poses, weights, amcl, reach):
             if not math.isnan(ahead):
                 end_x = x + resolution * (math.cos(heading) * ahead - math.sin(heading) * left)
                 end_y = y + resolution * (math.sin(heading) * ahead + math.cos(heading) * left)
-                score += beam_score(cells, resolution, end_x, end_y, amcl, reach)
+                aside = resolution / 2 if amcl.half_cell else 0.0
+                score += beam_score(cells, resolution, end_x + aside, end_y + aside, amcl, reach)
         product = amcl.laser_model_type == "likelihood_field_prob"
         scaled.append(weight * (math.exp(score) if product else 1 + score))
     return np.array(scaled) / sum(scaled)
 
 
 def move(random, poses, dx, dy, turn, heading, amcl):
-    """sample_motion_odometry with AMCL's symmetry of forwards and backwards."""
+    """sample_motion_odometry with AMCL's symmetry of forwards and backwards, or its omni model."""
     way = math.hypot(dx, dy)
+    if amcl.robot_model_type == "nav2_amcl::OmniMotionModel":
+        return glide(random, poses, way, math.atan2(dy, dx) - heading, turn, amcl)
     first = wrapped(math.atan2(dy, dx) - heading) if way >= 0.01 else 0.0
     second = wrapped(turn - first)
     sizes = [min(abs(a), abs(wrapped(a - math.pi))) for a in (first, second)]
@@ -753,6 +756,35 @@ def move(random, poses, dx, dy, turn, heading, amcl):
                 x + own_way * math.cos(facing + own_first),
                 y + own_way * math.sin(facing + own_first),
                 facing + own_first + own_second,
+            )
+        )
+    return np.array(moved).T
+
+
+def glide(random, poses, way, bearing, turn, amcl):
+    """AMCL's omnidirectional model: noise along the way, of the turn, and to the side."""
+    moved = []
+    for x, y, facing in poses.T:
+        along = (
+            way
+            + math.hypot(math.sqrt(amcl.alpha3) * way, math.sqrt(amcl.alpha4) * turn)
+            * random.standard_normal()
+        )
+        own_turn = (
+            turn
+            + math.hypot(math.sqrt(amcl.alpha1) * turn, math.sqrt(amcl.alpha2) * way)
+            * random.standard_normal()
+        )
+        aside = (
+            math.hypot(math.sqrt(amcl.alpha4) * turn, math.sqrt(amcl.alpha5) * way)
+            * random.standard_normal()
+        )
+        direction = facing + bearing
+        moved.append(
+            (
+                x + along * math.cos(direction) + aside * math.sin(direction),
+                y + along * math.sin(direction) - aside * math.cos(direction),
+                facing + own_turn,
             )
         )
     return np.array(moved).T

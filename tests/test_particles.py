@@ -14,6 +14,7 @@ from locplan._kernels.rays import empty_squares
 from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.simulation._settings import DIFFERENTIAL, OMNIDIRECTIONAL
 
 RESOLUTION = 0.1
 SMALL = Lidar(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_y=-0.05, mount_yaw_deg=20)
@@ -36,10 +37,11 @@ def cloud(random, count):
     return np.array([[1.3], [1.2], [0.4]]) + spread * random.standard_normal((3, count))
 
 
+@pytest.mark.parametrize("half_cell", [True, False])
 @pytest.mark.parametrize("model", ["likelihood_field", "likelihood_field_prob"])
-def test_weights_are_those_of_the_formula(model):
+def test_weights_are_those_of_the_formula(model, half_cell):
     grid, random = room(), np.random.default_rng(1)
-    amcl = Amcl(laser_model_type=model, laser_likelihood_max_dist=0.6)
+    amcl = Amcl(laser_model_type=model, laser_likelihood_max_dist=0.6, half_cell=half_cell)
     poses = cloud(random, 40)
     poses[:, 0] = -3.0, 5.0, 0.0  # far off the map
     ends = random.uniform(-12, 12, (9, 2))
@@ -58,22 +60,26 @@ def test_weights_are_equal_where_no_beam_returns():
     particles.weigh(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, np.zeros(3))
 
 
+@pytest.mark.parametrize("model", [DIFFERENTIAL, OMNIDIRECTIONAL])
 @pytest.mark.parametrize(
     ("dx", "dy", "turn"),
     [(0.25, 0.1, 0.1), (-0.3, -0.02, -0.05), (0.0, 0.0, 0.4), (0.004, 0.0, -2.0)],
 )
-def test_particles_move_like_the_plain_formula(dx, dy, turn):
+def test_particles_move_like_the_plain_formula(dx, dy, turn, model):
     poses = cloud(np.random.default_rng(2), 30)
-    amcl = Amcl(alpha1=0.1, alpha2=0.2, alpha3=0.3, alpha4=0.4)
+    alphas = {f"alpha{n}": n / 10 for n in range(1, 6)}
+    amcl = Amcl(**alphas, robot_model_type=model)
     expected = naive.move(np.random.default_rng(5), poses, dx, dy, turn, 0.3, amcl)
     settings = simulator(room(), amcl).arguments.filter
     particles.move(np.random.default_rng(5), poses, 30, dx, dy, turn, 0.3, settings)
     assert poses == pytest.approx(expected, abs=1e-12)
 
 
-def test_without_noise_particles_follow_odometry():
+@pytest.mark.parametrize("model", [DIFFERENTIAL, OMNIDIRECTIONAL])
+def test_without_noise_particles_follow_odometry(model):
     poses = np.array([[1.0, 2.0], [1.0, 1.0], [0.0, math.pi / 2]])
-    settings = simulator(room(), Amcl(alpha1=0, alpha2=0, alpha3=0, alpha4=0)).arguments.filter
+    still = Amcl(**{f"alpha{n}": 0.0 for n in range(1, 6)}, robot_model_type=model)
+    settings = simulator(room(), still).arguments.filter
     particles.move(np.random.default_rng(0), poses, 2, 0.5, 0.0, 0.1, 0.0, settings)
     assert poses == pytest.approx(np.array([[1.5, 2.0], [1.0, 1.5], [0.1, math.pi / 2 + 0.1]]))
 
@@ -230,6 +236,8 @@ def test_drifts_grow_with_the_root_of_the_way():
             laser_model_type="likelihood_field_prob",
             resample_interval=2,
             update_min_d=0.1,
+            half_cell=False,
+            robot_model_type=OMNIDIRECTIONAL,
         ),
     ],
 )

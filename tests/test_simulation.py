@@ -33,7 +33,7 @@ from locplan.simulation import (
 )
 from locplan.simulation._motion import approaches, poses_along
 from locplan.simulation._nav2 import read_amcl
-from locplan.simulation._settings import SHORT_LIDAR
+from locplan.simulation._settings import OMNIDIRECTIONAL, SHORT_LIDAR
 
 QUIET = {
     "boundary_noise": 0.0,
@@ -48,6 +48,7 @@ QUIET = {
     "start_sigma": 0.0,
     "start_sigma_deg": 0.0,
 }
+ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 STILL = {"alpha1": 0.0, "alpha2": 0.0, "alpha3": 0.0, "alpha4": 0.0}
 FEW = {"min_particles": 300, "max_particles": 300}
 
@@ -134,6 +135,23 @@ def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
         grid, {"a": path}, amcl=Amcl(**STILL, **FEW), disturbances=Disturbances(**QUIET), drives=2
     )
     assert abs(result.drives["a"].errors).max() < 1e-9
+
+
+def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
+    amcl = Amcl(laser_model_type="likelihood_field_prob", **dict.fromkeys(ALPHAS, 0.02))
+    both = [
+        simulate(
+            two_corridors,
+            {"a": in_room},
+            amcl=dataclasses.replace(amcl, half_cell=half_cell),
+            disturbances=Disturbances(**QUIET),
+            drives=20,
+        ).drives["a"]
+        for half_cell in (True, False)
+    ]
+    shifts = [each.errors[:, 20:, :2].mean(axis=(0, 1)) for each in both]
+    half = two_corridors.resolution / 2
+    assert shifts[0] - shifts[1] == pytest.approx([-half, -half], abs=0.3 * half)
 
 
 def test_odometry_alone_drifts_where_nothing_is_seen():
@@ -372,6 +390,8 @@ NAV2 = {
     "alpha2": 0.2,
     "alpha3": 0.2,
     "alpha4": 0.2,
+    "alpha5": 0.2,
+    "robot_model_type": "nav2_amcl::DifferentialMotionModel",
     "laser_likelihood_max_dist": 2.0,
     "laser_max_range": 100.0,
     "laser_min_range": -1.0,
@@ -392,7 +412,7 @@ NAV2 = {
 
 
 def test_amcl_has_the_names_and_defaults_of_nav2():
-    assert dataclasses.asdict(Amcl()) == NAV2
+    assert dataclasses.asdict(Amcl()) == {**NAV2, "half_cell": True}
 
 
 @pytest.mark.parametrize(
@@ -408,6 +428,8 @@ def test_amcl_has_the_names_and_defaults_of_nav2():
         ({"min_particles": 2.5}, "min_particles must be a whole number"),
         ({"pf_err": math.nan}, "pf_err must be positive"),
         ({"update_min_d": "far"}, "update_min_d must be at least 0, not 'far'"),
+        ({"robot_model_type": "tricycle"}, "robot_model_type must be one of nav2_amcl::Diff"),
+        ({"half_cell": 1}, "half_cell must be a bool, not 1; give true or false"),
     ],
 )
 def test_impossible_filters_are_refused(changes, reason):
@@ -447,12 +469,18 @@ def test_amcl_is_read_from_nav2s_parameters(tmp_path):
     file = tmp_path / "nav2.yaml"
     file.write_text(
         "amcl:\n  ros__parameters:\n    alpha1: 0.05\n    max_particles: 800\n"
-        "    base_frame_id: base\n    robot_model_type: nav2_amcl::OmniMotionModel\n"
-        "    alfa2: 0.1\n    do_beamskip: true\n"
+        "    base_frame_id: base\n    robot_model_type: mine::Tricycle\n"
+        "    alfa2: 0.1\n    do_beamskip: true\n    half_cell: false\n"
     )
-    with pytest.warns(UserWarning, match=r"nav2.yaml: not simulated: robot_model_type, alfa2$"):
+    left_out = r"nav2.yaml: not simulated: robot_model_type, alfa2, half_cell$"
+    with pytest.warns(UserWarning, match=left_out):
         amcl = read_amcl(file)
     assert amcl == Amcl(alpha1=0.05, max_particles=800)
+    sideways = "amcl:\n  ros__parameters:\n    alpha5: 0.1\n    laser_min_range: 0.3\n"
+    for name in (OMNIDIRECTIONAL, "omnidirectional"):
+        file.write_text(f"{sideways}    robot_model_type: {name}\n")
+        expected = Amcl(alpha5=0.1, laser_min_range=0.3, robot_model_type=OMNIDIRECTIONAL)
+        assert read_amcl(file) == expected
     file.write_text("amcl:\n  ros__parameters:\n    laser_model_type: beam\n")
     with pytest.raises(LocplanError, match=r"nav2.yaml: amcl: laser_model_type must be"):
         read_amcl(file)

@@ -27,12 +27,14 @@ EXTENT = 1 << 20
 
 
 class Filter(NamedTuple):
-    """AMCL's parameters by its own names."""
+    """AMCL's parameters by its own names, but for its motion model, which is a number here."""
 
     alpha1: float
     alpha2: float
     alpha3: float
     alpha4: float
+    alpha5: float
+    omnidirectional: bool
     min_particles: int
     max_particles: int
     pf_err: float
@@ -50,6 +52,7 @@ class BeamScores(NamedTuple):
     cols: int
     resolution: float
     product: bool  # whether scores are logarithms of factors
+    shift: float  # added to a position to find its cell: the ring, and half a cell as Nav2 [cells]
 
 
 class Histogram(NamedTuple):
@@ -182,6 +185,33 @@ def wrapped(angle: float) -> float:
 
 
 @njit(nogil=True, cache=True)
+def _glide(
+    random: np.random.Generator,
+    poses: NDArray[np.float64],
+    count: int,
+    way: float,
+    bearing: float,
+    turn: float,
+    settings: Filter,
+) -> None:
+    """Move particles as `move` does, by AMCL's omnidirectional model.
+
+    `bearing` is the direction of the movement from the robot's heading [rad].
+    """
+    way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * turn**2)
+    turn_sd = np.sqrt(settings.alpha1 * turn**2 + settings.alpha2 * way**2)
+    aside_sd = np.sqrt(settings.alpha4 * turn**2 + settings.alpha5 * way**2)
+    for n in range(count):
+        own_way = way + way_sd * random.standard_normal()
+        own_turn = turn + turn_sd * random.standard_normal()
+        aside = aside_sd * random.standard_normal()
+        cos, sin = np.cos(poses[2, n] + bearing), np.sin(poses[2, n] + bearing)
+        poses[0, n] += own_way * cos + aside * sin
+        poses[1, n] += own_way * sin - aside * cos
+        poses[2, n] += own_turn
+
+
+@njit(nogil=True, cache=True)
 def move(
     random: np.random.Generator,
     poses: NDArray[np.float64],
@@ -194,10 +224,13 @@ def move(
 ) -> None:
     """Move each of `count` particles of (3, n) by the reported odometry, with noise of its own.
 
-    The model is AMCL's differential one. `dx`, `dy` [m] and `turn` [rad] are in the axes of
-    odometry, in which the robot's heading was `heading` [rad] before.
+    The model is AMCL's differential or omnidirectional one. `dx`, `dy` [m] and `turn` [rad] are in
+    the axes of odometry, in which the robot's heading was `heading` [rad] before.
     """
     way = np.hypot(dx, dy)
+    if settings.omnidirectional:
+        _glide(random, poses, count, way, np.arctan2(dy, dx) - heading, turn, settings)
+        return
     first = wrapped(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
     second = wrapped(turn - first)
     # Driving backwards does not count as turning round.
@@ -241,7 +274,8 @@ def weigh(
     total = 0.0
     for n in range(count):
         cos, sin = np.cos(poses[2, n]), np.sin(poses[2, n])
-        x, y = poses[0, n] / scores.resolution + 1, poses[1, n] / scores.resolution + 1
+        x = poses[0, n] / scores.resolution + scores.shift
+        y = poses[1, n] / scores.resolution + scores.shift
         score = 0.0
         for b in range(len(returned)):
             col = x + cos * returned[b, 0] - sin * returned[b, 1]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._settings import OMNIDIRECTIONAL, Amcl, Disturbances
 
 NEAREST, FARTHEST = 0.5, 2.0
 """Least and greatest distance of an object that occludes the lidar [m]."""
@@ -52,6 +52,7 @@ def arguments_of(
             cols=values.shape[1],
             resolution=grid.resolution,
             product=amcl.laser_model_type == "likelihood_field_prob",
+            shift=1.5 if amcl.half_cell else 1.0,
         ),
         Beams(
             angles=compared_beams(lidar.angles, amcl),
@@ -78,7 +79,10 @@ def arguments_of(
             turn_bias=disturbances.turn_bias,
         ),
         Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg)),
-        Filter(*(getattr(amcl, name) for name in Filter._fields)),
+        Filter(
+            **{name: getattr(amcl, name) for name in Filter._fields if name != "omnidirectional"},
+            omnidirectional=amcl.robot_model_type == OMNIDIRECTIONAL,
+        ),
     )
 
 

@@ -9,12 +9,12 @@ from collections.abc import Iterator, Mapping
 
 from locplan.errors import LocplanError, one_line
 from locplan.maps._ros_parameters import read_parameters
-from locplan.simulation._settings import Amcl
+from locplan.simulation._settings import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
 
-DIFFERENTIAL = "nav2_amcl::DifferentialMotionModel"
+OLDER_NAMES = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
+"""Motion models by their names before Nav2's Humble."""
 NO_MATTER = {
     "allow_parameter_qos_overrides",
-    "alpha5",
     "always_reset_initial_pose",
     "base_frame_id",
     "beam_skip_distance",
@@ -32,7 +32,6 @@ NO_MATTER = {
     "random_seed",
     "recovery_alpha_fast",
     "recovery_alpha_slow",
-    "robot_model_type",
     "save_pose_rate",
     "saved_pose_filepath",
     "scan_topic",
@@ -60,20 +59,32 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     LocplanError
         If the file cannot be read, has no parameters of amcl, or a value is out of its range.
     """
-    own = read_parameters(path).get("amcl")
-    given = own.get("ros__parameters") if isinstance(own, dict) else None
-    if not isinstance(given, dict):
-        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
-    known = {each.name for each in dataclasses.fields(Amcl)}
-    try:
-        amcl = Amcl(**{name: value for name, value in given.items() if name in known})
-    except LocplanError as error:
-        raise LocplanError(f"{path}: amcl: {error}") from None
-    left_out = [*_not_simulated(given), *sorted(set(given) - known - NO_MATTER)]
+    amcl, left_out = read_filter(path)
     if left_out:
         message = one_line(f"{path}: not simulated: {', '.join(left_out)}")
         warnings.warn(ParameterWarning(message), stacklevel=2)
     return amcl
+
+
+def read_filter(path: str | os.PathLike[str]) -> tuple[Amcl, tuple[str, ...]]:
+    """Read AMCL's parameters as `read_amcl` does, and the names of those that are not simulated."""
+    own = read_parameters(path).get("amcl")
+    given = own.get("ros__parameters") if isinstance(own, dict) else None
+    if not isinstance(given, dict):
+        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
+    known = {each.name for each in dataclasses.fields(Amcl)} - {"half_cell"}
+    taken = {name: value for name, value in given.items() if name in known}
+    model = str(taken.pop("robot_model_type", DIFFERENTIAL))
+    model = OLDER_NAMES.get(model, model)
+    foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
+    if not foreign:
+        taken["robot_model_type"] = model
+    try:
+        amcl = Amcl(**taken)
+    except LocplanError as error:
+        raise LocplanError(f"{path}: amcl: {error}") from None
+    unknown = sorted(set(given) - known - NO_MATTER)
+    return amcl, (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown)
 
 
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
@@ -83,8 +94,3 @@ def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
             yield name
     if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
         yield "do_beamskip"
-    if given.get("robot_model_type", DIFFERENTIAL) != DIFFERENTIAL:
-        yield "robot_model_type"
-    least = given.get("laser_min_range", -1.0)
-    if isinstance(least, (int, float)) and least > 0:
-        yield "laser_min_range"

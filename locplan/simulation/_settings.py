@@ -5,14 +5,25 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
-from locplan._util.checks import Settings, keep_checked, number, one_of, positive, shown, whole
+from locplan._util.checks import (
+    Settings,
+    instance,
+    keep_checked,
+    number,
+    one_of,
+    positive,
+    shown,
+    whole,
+)
 from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.field.estimators._sad import PAPER_RANGE
 
 MODELS = ("likelihood_field", "likelihood_field_prob")
+DIFFERENTIAL: Final = "nav2_amcl::DifferentialMotionModel"
+OMNIDIRECTIONAL: Final = "nav2_amcl::OmniMotionModel"
 MIN_BEAMS = 2
 MAX_PARTICLES = 1_000_000
 """Greatest number of particles of a filter."""
@@ -26,9 +37,9 @@ SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
 class Amcl(Settings):
     """Parameters of Nav2's AMCL, by its names and with its defaults.
 
-    They are those of its differential motion model and its likelihood fields. As by default in
-    Nav2, `recovery_alpha_fast` and `_slow` are 0: no random particles are added. Unlike here, Nav2
-    reads its likelihood field half a cell aside, and ignores a map's yaw.
+    They are those of its motion models and its likelihood fields. As by default in Nav2,
+    `recovery_alpha_fast` and `_slow` are 0: no random particles are added. Unlike here, Nav2
+    ignores a map's yaw.
 
     Raises
     ------
@@ -49,6 +60,12 @@ class Amcl(Settings):
     """Variance of the distance per square of the distance [1]."""
     alpha4: float = 0.2
     """Variance of the distance per square of the turn [m^2 / rad^2]."""
+    alpha5: float = 0.2
+    """Variance of a shift to the side per square of the distance [1]; omnidirectional only."""
+    robot_model_type: Literal[
+        "nav2_amcl::DifferentialMotionModel", "nav2_amcl::OmniMotionModel"
+    ] = DIFFERENTIAL
+    """Motion model: of a robot that drives where it heads, or of one that can drive sideways."""
     laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = "likelihood_field"
     """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
     laser_likelihood_max_dist: float = 2.0
@@ -79,11 +96,15 @@ class Amcl(Settings):
     """Weight of beams that end at a wall."""
     z_rand: float = 0.5
     """Weight of beams that end anywhere."""
+    half_cell: bool = True
+    """True reads the likelihood field half a cell aside along x and y, as Nav2's AMCL does."""
 
     def __post_init__(self) -> None:
         one_of("laser_model_type", self.laser_model_type, MODELS)
+        one_of("robot_model_type", self.robot_model_type, (DIFFERENTIAL, OMNIDIRECTIONAL))
+        instance("half_cell", self.half_cell, bool, "give true or false")
         above_0 = ("laser_likelihood_max_dist", "sigma_hit", "pf_err", "pf_z")
-        from_0 = ("alpha1", "alpha2", "alpha3", "alpha4", "update_min_a", "update_min_d")
+        from_0 = (*(f"alpha{n}" for n in range(1, 6)), "update_min_a", "update_min_d")
         keep_checked(self, above_0, positive)
         keep_checked(self, from_0, number, 0.0)
         keep_checked(self, ("laser_min_range", "laser_max_range"), number)
