@@ -16,7 +16,7 @@ import locplan
 from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
 from locplan._kernels.matches import match
 from locplan._kernels.offsets import make_lattice
-from locplan._util.intervals import of_geometric_mean, of_mean, of_rms
+from locplan._util.intervals import of_geometric_mean, of_mean, of_median, of_rms
 from locplan.field import Exponential, Sad, Scan
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, environments
@@ -31,6 +31,7 @@ from locplan.simulation import (
     simulate,
     simulate_queries,
 )
+from locplan.simulation._drives import LOST, Drives
 from locplan.simulation._motion import approaches, poses_along
 from locplan.simulation._nav2 import read_amcl
 from locplan.simulation._settings import OMNIDIRECTIONAL, SHORT_LIDAR
@@ -241,8 +242,31 @@ def test_lost_drives_and_their_intervals(two_corridors):
     mean_square = (drives.errors[..., :2] ** 2).sum(axis=2).mean()
     assert drives.rmse.value == pytest.approx(math.sqrt(mean_square))
     assert drives.rmse.low < drives.rmse.value < drives.rmse.high
+    kept = drives.position_error[~drives.lost]
+    assert drives.kept_rmse.value == pytest.approx(math.sqrt((kept**2).mean()))
+    assert drives.kept_rmse.low < drives.kept_rmse.value < drives.kept_rmse.high < LOST
+    assert drives.median_error.value == np.median(drives.position_error)
+    assert drives.median_error.low < drives.median_error.value < drives.median_error.high
+    about = drives.summary()
+    assert about["median_error_m"] == list(drives.median_error)
+    assert about["kept_rmse_m"] == list(drives.kept_rmse)
     assert drives.profile().shape == (len(drives.poses), 9)
     assert rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
+
+
+def test_where_all_drives_are_lost_none_is_left_to_tell_of():
+    poses = np.column_stack([np.linspace(0, 9, 10), np.zeros((10, 2))])
+    errors = np.zeros((6, 10, 3))
+    errors[:, 4, 1] = 2.0
+    drives = Drives(poses, errors)
+    assert drives.lost.all()
+    assert np.isnan(drives.kept_rmse).all()
+    assert drives.summary()["kept_rmse_m"] == [None] * 3
+    assert drives.median_error == (0.0, 0.0, 0.0)
+    errors[:2, 4, 1] = 0.5  # two are too few for an interval
+    kept = Drives(poses, errors).kept_rmse
+    assert kept.value == pytest.approx(0.5 / math.sqrt(10))
+    assert np.isnan(kept[1:]).all()
 
 
 def at_places(name, ends, drives):
@@ -374,7 +398,23 @@ def test_a_root_mean_square_is_within_its_interval_as_often_as_it_says():
     assert 0.90 < ratios / 400 < 0.98
 
 
+def test_a_median_is_within_its_interval_as_often_as_it_says():
+    random = np.random.default_rng(0)
+    inside = plain = 0
+    for _ in range(400):
+        trials = random.normal(0.0, 1.0, (30, 1)) + random.normal(0.0, 0.5, (30, 20))
+        low, high = of_median(np.exp(trials))[1:]
+        inside += low <= 1 <= high
+        low, high = of_median(np.exp(trials).reshape(-1, 1))[1:]  # values that are no trials
+        plain += low <= 1 <= high
+    assert 0.92 < inside / 400 < 0.98
+    assert plain / 400 < 0.6
+
+
 def test_intervals_of_too_little():
+    assert np.isnan(of_median(np.empty((0, 5)))).all()
+    assert of_median(np.array([[1.0, 2.0], [3.0, 4.0]])).value == 2.5
+    assert np.isnan(of_median(np.ones((4, 3)))[1:]).all()
     assert np.isnan(of_mean(np.array([1.0, 2.0]))[1:]).all()
     assert np.isnan(of_geometric_mean(np.ones(4))[1:]).all()
     assert np.isnan(of_mean(np.array([]))).all()

@@ -1,4 +1,4 @@
-"""95 % intervals of shares, of means, and of root mean squares and their ratios."""
+"""95 % intervals of shares, means, medians, and of root mean squares and their ratios."""
 
 from __future__ import annotations
 
@@ -42,6 +42,23 @@ def of_mean(values: NDArray[np.float64]) -> Interval:
 def of_geometric_mean(values: NDArray[np.float64]) -> Interval:
     """Student's 95 % interval of the geometric mean of positive values, from their logarithms."""
     return Interval(*np.exp(of_mean(np.log(values))).tolist())
+
+
+def of_median(values: NDArray[np.float64]) -> Interval:
+    """95 % interval of the median of all values (trials, k), whose rows are independent trials.
+
+    It is Woodruff's: Student's interval of the share of values that are at most the median, read
+    back through the quantiles of the values.
+    """
+    if not values.size:
+        return Interval(np.nan, np.nan, np.nan)
+    middle = float(np.median(values))
+    share = of_mean((values <= middle).mean(axis=1))
+    if np.isnan(share.low):
+        return Interval(middle, np.nan, np.nan)
+    half = (share.high - share.low) / 2
+    low, high = np.quantile(values, (max(0.0, 0.5 - half), min(1.0, 0.5 + half))).tolist()
+    return Interval(middle, low, high)
 
 
 def of_rms(squares: NDArray[np.float64], others: NDArray[np.float64] | None = None) -> Interval:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval, of_rms, wilson
+from locplan._util.intervals import Interval, of_median, of_rms, wilson
 from locplan._util.tables import finite
 
 MAX_DRIVES = 100_000
@@ -28,7 +28,7 @@ class Drives:
     """Simulated drives along one line.
 
     The n-th drives of two lines have the same world and seed, so that they can be compared in
-    pairs.
+    pairs. Intervals are over the drives.
     """
 
     poses: NDArray[np.float64]
@@ -38,8 +38,8 @@ class Drives:
 
     def __repr__(self) -> str:
         return (
-            f"Drives({len(self.errors)} of {self.distance[-1]:.2f} m, RMSE {self.rmse.value:.3g} m,"
-            f" {self.lost_rate.value:.0%} lost)"
+            f"Drives({len(self.errors)} of {self.distance[-1]:.2f} m,"
+            f" median error {self.median_error.value:.3g} m, {self.lost_rate.value:.0%} lost)"
         )
 
     @property
@@ -54,9 +54,22 @@ class Drives:
         return np.hypot(self.errors[..., 0], self.errors[..., 1])
 
     @property
+    def median_error(self) -> Interval:
+        """Median of the position error over all poses of all drives [m]."""
+        return of_median(self.position_error)
+
+    @property
     def rmse(self) -> Interval:
-        """Root mean square of the position error along the way [m]."""
+        """Root mean square of the position error along the way [m].
+
+        The drives that were lost make most of it; see `kept_rmse`.
+        """
         return of_rms(self.mean_squares)
+
+    @property
+    def kept_rmse(self) -> Interval:
+        """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
+        return of_rms(self.mean_squares[~self.lost])
 
     @property
     def heading_rmse(self) -> Interval:
@@ -90,10 +103,12 @@ class Drives:
             "length_m": float(self.distance[-1]),
         }
         for name, interval in (
+            ("median_error_m", self.median_error),
+            ("lost_rate", self.lost_rate),
+            ("kept_rmse_m", self.kept_rmse),
             ("rmse_m", self.rmse),
             ("final_rmse_m", self.final_rmse),
             ("heading_rmse_rad", self.heading_rmse),
-            ("lost_rate", self.lost_rate),
         ):
             about[name] = list(interval)
         return finite(about)
