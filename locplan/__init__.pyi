@@ -41,5 +41,6 @@ from .planners import (
     plan as plan,
     plan_field as plan_field,
 )
+from .simulation import Choice as Choice, choose as choose
 
 __version__: str

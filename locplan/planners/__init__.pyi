@@ -1,3 +1,4 @@
+from ._alternatives import alternatives as alternatives
 from ._any_angle import AnyAngle as AnyAngle
 from ._budget import BudgetPlanner as BudgetPlanner
 from ._cost_to_go import CostToGo as CostToGo, plan_field as plan_field

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 
 import numpy as np
@@ -123,24 +123,71 @@ class Simulator:
         (lines, n, 3) array
             The filter's pose minus the true one, in the world [m, m, rad].
         """
-        from locplan._kernels import drives as kernel
-
         size = len(lines) * lines[0].size * ARRAYS * 8
         check_memory(f"{len(lines)} drives of {len(lines[0])} poses", size, "drive fewer")
         own = [self._on_grid(line) for line in lines]
         errors = np.empty((len(own), *own[0].shape))
 
         def run(n: int) -> None:
-            kernel.drive(
-                random_of(self.seed, DRIVE, stream, n),
-                own[n],
-                self.worlds[n % len(self.worlds)],
-                *self.arguments,
-                errors[n],
-            )
+            self._drive(own[n], stream, n, errors[n])
 
         self._in_threads(run, len(own), progress)
         return _turned(errors, self.grid.origin[2])
+
+    def drive_together(
+        self,
+        lines: Sequence[Poses],
+        drives: int,
+        *,
+        stream: int = 0,
+        enough: Callable[[list[NDArray[np.float64]]], bool] | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> list[NDArray[np.float64]]:
+        """Drive all lines once, then all of them once more, and so on.
+
+        Parameters
+        ----------
+        lines : sequence of (n, 3) arrays
+            True poses of each line in the world [m, m, rad].
+        drives : int
+            Greatest number of drives of each line; the n-th of all have the same world and seed.
+        stream : int
+            Number of the stream of random numbers.
+        enough : callable, optional
+            Called with what is returned after each round of drives; True ends them.
+        progress : callable, optional
+            Called with (done, total) drives.
+
+        Returns
+        -------
+        list of (drives, n, 3) arrays
+            Errors of each line as `drive` gives them.
+        """
+        size = drives * sum(line.size for line in lines) * ARRAYS * 8
+        check_memory(f"{drives} drives of {len(lines)} lines", size, "drive fewer")
+        errors = [np.empty((drives, *line.shape)) for line in lines]
+        own = [self._on_grid(line) for line in lines]
+
+        def run(task: int) -> None:
+            drive, line = divmod(task, len(own))
+            self._drive(own[line], stream, drive, errors[line][drive])
+
+        def turned(rounds: int) -> list[NDArray[np.float64]]:
+            return [_turned(each[:rounds], self.grid.origin[2]) for each in errors]
+
+        def ends(done: int) -> bool:
+            rounds, rest = divmod(done, len(own))
+            return enough is not None and not rest and enough(turned(rounds))
+
+        done = self._in_threads(run, drives * len(own), progress, ends)
+        return turned(done // len(own))
+
+    def _drive(self, line: Poses, stream: int, number: int, errors: NDArray[np.float64]) -> None:
+        """Drive a line in the map's own axes, in the world and with the seed of this number."""
+        from locplan._kernels.drives import drive
+
+        world = self.worlds[number % len(self.worlds)]
+        drive(random_of(self.seed, DRIVE, stream, number), line, world, *self.arguments, errors)
 
     def drive_along(
         self,
@@ -236,18 +283,26 @@ class Simulator:
         return arguments_of(self.grid, self.lidar, self.amcl, self.disturbances)
 
     def _in_threads(
-        self, run: Callable[[int], None], count: int, progress: ProgressCallback | None
-    ) -> None:
+        self,
+        run: Callable[[int], None],
+        count: int,
+        progress: ProgressCallback | None,
+        ends: Callable[[int], bool] = lambda done: False,
+    ) -> int:
+        """Run tasks in their order until `ends` is true of the number done, which is returned."""
         _ = self.worlds, self.arguments  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads)
         try:
             tasks = [pool.submit(run, n) for n in range(count)]
-            for done, task in enumerate(as_completed(tasks), 1):
+            for done, task in enumerate(tasks, 1):
                 task.result()
                 if progress:
                     progress(done, count)
+                if ends(done):
+                    return done
         finally:
             pool.shutdown(cancel_futures=True)
+        return count
 
 
 def random_of(seed: int, *stream: int) -> np.random.Generator:

@@ -1,0 +1,173 @@
+"""The choice among candidate paths that were driven in simulation, and the reason for it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from locplan._util.intervals import Interval, of_geometric_mean
+from locplan._util.notebook import Pictured
+from locplan._util.tables import finite
+from locplan.costs import Costmap, Path, PathMetrics, about_costs
+from locplan.field import Lidar
+from locplan.planners import Position
+from locplan.simulation._drives import Drives
+from locplan.simulation._scores import Minimise, front_of
+from locplan.simulation._settings import Amcl, Disturbances
+
+LOST_COUNTS = 0.2
+"""Difference of the shares of lost drives that is worth telling first."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate:
+    """A path that was driven in simulation."""
+
+    name: str
+    path: Path
+    metrics: PathMetrics
+    """Metrics of the path on the costmap."""
+    drives: Drives
+    """Errors of its drives; the n-th drives of all candidates have the same world and seed."""
+    log_error: float
+    """Mean over the drives of the logarithm of the error that is minimised (m) [ln m, ln rad]."""
+    price: float
+    """Price of the metres that it is longer than the shortest, which is added to `log_error`."""
+
+    def __repr__(self) -> str:
+        return f"Candidate({self.name}, {self.path.length:.2f} m, {self.drives!r})"
+
+    @property
+    def typical_rmse(self) -> float:
+        """Geometric mean over the drives of the RMSE of the position [m]."""
+        return float(np.exp(0.5 * np.log(self.drives.mean_squares).mean()))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Choice(Pictured):
+    """Candidate paths with their simulated drives, and the one to take."""
+
+    _drawn_by: ClassVar[str] = "locplan.simulation._choice_figures:choice_figure"
+
+    costs: Costmap
+    """Costmap on which candidates were planned and measured."""
+    start: Position
+    """Position of the start in the world [m]."""
+    goal: Position
+    """Position of the goal in the world [m]."""
+    candidates: tuple[Candidate, ...]
+    """Candidates, the shortest path first; none if no path leads to the goal."""
+    best: int
+    """Index of the candidate that is recommended."""
+    minimise: Minimise
+    price: float | None
+    """Detour that is accepted for a halved error [m]; None counts no length."""
+    lidar: Lidar
+    amcl: Amcl
+    disturbances: Disturbances
+    drives: int
+    """Greatest number of drives of each candidate."""
+    seed: int
+
+    def __repr__(self) -> str:
+        return f"Choice({self.costs.grid.name or 'map'}, {self.why})"
+
+    @property
+    def status(self) -> Literal["solved", "unreachable"]:
+        """The status is "unreachable" if no path leads to the goal."""
+        return "solved" if self.candidates else "unreachable"
+
+    @property
+    def shortest(self) -> Candidate | None:
+        """Candidate that is the shortest path; None if there is no path."""
+        return self.candidates[0] if self.candidates else None
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """Candidate that is recommended; None if there is no path."""
+        return self.candidates[self.best] if self.candidates else None
+
+    @property
+    def path(self) -> Path | None:
+        """Path that is recommended; None if there is none."""
+        return self.chosen.path if self.chosen else None
+
+    @property
+    def front(self) -> tuple[Candidate, ...]:
+        """Candidates on the Pareto front of length against simulated error, by length."""
+        lengths = np.array([each.path.length for each in self.candidates])
+        errors = np.array([each.log_error for each in self.candidates])
+        return tuple(self.candidates[n] for n in front_of(lengths, errors))
+
+    @property
+    def why(self) -> str:
+        """Reason for the choice in one line."""
+        chosen, shortest = self.chosen, self.shortest
+        if chosen is None or shortest is None:
+            return "no path leads to the goal"
+        if len(self.candidates) == 1:
+            return "there is no other way that is not much longer: the shortest"
+        if chosen is shortest:
+            return "no alternative is clearly better: the shortest"
+        extra = chosen.path.length - shortest.path.length
+        return f"{gain(shortest, chosen, self.minimise)}, for {extra:.1f} m more"
+
+    def ratio(self, candidate: Candidate) -> Interval:
+        """Ratio of the RMSE of the position to the shortest's: geometric mean over the drives."""
+        assert self.shortest is not None
+        return rmse_ratio_of_drives(candidate.drives, self.shortest.drives)
+
+    def summary(self) -> dict[str, object]:
+        """Candidates with their errors, the choice and its settings, fit for JSON."""
+        front = self.front
+        about: dict[str, object] = {
+            **about_costs(self.costs),
+            "status": self.status,
+            "start": list(self.start),
+            "goal": list(self.goal),
+            "chosen": self.chosen.name if self.chosen else None,
+            "why": self.why,
+            "minimise": self.minimise,
+            "price_m": self.price,
+            "candidates": {
+                each.name: {
+                    **each.drives.summary(),
+                    "typical_rmse_m": each.typical_rmse,
+                    "rmse_ratio": list(self.ratio(each)),
+                    "log_error": each.log_error,
+                    "price": each.price,
+                    "on_front": each in front,
+                    "metrics": finite(dataclasses.asdict(each.metrics)),
+                    "xy": each.path.xy.tolist(),
+                }
+                for each in self.candidates
+            },
+            "most_drives": self.drives,
+            "seed": self.seed,
+            "lidar": dataclasses.asdict(self.lidar),
+            "amcl": dataclasses.asdict(self.amcl),
+            "disturbances": dataclasses.asdict(self.disturbances),
+        }
+        return finite(about)
+
+
+def rmse_ratio_of_drives(drives: Drives, others: Drives) -> Interval:
+    """Ratio of the RMSE of paired drives: geometric mean over the drives."""
+    return of_geometric_mean(np.sqrt(drives.mean_squares / others.mean_squares))
+
+
+def gain(shortest: Candidate, chosen: Candidate, minimise: Minimise) -> str:
+    """Gain of a candidate over the shortest path in words."""
+    before, after = (float(each.drives.lost.mean()) for each in (shortest, chosen))
+    if minimise == "lost" or before - after >= LOST_COUNTS:
+        return f"{after:.0%} of drives lost instead of {before:.0%}"
+    errors = [math.exp(each.log_error) for each in (chosen, shortest)]
+    if minimise == "heading":
+        after, before = (math.degrees(each) for each in errors)
+        return f"a heading error of {after:.2g} deg instead of {before:.2g} deg"
+    where = " at the goal" if minimise == "goal-error" else ""
+    return f"an error of {errors[0]:.2g} m{where} instead of {errors[1]:.2g} m"

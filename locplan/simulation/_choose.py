@@ -1,0 +1,204 @@
+"""The simulated choice: drive a handful of dissimilar paths, and take the one that is best."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import one_of, positive
+from locplan._util.progress import ProgressCallback
+from locplan.costs import ROBOT_RADIUS, Costmap, path_metrics
+from locplan.errors import ConfigError, LocplanError
+from locplan.field import Lidar, Scan, load_or_compute
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.planners import Position, check_ends
+from locplan.planners._alternatives import LONGEST, alternatives
+from locplan.simulation._candidates import Candidates, own_paths
+from locplan.simulation._choice import Candidate, Choice
+from locplan.simulation._drives import Drives, check_drives
+from locplan.simulation._motion import Poses, poses_along
+from locplan.simulation._scores import (
+    MINIMISED,
+    Minimise,
+    is_settled,
+    log_errors,
+    price_of,
+    selected,
+)
+from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
+from locplan.simulation._simulator import Simulator
+
+FEW_DRIVES = 8
+"""Number of drives of each candidate by default."""
+
+
+def choose(
+    grid: OccupancyGrid,
+    start: Position,
+    goal: Position,
+    *,
+    lidar: Lidar | None = None,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    costs: Costmap | None = None,
+    robot_radius: float = ROBOT_RADIUS,
+    candidates: Candidates = (),
+    longest: float = LONGEST,
+    minimise: Minimise = "rmse",
+    price: float | None = None,
+    drives: int = FEW_DRIVES,
+    time_limit: float | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Choice:
+    """Drive a handful of dissimilar paths in simulation, and choose among them.
+
+    Candidates are the shortest path, detours around it, and the paths of least cost by `Scan` at
+    weights 4 and 12 (`locplan.planners.alternatives`). Each is driven with the same worlds and
+    seeds. Its score is the mean over the drives of ln RMSE. The least score wins, and the shortest
+    path stays unless the winner's error is less by a tenth.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    start, goal : (x, y)
+        Positions in the world [m].
+    lidar, amcl, disturbances : optional
+        The robot's lidar, its filter, and the disturbances; see `Simulator`. The choice is worth
+        as much as they are those of your robot.
+    costs : Costmap, optional
+        Costmap of a field of this map, to plan on; by default that of `Scan` for the lidar.
+    robot_radius : float
+        Radius of the robot where no costmap is given [m].
+    candidates : sequence or mapping
+        Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
+        or their names.
+    longest : float
+        Greatest length of an alternative, in lengths of the shortest path.
+    minimise : str
+        "rmse" of the position, "goal-error" (the same over the last metre), "heading" (the same of
+        the heading), or "lost", the share of drives off by more than 1 m at any time, which
+        replaces the shortest path if it is lower by at least a quarter.
+    price : float, optional
+        Metres of detour that are accepted for a halved error; by default length does not count.
+    drives : int
+        Greatest number of drives of each candidate, at least 2. They end early where the ones that
+        are left cannot change the choice.
+    time_limit : float, optional
+        Time after which no further round of drives begins [s]; at least two are driven.
+    seed : int
+        Seed of all random numbers; equal seeds give equal choices, on any number of threads,
+        unless the time limit ends the drives.
+    threads : int, optional
+        Number of threads; all cores by default.
+    progress : callable, optional
+        Called with (done, total) drives.
+
+    Returns
+    -------
+    Choice
+        Its `path` is None, and its `status` "unreachable", if no path leads to the goal.
+
+    Raises
+    ------
+    PoseError
+        If start or goal lies outside the map or in a blocked cell.
+    LocplanError
+        If a setting is out of its range, or a candidate cannot be driven.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> choice = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=locplan.Costmap.blank(grid))
+    >>> choice.chosen.name, choice.why
+    ('way around 2', '0% of drives lost instead of 62%, for 9.6 m more')
+    """
+    check_grid(grid)
+    check_drives(drives)
+    one_of("minimise", minimise, MINIMISED)
+    for name, value in (("price", price), ("time_limit", time_limit)):
+        if value is not None:
+            positive(name, value)
+    simulator = Simulator(
+        grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
+    )
+    here = costs or Costmap.blank(grid, robot_radius=robot_radius)
+    begin, end = check_ends(here, start, goal)
+    if begin == end:
+        raise ConfigError("start and goal are one place; a choice needs a way to drive")
+    if costs is None:
+        field = load_or_compute(grid, Scan(lidar or SHORT_LIDAR), threads=threads)
+        costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
+    elif costs.grid.digest != grid.digest:
+        raise ConfigError("the costmap is that of another map")
+    own = own_paths(costs, begin, end, candidates)
+    paths = alternatives(costs, begin, end, longest=longest, others=own)
+    lines = {}
+    for name, path in paths.items():
+        try:
+            lines[name] = poses_along(path, grid)
+        except LocplanError as error:
+            raise LocplanError(f"candidate {name}: {error}") from None
+    extra = np.array([path.length for path in paths.values()])
+    prices = price_of(extra - extra[:1], price)
+    worst = np.pi if minimise == "heading" else _diagonal(grid)
+    errors, scores = _driven(
+        simulator, list(lines.values()), prices, minimise, worst, drives, time_limit, progress
+    )
+    driven = {
+        name: Drives(line, each) for (name, line), each in zip(lines.items(), errors, strict=True)
+    }
+    lost = np.array([each.lost.mean() for each in driven.values()])
+    made = tuple(
+        Candidate(name, path, path_metrics(costs, path), driven[name], float(score), float(cost))
+        for (name, path), score, cost in zip(paths.items(), scores, prices, strict=True)
+    )
+    best = selected(scores + prices, lost, minimise)[0] if made else 0
+    settings = simulator.lidar, simulator.amcl, simulator.disturbances
+    return Choice(costs, begin, end, made, best, minimise, price, *settings, drives, seed)
+
+
+def _driven(
+    simulator: Simulator,
+    lines: list[Poses],
+    prices: NDArray[np.float64],
+    minimise: Minimise,
+    worst: float,
+    drives: int,
+    time_limit: float | None,
+    progress: ProgressCallback | None,
+) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    """Errors of each line's drives, and the mean of their logarithms."""
+    if not lines:
+        return [], np.empty(0)
+    until = None if time_limit is None else time.monotonic() + time_limit
+    distances = [Drives(line, np.empty((0, 0, 3))).distance for line in lines]
+
+    def scores_of(errors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Log error of each drive of each line, (lines, drives)."""
+        pairs = zip(distances, errors, strict=True)
+        return np.array([log_errors(*pair, minimise, worst) for pair in pairs])
+
+    def enough(errors: list[NDArray[np.float64]]) -> bool:
+        done = len(errors[0])
+        if done < 2:
+            return False
+        if until is not None and time.monotonic() > until:
+            return True
+        sums = scores_of(errors).sum(axis=1)
+        lost = np.array([Drives(lines[n], each).lost.sum() for n, each in enumerate(errors)])
+        several = len(lines) > 1
+        return several and is_settled(sums, lost, prices, done, drives, minimise, worst)
+
+    errors = simulator.drive_together(lines, drives, enough=enough, progress=progress)
+    return errors, scores_of(errors).mean(axis=1)
+
+
+def _diagonal(grid: OccupancyGrid) -> float:
+    """Length of the map's diagonal [m]."""
+    return float(np.hypot(*grid.shape)) * grid.resolution
