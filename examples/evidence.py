@@ -1,65 +1,238 @@
-"""Does the field predict where a robot gets lost, and do its paths prevent it? On any maps.
+"""Does the field predict where a robot gets lost, and what do paths change? On any maps.
 
 Run: python examples/evidence.py [FOLDER [MAP.yaml ...]]
 """
 
 from __future__ import annotations
 
+import dataclasses
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 import locplan
 from locplan._util.intervals import Interval
-from locplan.planners import random_queries
+from locplan.planners import alternatives, random_queries
 from locplan.simulation import (
     Amcl,
+    Drives,
     Evaluation,
-    Routes,
+    Simulator,
     _reports as reports,
     evaluate,
-    simulate_queries,
 )
+from locplan.simulation._motion import poses_along
+from locplan.simulation._scores import log_errors, selected
+from locplan.simulation._settings import SHORT_LIDAR
 
-FILTERS = {
-    "Nav2's defaults": Amcl(),
-    "beams multiplied": Amcl(laser_model_type="likelihood_field_prob"),
-}
 OWN = Path(__file__).resolve().parent.parent / "maps"
-MIN_DISTANCE = 8.0
-RADIUS = 0.25
+PRODUCT = {"laser_model_type": "likelihood_field_prob"}
+CALM = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4"), 0.05)
+PLACES_FILTERS = {"Nav2's defaults": Amcl(), "beams multiplied": Amcl(**PRODUCT)}
+LONG_LIDAR = dataclasses.replace(SHORT_LIDAR, range=12.0)
+ROUTE_FILTERS = {
+    "Nav2's defaults, 6 m": (Amcl(), SHORT_LIDAR),
+    "alphas 0.05, 6 m": (Amcl(**CALM), SHORT_LIDAR),
+    "alphas 0.05, beams multiplied, 6 m": (Amcl(**CALM, **PRODUCT), SHORT_LIDAR),
+    "alphas 0.05, 12 m": (Amcl(**CALM), LONG_LIDAR),
+    "alphas 0.05, beams multiplied, 12 m": (Amcl(**CALM, **PRODUCT), LONG_LIDAR),
+}
+"""The filters that drive, and their lidars; tuned ones beside Nav2's."""
+QUERIES_TRIED, QUERIES_TAKEN = 16, 4
+"""Random queries on each map, and the most that are taken of those with real alternatives."""
+ALTERNATIVES = 2
+"""Least number of ways beside the shortest of a query that counts."""
+LEAST_DISTANCE, LONGEST_DISTANCE = 10.0, 80.0
+"""Least distance from start to goal, and greatest length of the shortest path [m]."""
+DRIVES, CHOOSING = 32, 8
+"""Drives of each path, and those of the even worlds by which one is chosen; odd worlds judge."""
+WEIGHTS = (4.0, 8.0, 12.0)
+CHOICE, HINDSIGHT = "the simulated choice", "hindsight"
 
 
-def main(
-    folder: str = "evidence",
-    maps: Sequence[str] = (),
-    places: int = 100,
-    queries: int = 10,
-    drives: int = 50,
-) -> None:
+def main(folder: str = "evidence", maps: Sequence[str] = (), places: int = 100) -> None:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     grids = [locplan.load_map(file) for file in maps or sorted(OWN.glob("*.yaml"))]
-    evaluations, routes = {}, {}
-    for name, amcl in FILTERS.items():
+    driven = [each for grid in grids for each in routes_of(grid)]
+    text = [routes_table(driven), maps_table(driven)]
+    print("\n\n".join(text), flush=True)
+    evaluations = {}
+    for name, amcl in PLACES_FILTERS.items():
         evaluations[name] = evaluate(grids, amcl=amcl, places=places)
-        reports.write_evaluation(
-            reports.EVALUATION.into(target / f"{name}, places"), evaluations[name]
-        )
+        results = reports.EVALUATION.into(target / f"{name}, places")
+        reports.write_evaluation(results, evaluations[name])
         print(f"{name}\n{reports.evaluation_table(evaluations[name])}", flush=True)
-        routes[name] = [driven(grid, amcl, queries, drives) for grid in grids]
-        reports.write_routes(reports.QUERIES.into(target / f"{name}, paths"), routes[name])
-        print(reports.routes_table(routes[name]), flush=True)
-    text = "\n\n".join([predictors(evaluations), errors(evaluations), paths(routes)])
-    (target / "evidence.md").write_text(text + "\n", encoding="utf-8")
+    text += [predictors(evaluations), errors(evaluations)]
+    (target / "evidence.md").write_text("\n\n".join(text) + "\n", encoding="utf-8")
     print(f"wrote {target / 'evidence.md'}")
 
 
-def driven(grid: locplan.OccupancyGrid, amcl: Amcl, queries: int, drives: int) -> Routes:
-    field = locplan.load_or_compute(grid)
-    costs = locplan.Costmap.from_field(grid, field, weight=4.0, robot_radius=RADIUS)
-    chosen = random_queries(costs, queries, 1, least_distance=MIN_DISTANCE)
-    return simulate_queries(costs, chosen, amcl=amcl, drives=drives)
+# Routes: what an objective's path changes.
+
+
+@dataclass(frozen=True)
+class Driven:
+    """The drives of all paths of one query with one filter."""
+
+    grid: locplan.OccupancyGrid
+    filter: str
+    lengths: Mapping[str, float]
+    drives: Mapping[str, Drives]
+    candidates: Sequence[str]
+    """The names of the paths among which the simulated choice is made, the shortest first."""
+
+    def judged(self, name: str) -> np.ndarray:
+        """The mean squares of a path's drives in odd worlds, (drives,) [m^2]."""
+        return self.drives[name].mean_squares[1::2]
+
+    def rmse(self, name: str) -> float:
+        return float(np.sqrt(self.judged(name).mean()))
+
+    def path_of(self, objective: str) -> str:
+        """The path that an objective takes."""
+        if objective == HINDSIGHT:
+            return min(self.candidates, key=self.rmse)
+        if objective != CHOICE:
+            return objective
+        even = slice(0, 2 * CHOOSING, 2)
+        every = [self.drives[name] for name in self.candidates]
+        scores = [log_errors(d.distance, d.errors[even], "rmse", np.inf).mean() for d in every]
+        lost = [d.lost[even].mean() for d in every]
+        return self.candidates[selected(np.array(scores), np.array(lost), "rmse")[0]]
+
+    def changes(self, objective: str) -> Change:
+        """What an objective's path changes against the shortest."""
+        name, shortest = self.path_of(objective), self.candidates[0]
+        apart = 0.5 * np.log(self.judged(name) / self.judged(shortest))
+        spread = apart.std(ddof=1) / np.sqrt(len(apart))
+        clear = name != shortest and abs(apart.mean()) > 2.1 * spread
+        return Change(
+            float(np.log(self.rmse(name) / self.rmse(shortest))),
+            self.lengths[name] / self.lengths[shortest] - 1,
+            float(self.drives[name].lost[1::2].mean()),
+            better=bool(clear and apart.mean() < np.log(0.9)),
+            worse=bool(clear and apart.mean() > -np.log(0.9)),
+        )
+
+
+@dataclass(frozen=True)
+class Change:
+    """What the path of an objective changes against the shortest, on one query."""
+
+    log_ratio: float
+    """The logarithm of the ratio of the RMSE over all judged drives."""
+    longer: float
+    """The share by which it is longer."""
+    lost: float
+    """The share of its judged drives that were lost."""
+    better: bool
+    """Its errors are significantly less, by more than a tenth."""
+    worse: bool
+    """Its errors are significantly more, by more than a tenth."""
+
+
+def routes_of(grid: locplan.OccupancyGrid) -> Iterator[Driven]:
+    """Drive all paths of the queries with real alternatives, with each filter."""
+    sad = locplan.Costmap.from_field(grid, locplan.load_or_compute(grid, locplan.Sad()))
+    try:
+        queries = random_queries(sad, QUERIES_TRIED, 1, least_distance=LEAST_DISTANCE)
+    except locplan.LocplanError:  # the map is too small
+        return
+    for lidar in (SHORT_LIDAR, LONG_LIDAR):
+        scan = locplan.load_or_compute(grid, locplan.Scan(lidar))
+        costs = locplan.Costmap.from_field(grid, scan)
+        taken = 0
+        for query in queries:
+            found = alternatives(costs, query.start, query.goal)
+            long = not found or next(iter(found.values())).length > LONGEST_DISTANCE
+            if long or len(found) <= ALTERNATIVES or taken == QUERIES_TAKEN:
+                continue
+            taken += 1
+            ends = query.start, query.goal
+            paths = {
+                **found,
+                **{f"`scan`, weight {w:g}": planned(costs, w, ends) for w in WEIGHTS},
+                "`sad`, weight 4": planned(sad, 4.0, ends),
+            }
+            lines = [poses_along(path, grid) for path in paths.values()]
+            lengths = {name: path.length for name, path in paths.items()}
+            for name, (amcl, own) in ROUTE_FILTERS.items():
+                if own is lidar:
+                    errors = Simulator(grid, lidar=lidar, amcl=amcl).drive_together(lines, DRIVES)
+                    pairs = zip(paths, lines, errors, strict=True)
+                    drives = {path: Drives(line, each) for path, line, each in pairs}
+                    yield Driven(grid, name, lengths, drives, list(found))
+
+
+def planned(costs: locplan.Costmap, weight: float, ends: tuple) -> locplan.Path:
+    path = locplan.plan(costs.with_weight(weight), *ends).path
+    assert path is not None
+    return path
+
+
+def routes_table(driven: Sequence[Driven]) -> str:
+    """What each objective changes against the shortest path, for each filter."""
+    objectives = [f"`scan`, weight {w:g}" for w in WEIGHTS]
+    rows = []
+    for objective in ["`sad`, weight 4", *objectives, CHOICE, HINDSIGHT]:
+        cells = [objective]
+        for name in ROUTE_FILTERS:
+            own = [each for each in driven if each.filter == name]
+            changes = [each.changes(objective) for each in own]
+            ratios = ratio(changes, [each.grid.name for each in own])
+            longer = 100 * np.mean([each.longer for each in changes])
+            better = sum(each.better for each in changes)
+            worse = sum(each.worse for each in changes)
+            lost = np.mean([each.lost for each in changes])
+            cells.append(f"{text_of(ratios)} {better}/{worse}, +{longer:.1f} %, {lost:.0%} lost")
+        rows.append(cells)
+    counts = {name: sum(each.filter == name for each in driven) for name in ROUTE_FILTERS}
+    gains = [
+        sum(each.changes(objective).log_ratio for each in driven)
+        for objective in (CHOICE, HINDSIGHT)
+    ]
+    share = f"the choice has {gains[0] / gains[1]:.0%} of the hindsight's gain"
+    heads = [f"{name} ({counts[name]} queries)" for name in ROUTE_FILTERS]
+    return f"{markdown(['objective', *heads], rows)}\n\n{share}"
+
+
+def maps_table(driven: Sequence[Driven]) -> str:
+    """What the simulated choice changes on each map, for each filter."""
+    rows = []
+    for name in dict.fromkeys(each.grid.name for each in driven):
+        own = [each for each in driven if each.grid.name == name]
+        cells = [name, str(sum(each.filter == own[0].filter for each in own))]
+        for kind in ROUTE_FILTERS:
+            here = [each for each in own if each.filter == kind]
+            changes = [each.changes(CHOICE) for each in here]
+            shortest = [each.drives[each.candidates[0]] for each in here]
+            median = np.median([each.median_error.value for each in shortest])
+            before = np.mean([each.lost[1::2].mean() for each in shortest])
+            after = np.mean([each.lost for each in changes])
+            factor = np.exp(np.mean([each.log_ratio for each in changes]))
+            cells.append(f"{median:.2f} m, {before:.0%} → {after:.0%}, x{factor:.2f}")
+        rows.append(cells)
+    return markdown(["map", "queries", *ROUTE_FILTERS], rows)
+
+
+def ratio(changes: Sequence[Change], maps: Sequence[str], resamples: int = 1000) -> Interval:
+    """The geometric mean of the RMSE ratios, with its 95 % interval over maps and queries."""
+    random = np.random.default_rng(0)
+    logs, names = np.array([each.log_ratio for each in changes]), np.array(maps)
+    groups = [logs[names == name] for name in dict.fromkeys(maps)]
+    means = []
+    for _ in range(resamples):
+        drawn = [groups[n] for n in random.integers(0, len(groups), len(groups))]
+        means.append(np.concatenate([random.choice(g, len(g)) for g in drawn]).mean())
+    low, high = np.exp(np.quantile(means, (0.025, 0.975))).tolist()
+    return Interval(float(np.exp(logs.mean())), low, high)
+
+
+# Places: how well the fields rank errors.
 
 
 def predictors(evaluations: dict[str, Evaluation]) -> str:
@@ -95,19 +268,6 @@ def errors(evaluations: dict[str, Evaluation]) -> str:
 
 def shown(evaluation: Evaluation) -> list:
     return [p for p in evaluation.predictions[0] if str(p) in ("sad, e", "scan, e")]
-
-
-def paths(routes: dict[str, list[Routes]]) -> str:
-    """For each map what the aware path costs, and what it changes."""
-    rows = []
-    for every in zip(*routes.values(), strict=True):
-        cells = [every[0].grid.name, f"{100 * (every[0].length_ratio.value - 1):+.1f} %"]
-        for each in every:
-            lost = f"{each.lost[0]:.0%} → {each.lost[1]:.0%}"
-            cells += [text_of(each.rmse_ratio), lost, each.verdict]
-        rows.append(cells)
-    heads = [f"{name}: {what}" for name in routes for what in ("RMSE ratio", "lost", "verdict")]
-    return markdown(["map", "length", *heads], rows)
 
 
 def text_of(interval: Interval) -> str:
