@@ -17,7 +17,14 @@ from locplan import FieldConfig, LocplanError, simulation
 from locplan.errors import CalibrationError
 from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, Scan, SearchWindow
 from locplan.maps import environments
-from locplan.simulation import Amcl, Places, _reports as reports, calibrate, evaluate
+from locplan.simulation import (
+    Amcl,
+    Places,
+    _calibration_reports,
+    _reports as reports,
+    calibrate,
+    evaluate,
+)
 from locplan.simulation._predictors import (
     Predictor,
     configs,
@@ -171,7 +178,15 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     assert "8 maps" in simulation.evaluation_figure(many).subfigs[0].get_suptitle()
     table = reports.evaluation_table(evaluation)
     assert "paper visible, heading *" in table
-    assert "match: the default field's e ." in table
+    assert table.split("\n\n")[-1].replace("\n", " ") == " ".join(evaluation.conclusion)
+    assert "best" not in table
+    assert SHORT_LIDAR.title in table
+    assert about["conclusion"] == evaluation.conclusion
+    assert about["maps"][1]["lost_rate"] == pytest.approx(evaluation.places[1].lost.mean())
+    median = np.quantile(evaluation.places[0].tracking_median, (0.1, 0.5, 0.9))
+    assert about["maps"][0]["tracking_median_m_10_50_90"] == pytest.approx(median)
+    assert float(rows[0]["tracking_median_m"]) == pytest.approx(first.tracking_median[0])
+    assert float(rows[0]["lost_rate"]) == first.lost[0]
     few = dataclasses.replace(
         evaluation, places=evaluation.places[:1], predictions=evaluation.predictions[:1]
     )
@@ -191,7 +206,9 @@ def made_up_places(grid, config, level, *, noise=0.1):
     q = config.estimator.q(config.estimator.lattice(grid.resolution)) * config.estimator.adds_q
     scatter = np.exp(noise * np.random.default_rng(1).standard_normal(120))[:, None, None]
     moments = scatter * (level * (covariances_at(grid, plain, points) - q) + q)
-    return Places(grid, points, moments, 4 * moments)
+    rmse = np.sqrt(moments[:, 0, 0] + moments[:, 1, 1])
+    halves = np.column_stack([rmse, rmse])
+    return Places(grid, points, moments, 4 * moments, rmse, 2 * rmse, 0 * rmse, rmse, halves)
 
 
 @pytest.mark.parametrize(
@@ -285,7 +302,7 @@ def test_a_calibration_that_says_nothing_says_so(grid):
     with pytest.raises(CalibrationError, match="it would be above 10000; calibrate on other maps"):
         calibrate([dataclasses.replace(places, tracking=1e9 * places.tracking)])
     poor = dataclasses.replace(calibrate([places]), r_squared=-0.1)
-    assert "NOT IN METRES" in reports.calibration_table(poor)
+    assert "NOT IN METRES" in _calibration_reports.calibration_table(poor)
     assert not poor.in_metres
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
@@ -293,7 +310,7 @@ def test_a_calibration_that_says_nothing_says_so(grid):
 def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(grid, tmp_path):
     good = calibrate([made_up_places(grid, FieldConfig(), 0.3)])
     for result in (good, dataclasses.replace(good, r_squared=0.0)):
-        reports.write_calibration(tmp_path / "c.json", result)
+        _calibration_reports.write_calibration(tmp_path / "c.json", result)
         about = json.loads((tmp_path / "c.json").read_text())
         assert about["in_metres"] is about["calibration"]["in_metres"] is result.in_metres
         if result.in_metres:
@@ -335,7 +352,13 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     out = tmp_path / "out"
     code, table, err = run("simulate", map_file, *ENDS, "--drives", 4, "-o", out)
     assert code == 0
-    assert "position RMSE" in table
+    assert [row.split("  ")[1] for row in table.splitlines()[2:7]] == [
+        "length",
+        "median error",
+        "lost (> 1 m at any time)",
+        "RMSE of those not lost",
+        "RMSE of all",
+    ]
     assert "4 drives each" in table
     assert "simulation.png" in err
     about = json.loads((out / "simulation.json").read_text())

@@ -21,6 +21,7 @@ from locplan.field import Exponential, Sad, Scan
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import Query
+from locplan.planners._plan import AWARE, SHORTEST
 from locplan.simulation import (
     Amcl,
     Disturbances,
@@ -34,6 +35,8 @@ from locplan.simulation import (
 from locplan.simulation._drives import LOST, Drives
 from locplan.simulation._motion import approaches, poses_along
 from locplan.simulation._nav2 import read_amcl
+from locplan.simulation._reports import routes_table
+from locplan.simulation._routes import COLUMNS, Route, Routes
 from locplan.simulation._settings import OMNIDIRECTIONAL, SHORT_LIDAR
 
 QUIET = {
@@ -290,7 +293,34 @@ def test_the_aware_path_is_followed_better_in_the_hall():
     routes = at_places("hall", ("start", "goal"), 10)
     assert routes.routes[0].summary["rmse_ratio"][2] < 0.7
     assert routes.verdict == "too few queries"
+    (row,) = (dict(zip(COLUMNS, row, strict=True)) for row in routes.rows())
+    both = routes.routes[0].summary["paths"]
+    for name, path in (("shortest", SHORTEST), ("aware", AWARE)):
+        assert row[f"median_error_{name}_m"] == both[path]["median_error_m"][0]
+        assert row[f"lost_{name}"] == both[path]["lost_rate"][0]
+        kept = both[path]["kept_rmse_m"][0]  # none if all drives are lost
+        assert row[f"kept_rmse_{name}_m"] == pytest.approx(kept or math.nan, nan_ok=True)
+        assert row[f"rmse_{name}_m"] == both[path]["rmse_m"][0]
+    assert routes.summary()["median_error_m"] == pytest.approx(routes.routes[0].median)
     json.dumps(routes.summary(), allow_nan=False)
+
+
+def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_kept(monkeypatch):
+    ends = Query("a", (0, 0), (9, 0))
+    routes = [
+        Route(ends, (9.0, 9.0), (0.1, 0.1), lost, kept, (1.0, 1.0), {})
+        for lost, kept in (((0.0, 0.0), (0.2, 0.4)), ((0.5, 0.5), (0.8, 0.1)))
+    ]
+    lost = Route(ends, (9.0, 9.0), (2.0, 0.1), (1.0, 0.0), (math.nan, 0.1), (2.0, 0.1), {})
+    grid = open_space(4.0)
+    assert Routes(grid, [*routes, lost], {}).kept_rmse == pytest.approx((0.4, 0.2))
+    only = Routes(grid, [lost], {})
+    assert np.isnan(only.kept_rmse).all()
+    assert only.summary()["kept_rmse_m"] == [None, None]
+    monkeypatch.setenv("COLUMNS", "110")
+    table = routes_table([only])
+    assert "- -> -" in table
+    assert "100% -> 0%" in table
 
 
 def test_queries_without_a_path_are_left_out(two_corridors):
@@ -383,6 +413,29 @@ def test_places_are_apart_where_the_robot_fits(two_corridors):
     assert (places.position_rmse("match") > 0).all()
     with pytest.raises(LocplanError, match="no cell where the robot fits"):
         choose_points(two_corridors, 5, robot_radius=9.0, seed=1)
+
+
+def test_errors_at_places_are_those_of_the_last_metre_and_lost_at_any_time(monkeypatch):
+    grid = environments.make("two_corridors", resolution=0.1)
+    points = choose_points(grid, 2, robot_radius=0.25, seed=1)
+    errors = np.zeros((6, 40, 3))  # three drives to each of two places
+    errors[0, 5, 1] = 1.5  # lost long before the end
+    errors[:3, 36:, 0] = np.array([[0.3], [0.4], [0.2]])
+    errors[3:, -1, 1] = 1.2
+    monkeypatch.setattr(Simulator, "drive", lambda *_, **__: errors)
+    places = measure(Simulator(grid), points, robot_radius=0.25, drives=3, scans=0)
+    assert places.lost == pytest.approx([1 / 3, 1.0])
+    assert places.tracking_median == pytest.approx([0.3, 0.0])
+    assert places.position_rmse("tracking")[0] == pytest.approx(math.sqrt(0.29 / 3))
+    assert places.kept_rmse == pytest.approx([math.sqrt(0.1), math.nan], nan_ok=True)
+    assert places.halves[0] == pytest.approx([math.sqrt(0.065), 0.4])
+    assert np.isnan(places.position_median("match")).all()
+    undriven = measure(Simulator(grid), points, robot_radius=0.25, drives=0, scans=5)
+    for each in (undriven.lost, undriven.kept_rmse, undriven.halves, undriven.tracking_median):
+        assert np.isnan(each).all()
+    found = Simulator(grid).match(points * 2, 5)
+    expected = np.median(np.hypot(found[..., 0], found[..., 1]), axis=1)
+    assert undriven.position_median("match") == pytest.approx(expected)
 
 
 def test_a_root_mean_square_is_within_its_interval_as_often_as_it_says():

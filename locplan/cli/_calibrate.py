@@ -49,7 +49,7 @@ def calibrate(
     """
     from locplan._util.progress import progress_bar
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _calibration as calibration, _reports as reports
+    from locplan.simulation import _calibration as calibration, _calibration_reports as reports
     from locplan.simulation._places import places_of
 
     reports.check_calibration(output)

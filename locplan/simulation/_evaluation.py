@@ -18,8 +18,9 @@ from locplan._util.tables import finite
 from locplan.costs import ROBOT_RADIUS
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
+from locplan.simulation._conclusion import FAILED_MATCH, Ranked, Sizes, conclusion
 from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, places_of
-from locplan.simulation._predictors import Predictor, configs, predictions
+from locplan.simulation._predictors import PLANNED, Predictor, configs, predictions
 from locplan.simulation._ranking import Rank, Resamples, rank
 from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 
@@ -28,6 +29,28 @@ KIND_LABELS: dict[ErrorKind, str] = {
     "tracking": "error of a particle filter, 10 m drives",
     "match": "error of single-scan matches",
 }
+SIZES = (
+    "tracking_median_m",
+    "lost_rate",
+    "tracking_kept_rmse_m",
+    "tracking_rmse_m",
+    "match_median_m",
+    "match_rmse_m",
+)
+"""Sizes of the errors at a place: those of `sizes_of`."""
+
+
+def sizes_of(places: Places) -> dict[str, NDArray[np.float64]]:
+    """Sizes of the errors at each place, (n,), by the names of `SIZES`."""
+    values = (
+        places.position_median("tracking"),
+        places.lost,
+        places.kept_rmse,
+        places.position_rmse("tracking"),
+        places.position_median("match"),
+        places.position_rmse("match"),
+    )
+    return dict(zip(SIZES, values, strict=True))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,12 +80,11 @@ class Evaluation:
         Deviations of the heading are compared with the heading's error, all others with the
         position's.
         """
-        drawn = Resamples.of([len(places.points) for places in self.places])
         return {
             (predictor, kind): rank(
                 [found[predictor] for found in self.predictions],
                 [self._errors(places, predictor, kind) for places in self.places],
-                drawn,
+                self._drawn,
             )
             for predictor in self.predictions[0]
             for kind in KINDS
@@ -80,21 +102,80 @@ class Evaluation:
             self, places=[self.places[number]], predictions=[self.predictions[number]]
         )
 
-    def quantiles(self, number: int, kind: ErrorKind) -> list[float]:
-        """Percentiles 10, 50 and 90 of the position RMSE over a map's places [m]."""
-        quantiles: list[float] = np.quantile(
-            self.places[number].position_rmse(kind), (0.1, 0.5, 0.9)
-        ).tolist()
+    @property
+    def agreement(self) -> Interval:
+        """Rank correlation of the position RMSE of half of the drives with that of the others.
+
+        It is over all places; about zero says that the errors do not depend on the place. NaN
+        where each place has one drive only.
+        """
+        halves = [places.halves.T for places in self.places]
+        if any(np.isnan(each).any() for each in halves):
+            return Interval(np.nan, np.nan, np.nan)
+        one, other = ([each[n] for each in halves] for n in (0, 1))
+        return rank(one, other, self._drawn).spearman
+
+    @property
+    def conclusion(self) -> list[str]:
+        """Two sentences: if the errors depend on the place, and what to do."""
+        fields = [
+            Ranked(f"`{predictor}`", options, found.spearman, found.auc)
+            for predictor, options in PLANNED.items()
+            for found in [self.ranks[predictor, "tracking"]]
+        ]
+        found = {name: np.concatenate(values) for name, values in self._sizes.items()}
+        sizes = Sizes(
+            tracking_median=float(np.median(found["tracking_median_m"])),
+            tracking_rmse=float(np.quantile(found["tracking_rmse_m"], 0.9)),
+            lost=float(found["lost_rate"].mean()),
+            match_median=float(np.median(found["match_median_m"])),
+            failed=float((found["match_rmse_m"] > FAILED_MATCH).mean()),
+        )
+        return conclusion(len(found["lost_rate"]), self.agreement, fields, sizes)
+
+    def quantiles(self, number: int, size: str) -> list[float]:
+        """Percentiles 10, 50 and 90 of the sizes of errors, over a map's places.
+
+        `size` is one of `SIZES` or the name of a kind of error, which stands for its RMSE. Places
+        where the size is not known are left out.
+        """
+        values = self._sizes.get(size, self._sizes.get(f"{size}_rmse_m"))
+        assert values is not None, size
+        known = values[number][~np.isnan(values[number])]
+        quantiles: list[float] = [np.nan] * 3
+        if known.size:
+            quantiles = np.quantile(known, (0.1, 0.5, 0.9)).tolist()
         return quantiles
+
+    def lost_rate(self, number: int) -> float:
+        """Share of the drives to a map's places that were lost at any time."""
+        return float(self.places[number].lost.mean())
+
+    @cached_property
+    def _sizes(self) -> dict[str, list[NDArray[np.float64]]]:
+        """Sizes of the errors at the places of each map, by the names of `SIZES`."""
+        every = [sizes_of(places) for places in self.places]
+        return {name: [each[name] for each in every] for name in SIZES}
+
+    @cached_property
+    def _drawn(self) -> Resamples:
+        return Resamples.of([len(places.points) for places in self.places])
 
     def summary(self) -> dict[str, object]:
         """All ranks and settings, fit for JSON."""
         about: dict[str, object] = {
             "maps": [
                 {"name": each.grid.name, "digest": each.grid.digest, "places": len(each.points)}
-                | {f"{kind}_rmse_m_10_50_90": self.quantiles(n, kind) for kind in KINDS}
+                | {"lost_rate": self.lost_rate(n)}
+                | {
+                    f"{each}_10_50_90": self.quantiles(n, each)
+                    for each in SIZES
+                    if each[-2:] == "_m"
+                }
                 for n, each in enumerate(self.places)
             ],
+            "conclusion": self.conclusion,
+            "agreement": list(self.agreement),
             "predictors": [
                 {
                     "source": predictor.source,
@@ -117,20 +198,16 @@ class Evaluation:
     def rows(self) -> Iterator[tuple[str, NDArray[np.float64]]]:
         """Name of each map, and a row of `columns` per place: x, y, errors and predictions."""
         for places, found in zip(self.places, self.predictions, strict=True):
-            errors = [
-                each
-                for kind in KINDS
-                for each in (places.position_rmse(kind), places.heading_rmse(kind))
-            ]
+            sizes = sizes_of(places).values()
+            headings = [places.heading_rmse(kind) for kind in KINDS]
             values = [np.abs(each) for each in found.values()]  # counts of cells are negated
-            yield places.grid.name, np.column_stack([places.xy, *errors, *values])
+            yield places.grid.name, np.column_stack([places.xy, *sizes, *headings, *values])
 
     @property
     def columns(self) -> list[str]:
         """Names of the values in `rows`."""
-        errors = [name for kind in KINDS for name in (f"{kind}_rmse_m", f"{kind}_heading_rmse_rad")]
-        found = [each.column for each in self.predictions[0]]
-        return ["x_m", "y_m", *errors, *found]
+        headings = [f"{kind}_heading_rmse_rad" for kind in KINDS]
+        return ["x_m", "y_m", *SIZES, *headings, *(each.column for each in self.predictions[0])]
 
 
 def evaluate(
@@ -206,15 +283,3 @@ def evaluate(
         found.append(predictions(each.grid, fields, each.points, threads=threads))
         part(max(1, effort // 50), 0)
     return Evaluation(measured, found, lidar, amcl, disturbances, drives, scans, seed)
-
-
-def best(evaluation: Evaluation, kind: ErrorKind) -> tuple[Predictor, Interval]:
-    """Predictor that ranks position errors best over all places, and its rank correlation."""
-    return max(
-        (
-            (predictor, found.spearman)
-            for (predictor, its), found in evaluation.ranks.items()
-            if its == kind and not predictor.of_heading
-        ),
-        key=lambda pair: pair[1].value,
-    )

@@ -19,7 +19,8 @@ from locplan.plotting._picture import Picture
 from locplan.plotting._plans import PATH_STYLES
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
-from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation, best
+from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation
+from locplan.simulation._formats import in_metres, short
 from locplan.simulation._predictors import Predictor
 from locplan.simulation._routes import Routes
 from locplan.simulation._simulate import Simulation
@@ -27,6 +28,8 @@ from locplan.simulation._simulate import Simulation
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
+LONG = 1000.0
+"""Ratio of the ends of an axis from which on it has one label a decade."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
 MAP_MARKS = (
     ("#0072b2", "o"),
@@ -71,9 +74,11 @@ def simulation_figure(simulation: Simulation) -> Figure:
         lower.plot(distance, mean, linewidth=1.8, **style)
         drives = simulation.drives[name]
         text = (
-            f"{name}: {distance[-1]:.1f} m, RMSE {_formatted(drives.rmse, 'm')},"
-            f" lost {drives.lost_rate.value:.0%}"
+            f"{name}: {distance[-1]:.1f} m, median error {in_metres(drives.median_error.value)},"
+            f" {drives.lost_rate.value:.0%} lost, RMSE {in_metres(drives.rmse.value)}"
         )
+        if 0 < drives.lost_rate.value < 1:
+            text += f" ({in_metres(drives.kept_rmse.value)} of those not lost)"
         if name in ratios:
             text += f"; RMSE {_formatted(ratios[name])} of {next(iter(profiles))}'s"
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
@@ -171,8 +176,9 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     names = ", ".join(each.grid.name for each in evaluation.places)
     title = names if len(names) < 60 else f"{len(evaluation.places)} maps"
     count = sum(len(each.points) for each in evaluation.places)
-    upper.suptitle(f"{title}: {count} places", x=0.02, ha="left", fontsize="medium")
-    examples = Predictor("sad", "e"), best(evaluation, "tracking")[0]
+    about = f"{title}: {count} places\n{evaluation.lidar.title}"
+    upper.suptitle(about, x=0.02, ha="left", fontsize="medium")
+    examples = Predictor("sad", "e"), Predictor("scan", "position_std")
     few = len(evaluation.places) <= len(MAP_MARKS)
     for axes, predictor in zip(lower.subplots(1, 2, sharey=True), examples, strict=True):
         for n, (places, values) in enumerate(
@@ -185,7 +191,11 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
         axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
         _logarithmic(axes.xaxis)
-        axes.set_title("default" if predictor == examples[0] else "best", fontsize="medium")
+        every = np.abs(np.concatenate([each[predictor] for each in evaluation.predictions]))
+        if every.max() > LONG * every.min():
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
+        correlation = evaluation.ranks[predictor, "tracking"].spearman
+        axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
         _logarithmic(axes.yaxis)
     if few:
         lower.legend(

@@ -16,7 +16,7 @@ from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Lidar
 from locplan.field._lattice import stride_cells, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.simulation._drives import MAX_DRIVES
+from locplan.simulation._drives import LOST, MAX_DRIVES
 from locplan.simulation._motion import approaches
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
@@ -37,7 +37,7 @@ ErrorKind = Literal["tracking", "match"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Places:
-    """Places of a map and the errors there, as second moments of (x, y, heading).
+    """Places of a map and the errors there.
 
     "tracking" is the error of the particle filter over the last metre of drives of 10 m that end
     at the place, along shortest paths from all around (on a smaller map over the last tenth of the
@@ -52,6 +52,16 @@ class Places:
     """Second moments of the particle filter's errors, (n, 3, 3), in the world [m, m, rad]."""
     match: NDArray[np.float64]
     """Second moments of the matches' errors, (n, 3, 3), in the world [m, m, rad]."""
+    tracking_median: NDArray[np.float64]
+    """Median of the particle filter's position error, (n,) [m]."""
+    match_median: NDArray[np.float64]
+    """Median of the matches' position error, (n,) [m]."""
+    lost: NDArray[np.float64]
+    """Share of the drives to each place that were lost at any time, (n,)."""
+    kept_rmse: NDArray[np.float64]
+    """RMSE of the position of the drives that were not lost, (n,) [m]; NaN where all were."""
+    halves: NDArray[np.float64]
+    """RMSE of the position of every second drive and of the others, (n, 2) [m]."""
 
     def __repr__(self) -> str:
         return f"Places({len(self.points)} of {self.grid.name or 'map'})"
@@ -69,6 +79,10 @@ class Places:
     def position_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
         """RMSE of the position at each place, (n,) [m]."""
         return np.sqrt(self.moments(kind)[:, 0, 0] + self.moments(kind)[:, 1, 1])
+
+    def position_median(self, kind: ErrorKind) -> NDArray[np.float64]:
+        """Median error of the position at each place, (n,) [m]."""
+        return self.tracking_median if kind == "tracking" else self.match_median
 
     def heading_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
         """RMSE of the heading at each place, (n,) [rad]."""
@@ -154,7 +168,8 @@ def measure(
     costs = Costmap.blank(grid, robot_radius=robot_radius)
     random = random_of(simulator.seed, APPROACH)
     callbacks = parts(progress, [drives * len(points), len(points)])
-    tracking = matching = np.full((len(points), 1, 3), np.nan)
+    driven = np.full((len(points), 1, 1, 3), np.nan)
+    matching = np.full((len(points), 1, 3), np.nan)
     if drives:
         lines = [
             line
@@ -162,11 +177,23 @@ def measure(
             for line in approaches(costs, (int(row), int(col)), drives, LENGTH, random)
         ]
         errors = simulator.drive(lines, progress=callbacks[0])
-        last = errors[:, -round(LAST * errors.shape[1]) :]
-        tracking = last.reshape(len(points), -1, 3)
+        driven = errors.reshape(len(points), drives, -1, 3)
     if scans:
         matching = simulator.match(_cells(grid, points), scans, progress=callbacks[1])
-    return Places(grid, points, _moments(tracking), _moments(matching))
+    last = driven[:, :, -max(1, round(LAST * driven.shape[2])) :]
+    tracking = last.reshape(len(points), -1, 3)
+    lost, kept = _lost_and_kept(driven, last)
+    return Places(
+        grid,
+        points,
+        _moments(tracking),
+        _moments(matching),
+        np.median(_distances(tracking), axis=1),
+        np.median(_distances(matching), axis=1),
+        lost,
+        kept,
+        _halves(last),
+    )
 
 
 def places_of(
@@ -213,6 +240,38 @@ def _stride(grid: OccupancyGrid) -> int:
 def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:
     """Cells (row, col) of lattice points, (n, 2)."""
     return points * _stride(grid)
+
+
+def _distances(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Position errors, (...), of errors (..., 3) [m]."""
+    return np.asarray(np.hypot(errors[..., 0], errors[..., 1]))
+
+
+def _lost_and_kept(
+    driven: NDArray[np.float64], last: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Share of lost drives, and RMSE [m] of the others, (n,), of errors (n, drives, k, 3).
+
+    A drive may be lost at any time of `driven`; the RMSE is over `last`, its end.
+    """
+    farthest = _distances(driven).max(axis=2)
+    lost = farthest > LOST
+    squares = np.where(lost, np.nan, (_distances(last) ** 2).mean(axis=2))
+    counts = (~np.isnan(squares)).sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        kept = np.sqrt(np.nansum(squares, axis=1) / counts)
+    return np.where(np.isnan(farthest), np.nan, lost).mean(axis=1), kept
+
+
+def _halves(last: NDArray[np.float64]) -> NDArray[np.float64]:
+    """RMSE of the position of every second drive and of the others, (n, 2) [m].
+
+    They are NaN unless there are two drives (n, drives, k, 3) or more.
+    """
+    if last.shape[1] < 2:
+        return np.full((len(last), 2), np.nan)
+    squares = (_distances(last) ** 2).mean(axis=2)
+    return np.sqrt([squares[:, n::2].mean(axis=1) for n in (0, 1)]).T
 
 
 def _moments(errors: NDArray[np.float64]) -> NDArray[np.float64]:

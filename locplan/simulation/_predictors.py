@@ -51,6 +51,20 @@ class Predictor(NamedTuple):
         return "_".join(filter(None, (self.source, self.scalar))).replace(" ", "_")
 
 
+PLANNED = {
+    Predictor("scan", "position_std"): "with --lidar",
+    Predictor(FUSED, "position_std"): "with --lidar and --estimator fused",
+    Predictor("fisher", "position_std"): "with --lidar and --estimator fisher",
+    Predictor("sad", "e"): "with --estimator sad, the default without a lidar",
+    Predictor("sad visible", "e"): "with --estimator sad --template visible",
+    Predictor("paper", "e"): "with --estimator sad --preset paper",
+    Predictor("paper visible", "e"): "with --estimator sad --preset paper --template visible",
+}
+"""Predictors that `locplan plan` makes its cost of, and its options for them.
+
+Those that real lasers speak for come first."""
+
+
 def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
     """Settings of the fields that are tried, by name; "fisher" and "scan" use this lidar.
 

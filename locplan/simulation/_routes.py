@@ -37,10 +37,14 @@ class Route:
     query: Query
     lengths: tuple[float, float]
     """Lengths of the shortest and of the aware path [m]."""
-    rmse: tuple[float, float]
-    """RMSE of the position along each path [m]."""
+    median: tuple[float, float]
+    """Median error of the position along each path [m]."""
     lost: tuple[float, float]
     """Share of each path's drives that were lost at any time."""
+    kept_rmse: tuple[float, float]
+    """RMSE of the position of each path's drives that were not lost [m]; NaN where all were."""
+    rmse: tuple[float, float]
+    """RMSE of the position along each path [m]."""
     summary: Mapping[str, object]
     """Summary of each path's drives, and the ratio of their RMSE, fit for JSON."""
 
@@ -53,10 +57,14 @@ COLUMNS = (
     "goal_y_m",
     "length_shortest_m",
     "length_aware_m",
-    "rmse_shortest_m",
-    "rmse_aware_m",
+    "median_error_shortest_m",
+    "median_error_aware_m",
     "lost_shortest",
     "lost_aware",
+    "kept_rmse_shortest_m",
+    "kept_rmse_aware_m",
+    "rmse_shortest_m",
+    "rmse_aware_m",
 )
 """Names of the columns of `Routes.rows`."""
 
@@ -86,10 +94,22 @@ class Routes:
         return of_geometric_mean(np.array([each.rmse[1] / each.rmse[0] for each in self.routes]))
 
     @property
+    def median(self) -> tuple[float, float]:
+        """Median error along the shortest and the aware paths: geometric means [m]."""
+        return _geometric_means([each.median for each in self.routes])
+
+    @property
+    def kept_rmse(self) -> tuple[float, float]:
+        """RMSE of the drives that were not lost, along both kinds of paths: geometric means [m].
+
+        They are over the queries of which both paths have such drives; NaN if there is none.
+        """
+        return _geometric_means([each.kept_rmse for each in self.routes])
+
+    @property
     def rmse(self) -> tuple[float, float]:
         """RMSE along the shortest and the aware paths: geometric means over the queries [m]."""
-        shortest, aware = np.exp(np.log([each.rmse for each in self.routes]).mean(axis=0)).tolist()
-        return shortest, aware
+        return _geometric_means([each.rmse for each in self.routes])
 
     @property
     def lost(self) -> tuple[float, float]:
@@ -120,8 +140,10 @@ class Routes:
                 *each.query.start[:2],
                 *each.query.goal[:2],
                 *each.lengths,
-                *each.rmse,
+                *each.median,
                 *each.lost,
+                *each.kept_rmse,
+                *each.rmse,
             ]
             for each in self.routes
         ]
@@ -133,8 +155,10 @@ class Routes:
             "verdict": self.verdict,
             "length_ratio": list(self.length_ratio),
             "rmse_ratio": list(self.rmse_ratio),
-            "rmse_m": list(self.rmse),
+            "median_error_m": list(self.median),
             "lost": list(self.lost),
+            "kept_rmse_m": list(self.kept_rmse),
+            "rmse_m": list(self.rmse),
             "lost_difference": list(self.lost_difference),
             "queries": [
                 {
@@ -212,7 +236,18 @@ def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
     return Route(
         query,
         (float(shortest.distance[-1]), float(aware.distance[-1])),
-        (shortest.rmse.value, aware.rmse.value),
+        (shortest.median_error.value, aware.median_error.value),
         (shortest.lost_rate.value, aware.lost_rate.value),
+        (shortest.kept_rmse.value, aware.kept_rmse.value),
+        (shortest.rmse.value, aware.rmse.value),
         {"paths": summary, "rmse_ratio": list(ratio)},
     )
+
+
+def _geometric_means(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Geometric means of the pairs of which both values are known; NaN if there is none."""
+    known = [pair for pair in pairs if not any(map(math.isnan, pair))]
+    if not known:
+        return math.nan, math.nan
+    first, second = np.exp(np.log(known).mean(axis=0)).tolist()
+    return first, second

@@ -1,0 +1,89 @@
+"""Reports of calibrations: a table for people, the settings, and a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from locplan._util.files import check_target, replacing
+from locplan._util.results import digest_of
+from locplan._util.tables import table
+from locplan.errors import LocplanError
+from locplan.field import save_config
+from locplan.field._config_files import picture_of_calibration
+from locplan.simulation._calibration import NOT_IN_METRES, Calibration
+
+
+def calibration_table(calibration: Calibration) -> str:
+    """Table of what was fitted, and of how well it fits."""
+    rows = [
+        ["maps", ", ".join(calibration.maps)],
+        ["places", str(len(calibration.measured))],
+        ["error", f"{calibration.error}, RMSE of the position"],
+        ["noise level k", "{:.3g} [{:.3g}, {:.3g}]".format(*calibration.noise_level)],
+    ]
+    if calibration.fitted_tau:
+        rows.append(["tau", f"{calibration.tau:.3g} m²"])
+    rows += [
+        [
+            "typically off by a factor",
+            f"{calibration.factor:.2f}; as it was {calibration.factor_before:.2f}",
+        ],
+        ["within a factor 2", f"{calibration.within_two:.0%} of the places"],
+        [
+            "variance of ln error explained",
+            f"{calibration.r_squared:.0%}" if calibration.in_metres else "none",
+        ],
+        ["rank correlation", f"{calibration.spearman:.2f}"],
+        ["consistency, 1 if Σ fits", f"{calibration.consistency:.2f}"],
+        ["errors below the steps' own, Q", f"{calibration.floor_share:.0%} of the places"],
+    ]
+    verdict = (
+        "Σ follows the errors, within the factor above"
+        if calibration.in_metres
+        else f"NOT IN METRES: {NOT_IN_METRES}"
+    )
+    return f"{table([], rows)}\n{verdict}"
+
+
+def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
+    """Write the calibrated settings as `locplan.save_config` does, and a picture beside them.
+
+    The file says whether deviations are in metres, so that `locplan.load_config` can warn.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be written.
+    """
+    from locplan.plotting import save_figure
+    from locplan.simulation import _figures
+
+    picture = check_calibration(target)
+    about = {**calibration.verdict, "calibration": calibration.summary()}
+    with replacing(picture) as drawn, replacing(target) as settings:
+        try:
+            save_figure(_figures.calibration_figure(calibration), drawn)
+            save_config(settings, calibration.config, **about, picture=digest_of(drawn))
+        except LocplanError as error:  # it names the files' last places
+            text = str(error).replace(str(drawn), str(picture)).replace(str(settings), str(target))
+            raise type(error)(text) from None
+    return [target, picture]
+
+
+def check_calibration(target: Path) -> Path:
+    """The picture beside a calibration, if both can be written; to be called before long work.
+
+    Raises
+    ------
+    LocplanError
+        If one cannot be written, or if one is there that is not as a calibration wrote it.
+    """
+    check_target(target, ".json")
+    picture = target.with_name(f"{target.stem}_calibration.png")
+    check_target(picture, ".png")
+    written = picture_of_calibration(target) if target.exists() else None
+    if target.exists() and not written:
+        raise LocplanError(f"{target}: is there, and no calibration; name another file")
+    if picture.exists() and digest_of(picture) != written:
+        raise LocplanError(f"{picture}: is in the way of the picture; move it, or rename {target}")
+    return picture

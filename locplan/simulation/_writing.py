@@ -1,0 +1,34 @@
+"""Writing the results of simulations as JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from locplan import __version__
+from locplan._util.files import replacing
+
+
+def write_json(file: Path, about: Mapping[str, object]) -> None:
+    """Write numbers and texts with the version of locplan, as a whole or not at all."""
+    with replacing(file) as temporary:
+        text = json.dumps({"locplan": __version__, **about}, indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows of names and numbers, as a whole or not at all."""
+    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(
+            [value if isinstance(value, str) else f"{value:.9g}" for value in row] for row in rows
+        )
+
+
+def file_name(name: str) -> str:
+    """A map's name with a dash for each character that some file systems refuse."""
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
