@@ -64,7 +64,9 @@ def test_a_field_may_find_the_worst_places_without_ranking_the_others():
 def test_errors_that_depend_on_the_place_may_be_ranked_by_no_field():
     said = first(ABOVE, ZERO, ZERO)
     assert "two halves of the drives correlate by .60 [.40, .80]" in said
-    assert "no field that plan takes ranks the places (all intervals hold chance)" in said
+    assert (
+        "no field that `locplan plan` takes ranks the places (no interval excludes chance)" in said
+    )
     assert said.endswith("do not plan by a field with this filter.")
 
 
@@ -77,21 +79,23 @@ def test_fields_the_wrong_way_round_are_called_so():
 @pytest.mark.parametrize("agreement", [ZERO, BELOW])
 def test_errors_that_no_place_explains_come_from_the_filter(agreement):
     said = first(agreement, ZERO)
-    assert said.startswith("No field that plan takes ranks the errors of this filter")
+    assert said.startswith("No field that `locplan plan` takes ranks the errors of this filter")
     assert "they come from the filter rather than from the places" in said
 
 
 def test_without_a_second_drive_nothing_is_said_of_where_errors_come_from():
     assert first(UNKNOWN, ZERO) == (
-        "No field that plan takes ranks the errors of this filter (all intervals hold chance)."
+        "No field that `locplan plan` takes ranks the errors of this filter (no interval excludes"
+        " chance)."
     )
 
 
 def test_a_filter_far_worse_than_single_scans_is_to_be_tuned():
     assert second() == (
         "Tune the filter first with `locplan tune`: its median error is 0.12 m, that of single"
-        " scans 0.020 m, and single scans fail (RMSE above 0.25 m) at 1 % of the places only."
+        " scans 0.020 m, and single scans fail (RMSE above 0.25 m) at 1 % of the places."
     )
+    assert second(failed=0.0).endswith("single scans fail (RMSE above 0.25 m) at no place.")
     both = second(failed=0.2)
     assert both.startswith("Tune the filter first")
     assert "at 20 % of the places: avoid these with `locplan choose`, or add landmarks" in both

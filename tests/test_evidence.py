@@ -150,6 +150,22 @@ def test_an_evaluation_ranks_every_predictor_by_both_errors(evaluation):
     assert rank_of.spearman.value == pytest.approx(stats.spearmanr(turns, headings)[0])
 
 
+def test_an_evaluation_concludes_from_its_own_numbers(evaluation):
+    halves = np.concatenate([each.halves for each in evaluation.places])
+    expected = stats.spearmanr(*halves.T)[0]
+    assert evaluation.agreement.value == pytest.approx(expected)
+    scans = np.concatenate([each.position_rmse("match") for each in evaluation.places])
+    failed = (scans > 0.25).mean()
+    median = np.median(np.concatenate([each.tracking_median for each in evaluation.places]))
+    assert f"at {100 * failed:.0f} % of the places" in evaluation.conclusion[1]
+    assert f"its median error is {median:.2f} m" in evaluation.conclusion[1]
+    once = [
+        dataclasses.replace(each, halves=np.full_like(each.halves, np.nan))
+        for each in evaluation.places
+    ]
+    assert np.isnan(dataclasses.replace(evaluation, places=once).agreement).all()
+
+
 def test_an_evaluation_is_the_same_again_and_on_one_thread(grid):
     few = {"places": 4, "drives": 2, "scans": 2}
     one, two = (evaluate([grid], threads=threads, **few) for threads in (1, 2))

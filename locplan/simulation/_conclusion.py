@@ -95,26 +95,28 @@ def _about_places(agreement: Interval, fields: Sequence[Ranked]) -> str:
             continue
         return f"Where the filter errs depends on the place, and {name} {good}: plan {options}."
     wrong = [each for each in fields if each.correlation.high < 0]
-    why = "all intervals hold chance"
+    why = "no interval excludes chance"
     if wrong:
         why = f"{wrong[0].name} ranks them the wrong way round, {short(wrong[0].correlation)}"
     if agreement.low > 0:
         return (
-            f"Where the filter errs depends on the place ({halves}), but no field that plan takes"
-            f" ranks the places ({why}): do not plan by a field with this filter."
+            f"Where the filter errs depends on the place ({halves}), but no field that"
+            f" `locplan plan` takes ranks the places ({why}): do not plan by a field with this"
+            " filter."
         )
     if math.isnan(agreement.low):
-        return f"No field that plan takes ranks the errors of this filter ({why})."
+        return f"No field that `locplan plan` takes ranks the errors of this filter ({why})."
     return (
-        f"No field that plan takes ranks the errors of this filter ({why}), and they come from the"
-        f" filter rather than from the places ({halves})."
+        f"No field that `locplan plan` takes ranks the errors of this filter ({why}), and they come"
+        f" from the filter rather than from the places ({halves})."
     )
 
 
 def _about_deeds(sizes: Sizes) -> str:
     """What to do: tune the filter, avoid places or mark them, or compare paths."""
     avoid = "avoid these with `locplan choose`, or add landmarks there"
-    failed = f"fail (RMSE above {FAILED_MATCH:g} m) at {_percent(sizes.failed)} of the places"
+    share = f"{_percent(sizes.failed)} of the places" if sizes.failed else "no place"
+    failed = f"fail (RMSE above {FAILED_MATCH:g} m) at {share}"
     medians = (
         f"its median error is {in_metres(sizes.tracking_median)},"
         f" that of single scans {in_metres(sizes.match_median)}"
@@ -123,7 +125,7 @@ def _about_deeds(sizes: Sizes) -> str:
         tune = f"Tune the filter first with `locplan tune`: {medians}"
         if sizes.failed > MANY_FAILED:
             return f"{tune}; and single scans {failed}: {avoid}."
-        return f"{tune}, and single scans {failed} only."
+        return f"{tune}, and single scans {failed}."
     if sizes.failed > MANY_FAILED:
         return f"Single scans {failed}: {avoid}; the filter needs no tuning: {medians}."
     return (
