@@ -31,6 +31,7 @@ from locplan.simulation import (
     rmse_ratio,
     simulate,
     simulate_queries,
+    simulation_figure,
 )
 from locplan.simulation._drives import LOST, Drives
 from locplan.simulation._motion import approaches, poses_along
@@ -255,6 +256,20 @@ def test_lost_drives_and_their_intervals(two_corridors):
     assert about["kept_rmse_m"] == list(drives.kept_rmse)
     assert drives.profile().shape == (len(drives.poses), 9)
     assert rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
+
+
+def test_the_legend_of_a_narrow_map_is_within_the_picture():
+    cells = np.full((160, 60), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    paths = {
+        "shortest": np.array([[1.0, 1.0], [1.0, 14.0]]),
+        "localizability-aware": np.array([[1.0, 1.0], [5.0, 7.0], [1.0, 14.0]]),
+    }
+    figure = simulation_figure(simulate(OccupancyGrid(cells, 0.1), paths, drives=6))
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.x1
+    assert "localizability-aware: 15.3 m, median error" in figure.legends[0].texts[1].get_text()
 
 
 def test_where_all_drives_are_lost_none_is_left_to_tell_of():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ from locplan.simulation._predictors import Predictor
 from locplan.simulation._routes import Routes
 from locplan.simulation._simulate import Simulation
 
+LETTERS = 11.5
+"""Number of letters of a legend that fit within an inch."""
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
@@ -81,6 +84,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
             text += f" ({in_metres(drives.kept_rmse.value)} of those not lost)"
         if name in ratios:
             text += f"; RMSE {_formatted(ratios[name])} of {next(iter(profiles))}'s"
+        text = textwrap.fill(text, int(LETTERS * (width - 1)), break_on_hyphens=False)
         handles.append(Line2D([], [], linewidth=2, label=text, **style))
         draw_ends(upper, xy[0], xy[-1])
     assert image is not None
