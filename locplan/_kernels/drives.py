@@ -1,4 +1,4 @@
-"""A drive through a world while a particle filter tracks it on the map, and the filter's errors."""
+"""A drive through a world, a particle filter that tracks it on the map, and the filter's errors."""
 
 from __future__ import annotations
 

@@ -270,23 +270,53 @@ def weigh(
         Weights, changed and scaled to add up to 1; if no particle fits, they become equal.
     """
     returned = ends[~np.isnan(ends[:, 0])]
+    ahead, left = returned[:, 0].copy(), returned[:, 1].copy()
     last_row, last_col = scores.rows - 1.0, scores.cols - 1.0
+    cells = np.empty(len(returned), np.int64)
     total = 0.0
     for n in range(count):
         cos, sin = np.cos(poses[2, n]), np.sin(poses[2, n])
         x = poses[0, n] / scores.resolution + scores.shift
         y = poses[1, n] / scores.resolution + scores.shift
+        # Cells come first, since the compiler takes several beams at once only without look-ups;
+        # processors without AVX-512 turn such numbers into integers of 32 bits alone.
+        for b in range(len(cells)):
+            col = x + cos * ahead[b] - sin * left[b]
+            row = y + sin * ahead[b] + cos * left[b]
+            i = np.int32(min(max(row, 0.0), last_row))
+            j = np.int32(min(max(col, 0.0), last_col))
+            cells[b] = np.int64(i) * scores.cols + j
         score = 0.0
-        for b in range(len(returned)):
-            col = x + cos * returned[b, 0] - sin * returned[b, 1]
-            row = y + sin * returned[b, 0] + cos * returned[b, 1]
-            i = np.int64(min(max(row, 0.0), last_row))
-            j = np.int64(min(max(col, 0.0), last_col))
-            score += scores.values[np.uintp(i * scores.cols + j)]
+        for b in range(len(cells)):
+            score += scores.values[np.uintp(cells[b])]
         weights[n] *= np.exp(score) if scores.product else 1 + score
         total += weights[n]
     for n in range(count):
         weights[n] = weights[n] / total if total > 0 else 1.0 / count
+
+
+@njit(nogil=True, cache=True)
+def _guide(shares: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Index from which to look for a share, for each of n equal steps up to the last one (n,)."""
+    count = len(shares)
+    guide = np.full(count, count - 1)
+    step = 0
+    for n in range(count):
+        while step < count and step * shares[-1] < shares[n] * count:
+            guide[step] = n
+            step += 1
+    return guide
+
+
+@njit(nogil=True, cache=True)
+def _first_above(value: float, shares: NDArray[np.float64], near: int) -> int:
+    """Index of the first share above a value, or the last index, found from an index nearby."""
+    at = near
+    while at > 0 and shares[at - 1] > value:
+        at -= 1
+    while at < len(shares) - 1 and shares[at] <= value:
+        at += 1
+    return at
 
 
 @njit(nogil=True, cache=True)
@@ -309,13 +339,17 @@ def resample(
     """
     clear(histogram, bins)
     shares = np.cumsum(weights[:count])
-    bins = taken = 0
+    guide = _guide(shares)
+    bins = taken = size = 0
     while taken < settings.max_particles:
-        at = np.searchsorted(shares, random.random() * shares[-1], side="right")
-        at = min(at, count - 1)
-        drawn[:, taken] = poses[:, at]
-        bins = insert(histogram, bins, taken, drawn[0, taken], drawn[1, taken], drawn[2, taken])
+        share = random.random()
+        at = _first_above(share * shares[-1], shares, guide[int(share * count)])
+        x, y, heading = poses[0, at], poses[1, at], poses[2, at]
+        drawn[0, taken], drawn[1, taken], drawn[2, taken] = x, y, heading
+        before, bins = bins, insert(histogram, bins, taken, x, y, heading)
         taken += 1
-        if taken > kld_sample_size(bins, settings):
+        if bins > before:
+            size = kld_sample_size(bins, settings)
+        if taken > size:
             break
     return taken, bins
