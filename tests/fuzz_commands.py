@@ -97,6 +97,7 @@ USUAL = {
     "--name": ("hall", "two_corridors"),
     "--older-than": ("0", "30"),
     "--params": ("in/params.yaml",),
+    "--paths": ("5", "6"),
     "--path": ("in/path.csv", "in/far.csv"),
     "--patience": ("10",),
     "--places": ("2", "3"),
@@ -129,7 +130,10 @@ USUAL = {
     "--picture": ("out/picture.png", "out/pictures"),
 }
 """Values of options that make sense on these maps; an option that is not here gets any."""
-COSTLY = ("--time-limit", "--iterations", "--drives", "--places", "--scans", "--random", "--seeds")
+COSTLY = (
+    *("--time-limit", "--iterations", "--drives", "--places", "--scans", "--random", "--seeds"),
+    "--paths",
+)
 """Options of which a large value is right, and takes its time."""
 LARGE = ("1e12", "1e9", "1000000", "1000", "1_000", "65536")
 QUICK = tuple(each for each in NUMBERS if each not in LARGE)
@@ -153,9 +157,10 @@ ASKED = {
         *(("--drives", "--path"), ("--drives", "--start", "--goal")),
         ("--drives", "--random", "--least-distance"),
     ),
+    "tune": (("--paths", "--drives"),),
 }
 """Options, one of these groups of them, without which a command does nothing or takes long."""
-RARE = {"compare": 0.25, "completion": 0.2, "cache": 0.5, "calibrate": 0.7}
+RARE = {"compare": 0.25, "completion": 0.2, "cache": 0.5, "calibrate": 0.7, "tune": 0.5}
 """Commands that are run less often than others."""
 
 

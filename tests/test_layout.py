@@ -29,12 +29,13 @@ ORDER = (
 """The packages from the bottom to the top; those in one row do not know of each other."""
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 HOMES = {
-    "matplotlib": ("plotting", "_figures"),
+    "matplotlib": ("plotting", "_figures", "_tuning_figures"),
     "ompl": ("planners.ompl._bindings",),
     "yaml": (
         "maps._files",
         "maps._yaml",
         "maps._ros_parameters",
+        "maps._parameter_edits",
         "export._servers",
         "export._value_maps",
     ),

@@ -22,6 +22,7 @@ COMMANDS = (
     "plan",
     "plot",
     "simulate",
+    "tune",
 )
 """Each command is the `app` of the module of its name beside this one."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, shown
@@ -37,19 +38,24 @@ def read_parameters(path: str | os.PathLike[str] | None) -> Parameters:
     if path is None:
         return {}
     file = file_path("a file of Nav2's parameters", path)
-    root = compose(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+    return parameters_of(file, read_content(file, MAX_BYTES, REMEDY))
+
+
+def parameters_of(file: Path, content: bytes) -> Parameters:
+    """Parameters in the content of a file; see `read_parameters`."""
+    root = compose(file, content, REMEDY)
     try:
-        content = None if root is None else _Values().of(root)
+        values = None if root is None else _Values().of(root)
     except (OverflowError, RecursionError):
         fault = f"its aliases stand for over {MAX_VALUES} values"
         raise fault_of(file, fault, "write out what they stand for") from None
-    if not isinstance(content, dict) or not any(node in content for node in NODES):
+    if not isinstance(values, dict) or not any(node in values for node in NODES):
         raise LocplanError(
-            f"{path}: names none of Nav2's nodes at its top; give its parameters without namespaces"
+            f"{file}: names none of Nav2's nodes at its top; give its parameters without namespaces"
         )
     for node in ("global_costmap", "planner_server"):
-        node_parameters(content, node, path)
-    return content
+        node_parameters(values, node, file)
+    return values
 
 
 def node_parameters(

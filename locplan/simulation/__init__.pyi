@@ -15,3 +15,6 @@ from ._routes import Routes as Routes, simulate_queries as simulate_queries
 from ._settings import Amcl as Amcl, Disturbances as Disturbances
 from ._simulate import Simulation as Simulation, simulate as simulate
 from ._simulator import Simulator as Simulator
+from ._tuning import tune as tune
+from ._tuning_figures import tuning_figure as tuning_figure
+from ._tuning_results import Tuning as Tuning

@@ -34,17 +34,24 @@ class Arguments(NamedTuple):
 
 
 def arguments_of(
-    grid: OccupancyGrid, lidar: Lidar, amcl: Amcl, disturbances: Disturbances
+    grid: OccupancyGrid,
+    lidar: Lidar,
+    amcl: Amcl,
+    disturbances: Disturbances,
+    *,
+    scores: NDArray[np.float32] | None = None,
 ) -> Arguments:
-    """Arguments for a map, a lidar, a filter and the disturbances."""
+    """Arguments for a map, a lidar, a filter and the disturbances.
+
+    `scores` are what `beam_scores` makes of the first three, where that is known.
+    """
     from locplan._kernels.drives import Odometry, Start
     from locplan._kernels.lidar import Lidar as Beams
     from locplan._kernels.measured import BeamDisturbances
     from locplan._kernels.particles import BeamScores, Filter
 
-    most = amcl.laser_max_range
-    reach = min(lidar.range, most) if most > 0 else lidar.range
-    values = beam_scores(grid, amcl, reach)
+    reach = reach_of(lidar, amcl)
+    values = beam_scores(grid, amcl, reach) if scores is None else scores
     return Arguments(
         BeamScores(
             values=values.ravel(),
@@ -84,6 +91,12 @@ def arguments_of(
             omnidirectional=amcl.robot_model_type == OMNIDIRECTIONAL,
         ),
     )
+
+
+def reach_of(lidar: Lidar, amcl: Amcl) -> float:
+    """Range beyond which a beam counts as without a return [m]."""
+    most = amcl.laser_max_range
+    return min(lidar.range, most) if most > 0 else lidar.range
 
 
 def compared_beams(angles: NDArray[np.float64], amcl: Amcl) -> NDArray[np.float64]:

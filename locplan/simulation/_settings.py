@@ -21,7 +21,7 @@ from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.field.estimators._sad import PAPER_RANGE
 
-MODELS = ("likelihood_field", "likelihood_field_prob")
+MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
 DIFFERENTIAL: Final = "nav2_amcl::DifferentialMotionModel"
 OMNIDIRECTIONAL: Final = "nav2_amcl::OmniMotionModel"
 MIN_BEAMS = 2

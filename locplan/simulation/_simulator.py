@@ -33,7 +33,7 @@ MATCH_SIGMA, MATCH_Z_RAND = 0.1, 0.05
 
 ARRAYS = 4
 """Number of arrays of all poses that are in memory at once."""
-DRIVE, MATCH, WORLD, POINTS, APPROACH = range(5)
+DRIVE, MATCH, WORLD, POINTS, APPROACH, BEAMS = range(6)
 """Streams of random numbers, see `random_of`."""
 
 
@@ -125,7 +125,7 @@ class Simulator:
         """
         size = len(lines) * lines[0].size * ARRAYS * 8
         check_memory(f"{len(lines)} drives of {len(lines[0])} poses", size, "drive fewer")
-        own = [self._on_grid(line) for line in lines]
+        own = [self.on_grid(line) for line in lines]
         errors = np.empty((len(own), *own[0].shape))
 
         def run(n: int) -> None:
@@ -166,7 +166,7 @@ class Simulator:
         size = drives * sum(line.size for line in lines) * ARRAYS * 8
         check_memory(f"{drives} drives of {len(lines)} lines", size, "drive fewer")
         errors = [np.empty((drives, *line.shape)) for line in lines]
-        own = [self._on_grid(line) for line in lines]
+        own = [self.on_grid(line) for line in lines]
 
         def run(task: int) -> None:
             drive, line = divmod(task, len(own))
@@ -268,7 +268,7 @@ class Simulator:
         errors[..., :2] *= resolution
         return _turned(errors, self.grid.origin[2])
 
-    def _on_grid(self, poses: Poses) -> Poses:
+    def on_grid(self, poses: Poses) -> Poses:
         """Poses in the map's own axes [m, m, rad]."""
         rows, cols = self.grid.world_to_grid(*poses[:, :2].T)
         heading = poses[:, 2] - self.grid.origin[2]

@@ -1,0 +1,167 @@
+"""AMCL's settings tuned by simulated drives along random shortest paths of a map."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+
+from locplan._util.checks import instance, whole
+from locplan._util.machine import check_memory
+from locplan._util.progress import ProgressCallback
+from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.simulation._drives import check_drives
+from locplan.simulation._lint import beams_left, lint
+from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._simulator import Simulator, random_of
+from locplan.simulation._tuning_bench import Bench, random_paths
+from locplan.simulation._tuning_results import NAV2, OWN, Tuning, judged
+from locplan.simulation._tuning_search import Search
+from locplan.simulation._tuning_space import LEVELS, candidates, described, nav2_defaults
+
+PATHS, DRIVES = 20, 8
+"""Number of random paths, and of drives along each at each level of disturbance."""
+MIN_PATHS, MAX_PATHS = 5, 1000
+"""Least number of paths, for intervals, and greatest number."""
+SEARCH, JUDGE, DRAW = 11, 12, 13
+"""Streams of random numbers, from which the seeds of both sets of drives are drawn."""
+
+
+def tune(
+    grid: OccupancyGrid,
+    *,
+    lidar: Lidar | None = None,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    paths: int = PATHS,
+    drives: int = DRIVES,
+    robot_radius: float = ROBOT_RADIUS,
+    others: Mapping[str, object] | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Tuning:
+    """Find settings of AMCL that localize a robot better on its map than its own ones.
+
+    Settings drive the same random shortest paths with the same seeds, at three levels of
+    disturbance: with a third of, once and three times the errors of odometry. The one whose error
+    at its worst level is least is found by successive halving; what it need not change is put
+    back. Then it is judged against the user's own on other paths, in other worlds.
+
+    The first rungs of the search drive at the strongest level alone, the worst one of nearly every
+    setting; the others are driven for those that could be chosen.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    lidar : Lidar, optional
+        The robot's lidar; by default one of 6 m that sees all round.
+    amcl : Amcl, optional
+        The user's own settings, from which the search begins; Nav2's by default.
+    disturbances : Disturbances, optional
+        Disturbances at the level in the middle.
+    paths : int
+        Number of random paths, at least 5; the search and the judgement have their own.
+    drives : int
+        Number of drives along each path at each level, at least 2.
+    robot_radius : float
+        Radius of the robot [m].
+    others : mapping, optional
+        Further parameters in the user's file, such as `z_short`, for the warnings.
+    seed : int
+        Seed of all random numbers; equal seeds give equal results, but for times of the CPU.
+    threads : int, optional
+        Number of threads; all cores by default.
+    progress : callable, optional
+        Called with (done, total) in thousandths of the work.
+
+    Returns
+    -------
+    Tuning
+
+    Raises
+    ------
+    LocplanError
+        If the map has no two free positions 2 m apart that are joined, or a number is out of its
+        range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> result = tune(grid, amcl=Amcl(min_particles=20, max_particles=20), paths=5, drives=2)
+    >>> result.judged[0].name, result.winner.min_particles
+    ('your settings', 20)
+    """
+    check_grid(grid)
+    whole("paths", paths, MIN_PATHS, MAX_PATHS)
+    check_drives(drives)
+    own = amcl or Amcl()
+    instance("amcl", own, Amcl)
+    about = Simulator(
+        grid, lidar=lidar, amcl=own, disturbances=disturbances, seed=seed, threads=threads
+    )
+    size = 5 * grid.cells.size * len(LEVELS) * about.disturbances.worlds
+    check_memory(f"{len(LEVELS)} levels of {about.disturbances.worlds} worlds", size, "set fewer")
+    costs = Costmap.blank(grid, robot_radius=robot_radius)
+    left = beams_left(about, robot_radius=robot_radius)
+
+    def bench_of(stream: int) -> Bench:
+        own_seed = int(random_of(seed, stream).integers(2**31))
+        lines = random_paths(costs, paths, own_seed)
+        return Bench(
+            grid,
+            about.lidar,
+            about.disturbances,
+            lines,
+            drives,
+            seed=own_seed,
+            threads=threads,
+        )
+
+    steps = _steps(progress)
+    bench = bench_of(SEARCH)
+    search = Search(bench, own, paths, drives)
+    found = search.run(candidates(own, random_of(seed, DRAW)), steps)
+    defaults = nav2_defaults(own)
+    names = {own: OWN, defaults: NAV2}  # the latter's name if they are the same
+    for each in (found.kept, found.frugal, found.best):
+        names.setdefault(each, described(own, each))
+    order = dict.fromkeys([own, found.kept, found.frugal, found.best, defaults])
+    del bench, search
+    judge = bench_of(JUDGE)
+    judge.drive([*order], paths, drives, progress=next(steps))
+    return Tuning(
+        grid,
+        about.lidar,
+        about.disturbances,
+        own,
+        found.kept,
+        tuple(judged(judge, names[each], each, own) for each in order),
+        found.without,
+        left,
+        (*lint(own, about.lidar, others), *left.warnings()),
+        found.rungs,
+        paths,
+        drives,
+        seed,
+        judge.seed,
+    )
+
+
+SHARES = (0.17, 0.2, 0.23, 0.13, 0.27)
+"""Shares of the time that the steps take: three rungs, what is put back, and the judgement."""
+
+
+def _steps(progress: ProgressCallback | None) -> Iterator[ProgressCallback]:
+    """Callbacks for the steps one after the other."""
+    before = [0.0, *itertools.accumulate(SHARES)]
+    for start, share in zip(before, SHARES, strict=False):
+
+        def update(done: int, total: int, start: float = start, share: float = share) -> None:
+            if progress:
+                progress(round(1000 * (start + share * done / max(total, 1))), 1000)
+
+        yield update

@@ -1,0 +1,218 @@
+"""Drives of many settings of AMCL along the same paths, in the same worlds, with the same seeds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import FARTHEST
+from locplan._util.progress import ProgressCallback
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid
+from locplan.planners import plan, random_queries
+from locplan.simulation._arguments import Arguments, arguments_of, beam_scores, reach_of
+from locplan.simulation._drives import LOST
+from locplan.simulation._motion import Poses, poses_along
+from locplan.simulation._scores import FLOOR
+from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._simulator import DRIVE, Simulator, random_of
+from locplan.simulation._tuning_space import LEVELS
+
+APART = (8.0, 4.0, 2.0)
+"""Least distance from start to goal [m]; the first that the map is large enough for."""
+LONGEST = 16.0
+"""Length that longer paths are cut to, at random [m]."""
+EVERY_LEVEL = range(len(LEVELS))
+SAMPLED = 8
+"""Number of poses, of which the error at one enters the median."""
+
+
+def random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
+    """Shortest paths of random queries, or parts of them, of 8 to 16 m where the map allows.
+
+    Raises
+    ------
+    ConfigError
+        If no two positions of the map that are joined lie 2 m apart.
+    """
+    for least in APART:
+        try:
+            queries = random_queries(costs, count, seed, least_distance=least)
+            break
+        except ConfigError as error:
+            if least == APART[-1]:
+                fault = str(error).split(";")[0]
+                raise ConfigError(f"{fault}; give a larger map, or a smaller robot") from None
+    random = np.random.default_rng(seed)
+    found = (plan(costs, each.start, each.goal).path for each in queries)
+    return [_cut(path, random.random()) for path in found if path is not None]
+
+
+def _cut(path: Path, where: float) -> Path:
+    """Part of a path that is at most `LONGEST`; `where` it begins is a number in 0..1."""
+    spare = path.length - LONGEST
+    if spare <= 0:
+        return path
+    first, last = where * spare, where * spare + LONGEST
+    inner = path.distance[(path.distance > first) & (path.distance < last)]
+    at = np.concatenate([[first], inner, [last]])
+    return Path(np.column_stack([np.interp(at, path.distance, v) for v in path.xy.T]))
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What came of the drives of one setting: (levels, paths, drives), NaN where not driven."""
+
+    squares: NDArray[np.float64]
+    """Mean square of each drive's position error [m^2]."""
+    lost: NDArray[np.float64]
+    """1 for each drive that was lost at any time, else 0."""
+    seconds: NDArray[np.float64]
+    """CPU time of each drive [s]."""
+    errors: dict[tuple[int, int, int], NDArray[np.float32]]
+    """Position error [m] at every eighth pose, by level, path and drive."""
+
+
+class Bench:
+    """Drives of settings at all levels of disturbance; what was driven once is remembered.
+
+    Parameters
+    ----------
+    grid, lidar, disturbances, seed
+        See `Simulator`; all settings have the same worlds and seeds.
+    paths : sequence of Path
+        The paths that are driven.
+    drives : int
+        Greatest number of drives along each path, at each level.
+    threads : int
+        Number of threads.
+    """
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        lidar: Lidar,
+        disturbances: Disturbances,
+        paths: Sequence[Path],
+        drives: int,
+        *,
+        seed: int,
+        threads: int | None,
+    ) -> None:
+        self.levels = [
+            Simulator(
+                grid,
+                lidar=lidar,
+                disturbances=level.of(disturbances),
+                seed=seed,
+                threads=threads,
+            )
+            for level in LEVELS
+        ]
+        poses = [poses_along(path, grid) for path in paths]
+        self.lines = [self.levels[0].on_grid(each) for each in poses]
+        self.seed = seed
+        self.lengths = np.array([path.length for path in paths])
+        self.driven: dict[Amcl, Driven] = {}
+        self._shape = len(LEVELS), len(paths), drives
+        self._scores: dict[tuple[object, ...], NDArray[np.float32]] = {}
+
+    def drive(
+        self,
+        settings: Sequence[Amcl],
+        paths: int,
+        drives: int,
+        levels: Sequence[int] = EVERY_LEVEL,
+        progress: ProgressCallback | None = None,
+    ) -> None:
+        """Drive each setting along the first of the paths, so often each, at some levels.
+
+        `progress` is called with (done, total) drives.
+        """
+        tasks = []
+        for amcl in dict.fromkeys(settings):
+            if amcl not in self.driven:
+                squares, lost, seconds = (np.full(self._shape, np.nan) for _ in range(3))
+                self.driven[amcl] = Driven(squares, lost, seconds, {})
+            missing = np.isnan(self.driven[amcl].squares[:, :paths, :drives])
+            missing[[n for n in EVERY_LEVEL if n not in levels]] = False
+            arguments = self._arguments(amcl) if missing.any() else []
+            for level, path in np.argwhere(missing.any(axis=2)).tolist():
+                which = np.flatnonzero(missing[level, path]).tolist()
+                tasks.append((self.driven[amcl], level, path, which, arguments[level]))
+        total, done = sum(len(task[3]) for task in tasks), 0
+        for simulator in self.levels:
+            _ = simulator.worlds  # made once, not by every thread
+        pool = ThreadPoolExecutor(self.levels[0].threads)
+        try:
+            for finished in as_completed([pool.submit(self._run, *task) for task in tasks]):
+                done += finished.result()
+                if progress:
+                    progress(done, total)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    def means(self, amcl: Amcl, paths: int, drives: int) -> NDArray[np.float64]:
+        """Mean over drives of the logarithm of the root mean square error, (levels,).
+
+        It is NaN at levels that were not driven.
+        """
+        squares = self.driven[amcl].squares[:, :paths, :drives]
+        return np.asarray(0.5 * np.log(squares + FLOOR).mean(axis=(1, 2)))
+
+    def updates(self, amcl: Amcl) -> int:
+        """Updates of the filter in one drive along every path, without errors of odometry."""
+        return sum(updates_along(line, amcl) for line in self.lines)
+
+    def _run(
+        self, into: Driven, level: int, path: int, drives: Sequence[int], arguments: Arguments
+    ) -> int:
+        from locplan._kernels import drives as kernel
+
+        simulator, line = self.levels[level], self.lines[path]
+        errors = np.empty_like(line)
+        for n in drives:
+            started = time.thread_time()
+            kernel.drive(
+                random_of(simulator.seed, DRIVE, path, n),
+                line,
+                simulator.worlds[n % len(simulator.worlds)],
+                *arguments,
+                errors,
+            )
+            into.seconds[level, path, n] = time.thread_time() - started
+            position = np.nan_to_num(np.hypot(errors[:, 0], errors[:, 1]), nan=FARTHEST)
+            into.lost[level, path, n] = position.max() > LOST
+            into.squares[level, path, n] = (position**2).mean()
+            into.errors[level, path, n] = position[::SAMPLED].astype(np.float32)
+        return len(drives)
+
+    def _arguments(self, amcl: Amcl) -> list[Arguments]:
+        """Arguments of the kernel at each level."""
+        first = self.levels[0]
+        names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
+        reach = reach_of(first.lidar, amcl)
+        key = (reach, *(getattr(amcl, name) for name in names))
+        if key not in self._scores:
+            self._scores[key] = beam_scores(first.grid, amcl, reach)
+        return [
+            arguments_of(each.grid, each.lidar, amcl, each.disturbances, scores=self._scores[key])
+            for each in self.levels
+        ]
+
+
+def updates_along(line: Poses, amcl: Amcl) -> int:
+    """Number of updates of a filter along poses, the first one included."""
+    count, (x, y, heading) = 1, line[0].tolist()
+    for at_x, at_y, at_heading in line[1:].tolist():
+        way = max(abs(at_x - x), abs(at_y - y))
+        if way > amcl.update_min_d or abs(at_heading - heading) > amcl.update_min_a:
+            count, (x, y, heading) = count + 1, (at_x, at_y, at_heading)
+    return count

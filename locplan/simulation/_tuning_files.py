@@ -1,0 +1,114 @@
+"""The parameter file of Nav2 with the tuned settings of AMCL."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import warnings
+from pathlib import Path
+
+from locplan.errors import LocplanError
+from locplan.maps._parameter_edits import edited_parameters, scalar_text
+from locplan.maps._ros_parameters import read_parameters
+from locplan.simulation._nav2 import ParameterWarning, read_amcl
+from locplan.simulation._settings import Amcl
+from locplan.simulation._tuning_results import Tuning
+from locplan.simulation._tuning_space import NAMES, Value, axes_of
+
+PRODUCT = "likelihood_field_prob"
+"""The one laser model that `do_beamskip` matters for."""
+OTHERS: dict[str, float | str | bool] = {
+    "base_frame_id": "base_footprint",
+    "beam_skip_distance": 0.5,
+    "beam_skip_error_threshold": 0.9,
+    "beam_skip_threshold": 0.3,
+    "do_beamskip": False,
+    "global_frame_id": "map",
+    "lambda_short": 0.1,
+    "odom_frame_id": "odom",
+    "recovery_alpha_fast": 0.0,
+    "recovery_alpha_slow": 0.0,
+    "save_pose_rate": 0.5,
+    "scan_topic": "scan",
+    "tf_broadcast": True,
+    "transform_tolerance": 1.0,
+    "z_max": 0.05,
+    "z_short": 0.05,
+}
+"""Parameters that are not simulated, with the values that Nav2 has for them."""
+
+
+def other_parameters(params: str | os.PathLike[str] | None) -> dict[str, object]:
+    """Parameters of amcl in a file of Nav2, or none."""
+    node = read_parameters(params).get("amcl")
+    own = node.get("ros__parameters") if isinstance(node, dict) else None
+    return dict(own) if isinstance(own, dict) else {}
+
+
+def check_parameters(params: Path | None) -> None:
+    """Raise a LocplanError unless tuned settings can be written into a file's copy.
+
+    It is called before long work.
+    """
+    if params is not None:
+        axes = axes_of(_read(params))
+        trial: dict[str, Value] = {name: 0.123 for axis in axes for name in axis.fields}
+        trial |= {"laser_model_type": PRODUCT, "max_beams": 1234}
+        edited_parameters(params, "amcl", trial)
+
+
+def tuned_file(tuning: Tuning, params: Path | None) -> bytes:
+    """Content of a parameter file with the settings to use.
+
+    It is the user's own file with other values, or without one a section of amcl.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read any more, or its values cannot be changed alone.
+    """
+    if params is None:
+        return _new_file(tuning)
+    before, winner = _read(params), tuning.winner
+    values: dict[str, float | str | bool] = {
+        name: getattr(winner, name)
+        for name in NAMES
+        if getattr(winner, name) != getattr(before, name)
+    }
+    skips = other_parameters(params).get("do_beamskip")
+    if skips and values.get("laser_model_type") == PRODUCT:  # it had no effect, and would have one
+        values["do_beamskip"] = False
+    return edited_parameters(params, "amcl", values)
+
+
+def check_written(file: Path, winner: Amcl) -> None:
+    """Raise a LocplanError unless a file that was written has exactly these settings."""
+    read = _read(file)
+    if any(getattr(read, name) != getattr(winner, name) for name in NAMES):
+        raise LocplanError(f"{file}: could not be written as it was meant to be")
+
+
+def _read(file: Path) -> Amcl:
+    """The settings in a file, about which was warned before."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        return read_amcl(file)
+
+
+def _new_file(tuning: Tuning) -> bytes:
+    defaults, winner = Amcl(), tuning.winner
+    simulated = (*NAMES, "robot_model_type")
+    values = {name: getattr(winner, name) for name in simulated} | OTHERS
+    lines = ["# Parameters of Nav2's AMCL; frames and topics are Nav2's defaults."]
+    lines += ["amcl:", "  ros__parameters:"]
+    names = {each.name for each in dataclasses.fields(Amcl)}
+    for name, value in sorted(values.items()):
+        line = f"    {name}: {_quoted(value)}"
+        if name in names and value != getattr(defaults, name):
+            line += f"  # Nav2's default is {_quoted(getattr(defaults, name))}"
+        lines.append(line)
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _quoted(value: float | str | bool) -> str:
+    return f'"{value}"' if isinstance(value, str) else scalar_text(value)

@@ -1,0 +1,145 @@
+"""Reports of tuning: a table for people, and the files with what gains."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from string import ascii_uppercase
+
+import numpy as np
+
+from locplan import __version__
+from locplan._util.intervals import Interval
+from locplan._util.results import ResultFolder, Results
+from locplan._util.tables import table
+from locplan.simulation._tuning_files import check_written, tuned_file
+from locplan.simulation._tuning_results import Judged, Tuning
+from locplan.simulation._tuning_space import LEVELS, described
+
+TUNING = Results("tuning", ("nav2_params.yaml", "tuning.json", "tuning.png"))
+MIDDLE = 1
+"""Level of disturbance that was asked for."""
+
+
+def tuning_table(tuning: Tuning) -> str:
+    """Table of the settings that were judged, the warnings, and the conclusion."""
+    head = ["", *(level.name for level in LEVELS), "RMSE to A's", "ms/update", "ms/m"]
+    rows = [
+        [
+            letter,
+            *(f"{_metres(at.rmse.value)} {at.lost.value:.0%}" for at in each.levels),
+            "1" if each is tuning.judged[0] else _short(each.ratio),
+            f"{1e3 * each.cpu_per_update:.2f}",
+            f"{1e3 * each.cpu_per_metre:.2f}",
+        ]
+        for letter, each in zip(ascii_uppercase, tuning.judged, strict=False)
+    ]
+    names = [
+        f"{letter}: {_name(tuning, each)}"
+        for letter, each in zip(ascii_uppercase, tuning.judged, strict=False)
+    ]
+    lines = [
+        table(head, rows),
+        *names,
+        "RMSE of the position and share of lost drives (> 1 m at any time), with a third of, once",
+        f"and three times odometry's errors, on {tuning.paths} random paths, {tuning.drives} drives"
+        " each, on which nothing was",
+        "chosen; RMSE to A's over all levels [95 %]; ms: CPU time, with that of the simulated scan",
+        *_gains(tuning),
+        str(tuning.beams_left),
+        *(f"warning: {each}" for each in tuning.lints),
+        conclusion(tuning),
+    ]
+    return "\n".join(lines)
+
+
+def conclusion(tuning: Tuning) -> str:
+    """The result of tuning in one sentence."""
+    own, found = tuning.judged[0], tuning.found
+    if found is own:
+        return f"nothing found is better than {own.name}: keep them"
+    changes = described(tuning.own, found.amcl)
+    if not found.better:
+        return (
+            f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
+            f" has {_interval(found.ratio)} times their RMSE)"
+        )
+    before, after = own.levels[MIDDLE], found.levels[MIDDLE]
+    levels = [each.level.name for each in found.levels if each.ratio.high < 1]
+    where = (
+        "better at every level of disturbance"
+        if found.better_everywhere
+        else f"clearly better at the levels {' and '.join(levels)} of disturbance"
+        if levels
+        else "better over all levels of disturbance together"
+    )
+    return (
+        f"{changes}: RMSE {before.rmse.value:.2g} -> {_metres(after.rmse.value)}, lost"
+        f" {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
+        f" {found.cpu_per_metre / own.cpu_per_metre:.1f} times the CPU"
+    )
+
+
+def write_tuning(results: ResultFolder, tuning: Tuning, params: Path | None = None) -> list[Path]:
+    """Write nav2_params.yaml with what gains, tuning.json and tuning.png.
+
+    Parameters
+    ----------
+    results : ResultFolder
+        The folder, checked before the work.
+    tuning : Tuning
+        What is written.
+    params : path, optional
+        The user's parameter file, whose copy has other values; it stays as it is.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written, or the values in `params` cannot be changed.
+    """
+    from locplan.plotting import save_figure
+    from locplan.simulation._tuning_figures import tuning_figure
+
+    with results.writing() as folder:
+        parameters, about, picture = (folder / name for name in TUNING.names)
+        parameters.write_bytes(tuned_file(tuning, params))
+        check_written(parameters, tuning.winner)
+        text = {"locplan": __version__, "conclusion": conclusion(tuning), **tuning.summary()}
+        about.write_text(json.dumps(text, indent=2) + "\n", encoding="utf-8")
+        save_figure(tuning_figure(tuning), picture)
+    return [results.folder / name for name in TUNING.names]
+
+
+def _gains(tuning: Tuning) -> list[str]:
+    """What each change of the best setting gains, and what was put back."""
+    kept = [axis.name for axis in tuning.changed_axes()]
+    gains = [
+        f"{name} {100 * (ratio - 1):+.0f} %{'' if name in kept else ' (put back)'}"
+        for name, ratio in sorted(tuning.contributions.items(), key=lambda each: -each[1])
+    ]
+    return [f"RMSE at its worst level without a change: {', '.join(gains)}"] if gains else []
+
+
+def _name(tuning: Tuning, judged: Judged) -> str:
+    marks = []
+    if judged.amcl == tuning.winner and tuning.changes:
+        marks.append("to use")
+    if judged.better_everywhere:
+        marks.append("better at every level")
+    return f"{judged.name} ({'; '.join(marks)})" if marks else judged.name
+
+
+def _metres(value: float) -> str:
+    return f"{value:.2g} m"
+
+
+def _interval(interval: Interval) -> str:
+    value, low, high = interval
+    return f"{value:.2f}" + ("" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]")
+
+
+def _short(interval: Interval) -> str:
+    """Text of an interval without its leading zeros."""
+    return " ".join(
+        part.removeprefix("0") for part in _interval(interval).replace("[0", "[").split()
+    )

@@ -1,0 +1,230 @@
+"""What tuning found: settings that were judged on paths and in worlds of their own."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
+from locplan._util.tables import finite
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid
+from locplan.simulation._lint import BeamsLeft
+from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._tuning_bench import Bench
+from locplan.simulation._tuning_space import (
+    LEVELS,
+    Axis,
+    Level,
+    Value,
+    changed_axes,
+    changed_values,
+    described,
+)
+
+OWN, NAV2 = "your settings", "Nav2's defaults"
+"""Names of settings that are judged besides those found; the user's own may be Nav2's defaults."""
+
+
+@dataclass(frozen=True)
+class AtLevel:
+    """Errors of one setting at one level of disturbance; intervals are over the paths."""
+
+    level: Level
+    m: float
+    """Mean over the drives of 0.5 ln(mean square position error [m^2] + 1e-6)."""
+    rmse: Interval
+    """RMSE of the position along a path: geometric mean over the paths [m]."""
+    kept_rmse: float
+    """Root mean square position error of the drives that were not lost [m]."""
+    median: float
+    """Median of the position error on the way [m]."""
+    lost: Interval
+    """Share of the drives that were lost at any time."""
+    ratio: Interval
+    """Ratio of the RMSE to that of the user's settings: geometric mean over the paths."""
+    lost_difference: Interval
+    """Share of lost drives minus that of the user's settings: mean over the paths."""
+
+    def summary(self) -> dict[str, object]:
+        """The errors in numbers, fit for JSON."""
+        return {
+            "level": self.level.name,
+            "m": self.m,
+            "rmse_m": list(self.rmse),
+            "kept_rmse_m": self.kept_rmse,
+            "median_m": self.median,
+            "lost": list(self.lost),
+            "rmse_ratio": list(self.ratio),
+            "lost_difference": list(self.lost_difference),
+        }
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One setting, judged at every level of disturbance."""
+
+    name: str
+    """Name in tables: whose settings they are, or what differs from the user's own."""
+    amcl: Amcl
+    levels: tuple[AtLevel, ...]
+    ratio: Interval
+    """Ratio of the RMSE to that of the user's settings: geometric mean over levels and paths."""
+    cpu_per_update: float
+    """CPU time of the simulation an update of the filter, the scan included [s]."""
+    cpu_per_metre: float
+    """CPU time of the simulation a metre that is driven [s]."""
+
+    @property
+    def worst(self) -> float:
+        """The greatest m of all levels, which tuning minimises."""
+        return max(each.m for each in self.levels)
+
+    @property
+    def better(self) -> bool:
+        """True if it is better than the user's settings over all levels, and harms at none."""
+        harm = any(each.ratio.low > 1 or each.lost_difference.low > 0 for each in self.levels)
+        return self.ratio.high < 1 and not harm
+
+    @property
+    def better_everywhere(self) -> bool:
+        """True if it is better than the user's settings at every level of disturbance."""
+        return self.better and all(each.ratio.high < 1 for each in self.levels)
+
+    def summary(self) -> dict[str, object]:
+        """The setting and its errors in numbers, fit for JSON."""
+        return {
+            "name": self.name,
+            "amcl": dataclasses.asdict(self.amcl),
+            "levels": [each.summary() for each in self.levels],
+            "rmse_ratio": list(self.ratio),
+            "worst_m": self.worst,
+            "better": self.better,
+            "better_at_every_level": self.better_everywhere,
+            "cpu_ms_per_update": 1e3 * self.cpu_per_update,
+            "cpu_ms_per_metre": 1e3 * self.cpu_per_metre,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuning:
+    """Settings of AMCL that were tuned on one map, and the evidence for them."""
+
+    grid: OccupancyGrid
+    lidar: Lidar
+    disturbances: Disturbances
+    """Disturbances at the level `x1`."""
+    own: Amcl
+    """The user's own settings."""
+    candidate: Amcl
+    """Settings that the search found, which may be the user's own."""
+    judged: tuple[Judged, ...]
+    """The user's settings, what was found, and others, on paths that nothing was chosen on."""
+    contributions: Mapping[str, float]
+    """RMSE without each change of the best setting, relative to that with it, on the paths of the
+    search; also of changes that were put back because they gain next to nothing."""
+    beams_left: BeamsLeft
+    """Number of the beams compared that return."""
+    lints: tuple[str, ...]
+    """Warnings about the user's settings."""
+    rungs: tuple[tuple[int, int, int], ...]
+    """Settings, paths and drives along each path of each rung of the search."""
+    paths: int
+    """Number of paths on which was judged."""
+    drives: int
+    """Number of drives along each path at each level."""
+    seed: int
+    """Seed of the search."""
+    judged_seed: int
+    """Seed of the paths, worlds and drives on which was judged."""
+
+    def __repr__(self) -> str:
+        changes = described(self.own, self.winner)
+        return f"Tuning({self.grid.name or 'map'}, {changes or 'nothing is clearly better'})"
+
+    @property
+    def found(self) -> Judged:
+        """The setting that the search found, as it was judged."""
+        return next(each for each in self.judged if each.amcl == self.candidate)
+
+    @property
+    def winner(self) -> Amcl:
+        """The settings to use: what was found if it is clearly better, else the user's own."""
+        return self.found.amcl if self.found.better else self.own
+
+    @property
+    def changes(self) -> dict[str, Value]:
+        """Parameters to change, by their names; empty if nothing is clearly better."""
+        return changed_values(self.own, self.winner)
+
+    def changed_axes(self) -> list[Axis]:
+        """What the search changed."""
+        return changed_axes(self.own, self.candidate)
+
+    def summary(self) -> dict[str, object]:
+        """Everything in numbers, fit for JSON."""
+        about: dict[str, object] = {
+            "map": {"name": self.grid.name, "digest": self.grid.digest},
+            "verdict": "better" if self.changes else "nothing is clearly better",
+            "changes": dict(self.changes),
+            "judged": [each.summary() for each in self.judged],
+            "rmse_ratio_without": dict(self.contributions),
+            "warnings": list(self.lints),
+            "beams_compared": self.beams_left.compared,
+            "beams_returned": self.beams_left.returned,
+            "rungs": [
+                dict(zip(("settings", "paths", "drives"), rung, strict=True)) for rung in self.rungs
+            ],
+            "paths": self.paths,
+            "drives": self.drives,
+            "seed": self.seed,
+            "judged_seed": self.judged_seed,
+            "lidar": dataclasses.asdict(self.lidar),
+            "levels": [
+                {
+                    "name": level.name,
+                    "disturbances": dataclasses.asdict(level.of(self.disturbances)),
+                }
+                for level in LEVELS
+            ],
+        }
+        return finite(about)
+
+
+def judged(bench: Bench, name: str, amcl: Amcl, own: Amcl) -> Judged:
+    """Errors of a setting, all of whose drives the bench has, beside the user's own."""
+    driven, others = bench.driven[amcl], bench.driven[own]
+    ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
+    differences = driven.lost.mean(axis=2) - others.lost.mean(axis=2)
+    _, paths, drives = driven.squares.shape
+    means = bench.means(amcl, paths, drives)
+    levels = []
+    for n, level in enumerate(LEVELS):
+        squares, lost = driven.squares[n], driven.lost[n].astype(bool)
+        errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
+        levels.append(
+            AtLevel(
+                level,
+                float(means[n]),
+                of_geometric_mean(np.sqrt(squares.mean(axis=1))),
+                math.nan if lost.all() else float(np.sqrt(squares[~lost].mean())),
+                float(np.median(errors)),
+                wilson(float(lost.mean()), lost.size),
+                of_geometric_mean(ratios[n]),
+                of_mean(differences[n]),
+            )
+        )
+    metres = float(bench.lengths.sum())
+    rounds = len(LEVELS) * drives
+    return Judged(
+        name,
+        amcl,
+        tuple(levels),
+        of_geometric_mean(np.exp(np.log(ratios).mean(axis=0))),
+        float(driven.seconds.sum()) / (rounds * bench.updates(amcl)),
+        float(driven.seconds.sum()) / (rounds * metres),
+    )

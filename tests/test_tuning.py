@@ -1,0 +1,436 @@
+"""Tuning of AMCL's settings: what is tried, how it is judged, and the files that are written."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from locplan.costs import Costmap
+from locplan.errors import ConfigError, LocplanError
+from locplan.field import Lidar
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
+from locplan.simulation import Amcl, Disturbances, Simulator, read_amcl, tune, tuning_figure
+from locplan.simulation._motion import poses_along
+from locplan.simulation._settings import OMNIDIRECTIONAL
+from locplan.simulation._tuning_bench import LONGEST, Bench, random_paths, updates_along
+from locplan.simulation._tuning_files import check_written, tuned_file
+from locplan.simulation._tuning_reports import TUNING, conclusion, tuning_table, write_tuning
+from locplan.simulation._tuning_search import Search
+from locplan.simulation._tuning_space import (
+    AXES,
+    LEVELS,
+    MOST_SETTINGS,
+    candidates,
+    changed_values,
+    described,
+)
+
+FEW = {"min_particles": 30, "max_particles": 60}
+GOOD = Amcl(**FEW, alpha1=0.05, alpha2=0.05, alpha3=0.05, alpha4=0.05)
+LIDAR = Lidar(range=6.0, beams=60)
+
+
+def hall() -> OccupancyGrid:
+    """A hall of 14 x 8 m with four pillars."""
+    cells = np.full((80, 140), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for row, col in ((20, 30), (50, 60), (25, 90), (55, 115)):
+        cells[row : row + 6, col : col + 6] = OCCUPIED
+    return OccupancyGrid(cells, 0.1, name="hall")
+
+
+@pytest.fixture(scope="module")
+def tuning():
+    return tune(hall(), lidar=LIDAR, amcl=Amcl(**FEW), paths=5, drives=4, threads=2)
+
+
+def random() -> np.random.Generator:
+    return np.random.default_rng(1)
+
+
+def test_all_combinations_are_tried_the_users_own_first():
+    found = candidates(Amcl(), random())
+    assert found[0] == Amcl()
+    assert len(set(found)) == len(found) == math.prod(len(axis.values) for axis in AXES) == 128
+
+
+def test_own_values_take_the_place_of_those_near_them():
+    own = Amcl(max_beams=50, update_min_d=0.2, alpha1=0.1, **FEW)
+    found = candidates(own, random())
+    assert {each.max_beams for each in found} == {30, 50, 120, 180}
+    assert {each.update_min_d for each in found} == {0.1, 0.2}
+    assert {each.min_particles for each in found} == {FEW["min_particles"]}
+    alphas = {(each.alpha1, each.alpha2) for each in found}
+    assert alphas == {(0.1, 0.2), (0.2, 0.2), (0.1, 0.1), (0.05, 0.05), (0.02, 0.02)}
+
+
+def test_the_alpha_of_sideways_motion_is_tuned_where_it_counts():
+    sideways = Amcl(robot_model_type=OMNIDIRECTIONAL)
+    found = candidates(sideways, random())
+    assert {each.alpha5 for each in found} == {0.2, 0.1, 0.05, 0.02}
+    assert {each.robot_model_type for each in found} == {OMNIDIRECTIONAL}
+    assert {each.alpha5 for each in candidates(Amcl(), random())} == {0.2}
+    quiet = next(each for each in found if changed_values(sideways, each) == dict.fromkeys(
+        ("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05
+    ))  # fmt: skip
+    assert described(sideways, quiet) == "alphas 0.05"
+
+
+def test_of_too_many_settings_some_are_drawn():
+    own = Amcl(max_beams=7, update_min_d=0.0, sigma_hit=0.02, alpha1=1.0)
+    found = candidates(own, random())
+    assert found[0] == own
+    assert len(set(found)) == len(found) == MOST_SETTINGS
+    assert found == candidates(own, random())
+
+
+def test_changes_are_named():
+    own = Amcl()
+    other = dataclasses.replace(GOOD, laser_model_type="likelihood_field_prob", max_beams=30)
+    assert described(own, other) == "alphas 0.05, likelihood_field_prob, max_beams 30"
+    assert described(other, dataclasses.replace(other, alpha1=0.1)) == "alphas 0.1/0.05/0.05/0.05"
+    assert changed_values(GOOD, other) == {
+        "laser_model_type": "likelihood_field_prob",
+        "max_beams": 30,
+    }
+
+
+def test_levels_scale_odometry_and_clutter_only():
+    base = Disturbances(outliers=0.3, occlusion=0.6)
+    mild, once, strong = (level.of(base) for level in LEVELS)
+    assert once == base
+    for name in ("distance_drift", "heading_drift_deg", "turn_drift_deg", "turn_bias"):
+        assert getattr(mild, name) == pytest.approx(getattr(base, name) / 3)
+        assert getattr(strong, name) == pytest.approx(getattr(base, name) * 3)
+    assert (mild.boundary_noise, strong.boundary_noise) == (0.05, 0.2)
+    assert strong.outliers == 0.5  # at most half of the beams
+    assert strong.occlusion == 0.6  # but never fewer than asked for
+    assert strong.start_sigma == base.start_sigma
+
+
+def test_random_paths_are_of_the_map_and_cut_to_length():
+    cells = np.full((12, 500), FREE, np.uint8)
+    cells[[0, -1]] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    paths = random_paths(Costmap.blank(grid), 6, 3)
+    lengths = [path.length for path in paths]
+    assert max(lengths) == pytest.approx(LONGEST)
+    assert min(lengths) >= 8 - 1e-9
+    for path in paths:
+        poses_along(path, grid)  # raises where it leaves the free cells
+    assert [path.xy.tolist() for path in paths] == [
+        path.xy.tolist() for path in random_paths(Costmap.blank(grid), 6, 3)
+    ]
+    assert random_paths(Costmap.blank(grid), 6, 4)[0].xy.tolist() != paths[0].xy.tolist()
+
+
+def test_small_maps_have_shorter_paths():
+    cells = np.full((40, 40), FREE, np.uint8)
+    grid = OccupancyGrid(cells, 0.1, name="room")
+    assert min(path.length for path in random_paths(Costmap.blank(grid), 5, 1)) >= 2 - 1e-9
+    with pytest.raises(ConfigError, match="room: no two positions") as caught:
+        random_paths(Costmap.blank(OccupancyGrid(cells[:10, :10], 0.1, name="room")), 5, 1)
+    assert "larger map" in str(caught.value)
+
+
+def bench_of(paths: int = 3, drives: int = 4) -> Bench:
+    grid = hall()
+    lines = random_paths(Costmap.blank(grid), paths, 1)
+    return Bench(grid, LIDAR, Disturbances(), lines, drives, seed=5, threads=2)
+
+
+def test_a_bench_drives_as_the_simulator_does():
+    bench, grid = bench_of(), hall()
+    bench.drive([GOOD], 3, 4)
+    lines = random_paths(Costmap.blank(grid), 3, 1)
+    for n, level in enumerate(LEVELS):
+        simulator = Simulator(
+            grid, lidar=LIDAR, amcl=GOOD, disturbances=level.of(Disturbances()), seed=5
+        )
+        for path, line in enumerate(lines):
+            own = simulator.drive_along(poses_along(line, grid), 4, stream=path)
+            np.testing.assert_allclose(bench.driven[GOOD].squares[n, path], own.mean_squares)
+            assert bench.driven[GOOD].lost[n, path].tolist() == own.lost.tolist()
+
+
+def test_a_bench_remembers_what_was_driven():
+    once, bit_by_bit = bench_of(), bench_of()
+    once.drive([GOOD, Amcl(**FEW)], 3, 4)
+    calls = []
+    for paths, drives, levels in ((1, 2, [2]), (3, 2, [2]), (3, 4, [2]), (3, 4, range(3))):
+        bit_by_bit.drive([GOOD, GOOD], paths, drives, levels, lambda *step: calls.append(step))
+    assert [done for done, total in calls if done == total] == [2, 4, 6, 24]
+    np.testing.assert_array_equal(once.driven[GOOD].squares, bit_by_bit.driven[GOOD].squares)
+
+
+def test_updates_are_those_of_the_settings():
+    line = np.column_stack([np.arange(101) * 0.05, np.zeros(101), np.zeros(101)])
+    assert updates_along(line, Amcl(update_min_d=0.24)) == 1 + 20
+    assert updates_along(line, Amcl(update_min_d=0.09)) == 1 + 50
+    line[:, 2] = np.arange(101) * 0.15
+    assert updates_along(line, Amcl(update_min_d=9.0)) == 1 + 50
+
+
+class Formula:
+    """A bench whose settings have known errors at each level: sums of what each value adds."""
+
+    def __init__(self, added, levels=(0.0, 0.1, 0.2)):
+        self.added, self.levels, self.driven = added, levels, {}
+
+    def drive(self, settings, paths, drives, levels=range(3), progress=None):
+        for amcl in settings:
+            self.driven.setdefault(amcl, set()).update(levels)
+
+    def means(self, amcl, paths, drives):
+        total = sum(v.get(getattr(amcl, name), 0.0) for name, v in self.added.items())
+        levels = self.levels(amcl) if callable(self.levels) else self.levels
+        values = [total + v if n in self.driven[amcl] else np.nan for n, v in enumerate(levels)]
+        return np.array(values)
+
+    def updates(self, amcl):
+        return round(100 / amcl.update_min_d)
+
+
+def found_by(bench, own=None):
+    own = own or Amcl()
+    search = Search(bench, own, 20, 8)
+    return search.run(candidates(own, random()), iter([None] * 4))
+
+
+def test_the_search_finds_the_best_and_puts_back_what_gains_nothing():
+    added = {
+        "alpha1": {0.2: 0.5, 0.1: 0.2, 0.02: 0.3},
+        "laser_model_type": {"likelihood_field": 1.0},
+        "sigma_hit": {0.2: 0.01},
+    }
+    found = found_by(Formula(added))
+    assert (found.best.alpha1, found.best.sigma_hit) == (0.05, 0.1)
+    assert found.best.laser_model_type == "likelihood_field_prob"
+    assert changed_values(Amcl(), found.kept) == {
+        **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4"), 0.05),
+        "laser_model_type": "likelihood_field_prob",
+    }
+    assert found.without["laser_model_type"] == pytest.approx(math.e)
+    assert found.without["sigma_hit"] == pytest.approx(math.exp(0.01))
+    assert found.rungs[0] == (128, 5, 2)
+    assert found.rungs[-1][1:] == (20, 8)
+
+
+def test_more_beams_a_metre_must_gain_more():
+    for gain, kept in ((0.08, 60), (0.12, 180)):
+        found = found_by(Formula({"max_beams": {180: -gain}}))
+        assert (found.best.max_beams, found.kept.max_beams) == (180, kept)
+        assert found.frugal.max_beams <= 60
+    for gain, kept in ((0.03, 0.1), (0.015, 0.2)):
+        assert found_by(Formula({"sigma_hit": {0.1: -gain}})).kept.sigma_hit == kept
+
+
+def test_nothing_is_put_back_that_is_worse_at_another_level():
+    def levels(amcl):
+        return (0.5 if amcl.sigma_hit == 0.2 else 0.0), 0.1, 0.2
+
+    assert found_by(Formula({"sigma_hit": {0.2: 0.01}}, levels)).kept.sigma_hit == 0.1
+
+
+def test_the_worst_level_counts_whichever_it_is():
+    treacherous = dataclasses.replace(GOOD, max_beams=120)
+
+    def levels(amcl):
+        return (0.9, 0.0, 0.1) if amcl == treacherous else (0.0, 0.1, 0.2)
+
+    found = found_by(Formula({"sigma_hit": {0.1: -0.05}}, levels), GOOD)
+    assert found.best != treacherous
+    assert found.best.sigma_hit == 0.1
+
+
+def test_own_settings_that_are_best_are_found(tuning):
+    own = dataclasses.replace(GOOD, laser_model_type="likelihood_field_prob")
+    found = found_by(
+        Formula({"alpha1": {0.05: -1}, "laser_model_type": {own.laser_model_type: -1}}), own
+    )
+    assert found.best == found.kept == own
+    assert found.without == {}
+
+
+def test_tuning_gains_and_is_judged_on_other_paths(tuning):
+    own, found = tuning.judged[0], tuning.found
+    assert own.amcl == tuning.own == Amcl(**FEW)
+    assert own.name == "your settings"
+    assert all(level.ratio.value == 1 for level in own.levels)
+    assert not own.better
+    assert found.amcl == tuning.candidate != tuning.own
+    assert found.better
+    assert tuning.winner == found.amcl
+    assert tuning.changes == changed_values(tuning.own, found.amcl)
+    assert found.ratio.high < 1
+    assert found.worst < own.worst
+    assert tuning.judged_seed != tuning.seed
+    assert {each.name for each in tuning.judged} >= {"your settings", "Nav2's defaults"}
+    assert conclusion(tuning).startswith(described(tuning.own, tuning.winner))
+    assert "times the CPU" in tuning_table(tuning)
+    assert json.loads(json.dumps(tuning.summary(), allow_nan=False))["verdict"] == "better"
+
+
+def without_times(tuning):
+    text = json.dumps(tuning.summary(), default=str)
+    return [part for part in text.split(", ") if "cpu" not in part]
+
+
+def test_equal_seeds_give_equal_results_on_any_number_of_threads(tuning):
+    calls = []
+    again = tune(
+        hall(),
+        lidar=LIDAR,
+        amcl=Amcl(**FEW),
+        paths=5,
+        drives=4,
+        threads=1,
+        progress=lambda done, total: calls.append((done, total)),
+    )
+    assert without_times(again) == without_times(tuning)
+    assert calls == sorted(calls)
+    assert calls[-1] == (1000, 1000)
+
+
+def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMS)
+    nan = (1.0, math.nan, math.nan)
+    worse = tuple(
+        dataclasses.replace(level, ratio=type(level.ratio)(1.2, 1.1, 1.3))
+        for level in tuning.found.levels
+    )
+    lossy = tuple(
+        dataclasses.replace(level, lost_difference=type(level.ratio)(0.1, 0.05, 0.2))
+        for level in tuning.found.levels
+    )
+    interval = type(tuning.found.ratio)
+    for change in (
+        {"ratio": interval(0.9, 0.8, 1.01)},
+        {"ratio": interval(*nan)},
+        {"levels": worse},
+        {"levels": lossy},
+    ):
+        found = dataclasses.replace(tuning.found, **change)
+        judged = tuple(found if each is tuning.found else each for each in tuning.judged)
+        unclear = dataclasses.replace(tuning, judged=judged)
+        assert unclear.winner == tuning.own
+        assert unclear.changes == {}
+        assert tuned_file(unclear, file) == file.read_bytes()
+        assert conclusion(unclear).startswith("nothing is clearly better than your settings")
+        assert unclear.summary()["verdict"] == "nothing is clearly better"
+
+
+def test_a_new_file_has_all_parameters(tuning, tmp_path):
+    file = tmp_path / "nav2.yaml"
+    file.write_bytes(tuned_file(tuning, None))
+    assert read_amcl(file) == tuning.winner
+    given = yaml.safe_load(file.read_text())["amcl"]["ros__parameters"]
+    assert given["robot_model_type"] == "nav2_amcl::DifferentialMotionModel"
+    assert given["scan_topic"] == "scan"
+    assert "  # Nav2's default is 2000" in file.read_text()
+    with pytest.raises(LocplanError, match="could not be written"):
+        check_written(file, tuning.own)
+
+
+PARAMS = """amcl:
+  ros__parameters:
+    # mine
+    alpha1: 0.2  # set long ago
+    min_particles: 30
+    max_particles: 60
+    do_beamskip: true
+    unknown_to_us: [1, 2]
+"""
+
+
+def test_the_users_file_is_copied_with_what_gains(tuning, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMS)
+    prob = dataclasses.replace(GOOD, laser_model_type="likelihood_field_prob")
+    judged = tuple(
+        dataclasses.replace(each, amcl=prob) if each is tuning.found else each
+        for each in tuning.judged
+    )
+    own = dataclasses.replace(tuning, judged=judged, candidate=prob)
+    made = tmp_path / "made.yaml"
+    made.write_bytes(tuned_file(own, file))
+    check_written(made, prob)
+    text = made.read_text()
+    assert "    # mine\n" in text
+    assert "alpha1: 0.05  # set long ago\n" in text
+    assert "alpha2: 0.05\n" in text
+    assert "do_beamskip: false\n" in text  # it has an effect with this model only
+    assert "unknown_to_us: [1, 2]\n" in text
+    assert file.read_text() == PARAMS
+
+
+def test_a_file_that_was_set_otherwise_for_the_run_gets_these_settings_too(tuning, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMS.replace("max_particles: 60", "max_particles: 500"))
+    (tmp_path / "made.yaml").write_bytes(tuned_file(tuning, file))
+    check_written(tmp_path / "made.yaml", tuning.winner)
+
+
+def test_results_are_written_and_drawn(tuning, tmp_path):
+    written = write_tuning(TUNING.into(tmp_path / "out"), tuning)
+    assert [file.name for file in written] == [*TUNING.names]
+    about = json.loads((tmp_path / "out" / "tuning.json").read_text())
+    assert about["conclusion"] == conclusion(tuning)
+    assert about["changes"] == tuning.changes
+    assert read_amcl(written[0]) == tuning.winner
+    panels = tuning_figure(tuning).axes
+    labels = [panel.get_ylabel() for panel in panels]
+    assert labels[:2] == ["RMSE of the position [m]", "lost drives [%]"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"paths": 4}, "paths"),
+        ({"drives": 1}, "drives"),
+        ({"seed": -1}, "seed"),
+        ({"amcl": 3}, "amcl must be an Amcl"),
+        ({"robot_radius": 30.0}, "no cell where the robot fits"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, words):
+    with pytest.raises(LocplanError, match=words) as caught:
+        tune(hall(), **arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
+    save_map(hall(), tmp_path / "hall.yaml")
+    params = tmp_path / "nav2_params.yaml"
+    params.write_text(PARAMS)
+    asked = ["tune", tmp_path / "hall.yaml", "--params", params, "--range", 6]
+    asked += ["--paths", 5, "--drives", 2, "--seed", 3]
+    for forced in ([], ["--force"]):
+        code, _, err = run(*asked, *forced, "-o", tmp_path)
+        assert code == 2
+        assert "nav2_params.yaml" in err.splitlines()[-1]
+        assert params.read_text() == PARAMS
+    code, out, _ = run(*asked, "-o", tmp_path / "tuned")
+    assert code == 0
+    about = json.loads((tmp_path / "tuned" / "tuning.json").read_text())
+    assert about["conclusion"] in out
+    read = yaml.safe_load((tmp_path / "tuned" / "nav2_params.yaml").read_text())
+    read, mine = (each["amcl"]["ros__parameters"] for each in (read, yaml.safe_load(PARAMS)))
+    assert read.items() >= about["changes"].items()
+    differing = {name for name, value in read.items() if mine.get(name) != value}
+    assert differing <= {*about["changes"], "do_beamskip"}
+    assert params.read_text() == PARAMS
+
+
+def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path):
+    save_map(hall(), tmp_path / "hall.yaml")
+    params = tmp_path / "params.yaml"
+    params.write_text("amcl:\n  ros__parameters:\n    alpha1: &a 0.2\n    update_min_a: *a\n")
+    code, _, err = run("tune", tmp_path / "hall.yaml", "--params", params, "-o", tmp_path / "out")
+    assert code == 2
+    assert "anchors and aliases" in err
+    assert not (tmp_path / "out").exists()
