@@ -222,6 +222,7 @@ ENDS = "--start", "1,2", "--goal", "4,3.5"
         ("locplan.costs.Costmap.from_field", ("pareto", *ENDS, "-o", "out")),
         ("locplan.planners.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
         ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
+        ("locplan.simulation.Simulator.arguments", ("choose", *ENDS, "-o", "out")),
         ("locplan.simulation._places.measure", ("evaluate", "-o", "out")),
         ("locplan.plotting._picture.Picture.savefig", ("plot", "-o", "out.png")),
         (

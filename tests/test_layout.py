@@ -49,7 +49,7 @@ HOMES = {
     "filelock": ("field._cache", "field._store"),
     "distributed": ("field._cluster",),
 }
-"""The modules, or the packages, that alone import a library."""
+"""The modules, or the packages, that alone import a library; "_figures" ends a module's name."""
 
 
 def modules() -> dict[str, Path]:
@@ -139,7 +139,9 @@ def test_modules_that_are_named_in_texts_are_lower_but_for_pictures_and_registri
 def test_some_libraries_have_one_home(library):
     for name in MODULES:
         at_home = any(
-            name == home or name.startswith(f"{home}.") or name.endswith(f".{home}")
+            name == home
+            or name.startswith(f"{home}.")
+            or (home.startswith("_") and name.endswith(home))
             for home in HOMES[library]
         )
         if not at_home:

@@ -36,8 +36,10 @@ def _finite(values: Any) -> Any:
     return None if isinstance(values, float) and not math.isfinite(values) else values
 
 
-def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Text of a table, at most as wide as the terminal."""
+def table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, width: int | None = None
+) -> str:
+    """Text of a table, at most as wide as the terminal, or as `width` [characters]."""
     from rich import box
     from rich.console import Console
     from rich.table import Column, Table
@@ -47,7 +49,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     grid = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
     for row in rows:
         grid.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
-    console = Console()
+    console = Console(width=width)
     with console.capture() as capture:
         console.print(grid)
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())

@@ -11,6 +11,7 @@ from locplan.cli._groups import GENERAL
 COMMANDS = (
     "cache",
     "calibrate",
+    "choose",
     "compare",
     "completion",
     "evaluate",

@@ -51,7 +51,8 @@ def alternatives(
     longest : float
         Greatest length of an alternative, in lengths of the shortest path, >= 1.
     others : mapping of str to Path, optional
-        Paths of your own by name, which are taken as they are, after the shortest.
+        Paths of your own by name, which are taken as they are, after the shortest; "own" is put
+        before a name that an alternative has.
 
     Returns
     -------
@@ -81,7 +82,13 @@ def alternatives(
     first = plan(costs.with_weight(1e-6) if fielded else _alike(costs), begin, end).path
     if first is None:
         return {}
-    found = {SHORTEST: first, **(others or {})}
+    around = [f"way around {n}" for n, _ in enumerate(PENALTIES, 1)]
+    aware = [f"aware, weight {weight:g}" for weight in WEIGHTS]
+    found = {SHORTEST: first}
+    for name, path in (others or {}).items():
+        while name in (SHORTEST, *around, *aware, *found):
+            name = f"own {name}"
+        found[name] = path
     limit = longest * first.length
 
     def add(name: str, layer: Costmap) -> None:
@@ -89,10 +96,10 @@ def alternatives(
         if path is not None and path.length <= limit and is_another_way(path, found.values()):
             found[name] = path
 
-    for number_, penalty in enumerate(PENALTIES, 1):
-        add(f"way around {number_}", _avoiding(costs, found.values(), penalty))
-    for weight in WEIGHTS if fielded else ():
-        add(f"aware, weight {weight:g}", costs.with_weight(weight))
+    for name, penalty in zip(around, PENALTIES, strict=True):
+        add(name, _avoiding(costs, found.values(), penalty))
+    for name, weight in zip(aware, WEIGHTS, strict=True) if fielded else ():
+        add(name, costs.with_weight(weight))
     return found
 
 

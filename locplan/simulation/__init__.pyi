@@ -1,5 +1,6 @@
 from ._calibration import Calibration as Calibration, calibrate as calibrate
 from ._choice import Candidate as Candidate, Choice as Choice
+from ._choice_figures import choice_figure as choice_figure
 from ._choose import choose as choose
 from ._drives import Drives as Drives, rmse_ratio as rmse_ratio
 from ._evaluation import Evaluation as Evaluation, evaluate as evaluate

@@ -72,10 +72,11 @@ def _paths_of(
 ) -> Iterable[tuple[str, Path]]:
     if isinstance(given, ParetoFront):
         if len(given):
-            for index in np.unique(np.linspace(0, len(given) - 1, FRONT_PATHS).round()).tolist():
+            indices = np.unique(np.linspace(0, len(given) - 1, FRONT_PATHS).round()).tolist()
+            for n, index in enumerate(indices, 1):
                 point = given.plan(int(index)).path
                 assert point is not None
-                yield f"{name}, {point.length:.1f} m", point
+                yield f"{name} {n}", point
         return
     path: Any = given
     if isinstance(given, (str, Planner)):

@@ -155,6 +155,19 @@ class Choice(Pictured):
         return finite(about)
 
 
+def in_one_line(choice: Choice) -> str:
+    """Name of the chosen candidate, and the reason."""
+    if choice.chosen is None or choice.chosen is choice.shortest:
+        return choice.why
+    return f"{choice.chosen.name}: {choice.why}"
+
+
+def count_of(choice: Choice) -> str:
+    """Number of drives of each candidate in words."""
+    done = len(choice.candidates[0].drives.errors)
+    return f"{done} drives each" if done == choice.drives else f"{done} of {choice.drives} drives"
+
+
 def rmse_ratio_of_drives(drives: Drives, others: Drives) -> Interval:
     """Ratio of the RMSE of paired drives: geometric mean over the drives."""
     return of_geometric_mean(np.sqrt(drives.mean_squares / others.mean_squares))
@@ -163,7 +176,7 @@ def rmse_ratio_of_drives(drives: Drives, others: Drives) -> Interval:
 def gain(shortest: Candidate, chosen: Candidate, minimise: Minimise) -> str:
     """Gain of a candidate over the shortest path in words."""
     before, after = (float(each.drives.lost.mean()) for each in (shortest, chosen))
-    if minimise == "lost" or before - after >= LOST_COUNTS:
+    if minimise == "lost" or (minimise == "rmse" and before - after >= LOST_COUNTS):
         return f"{after:.0%} of drives lost instead of {before:.0%}"
     errors = [math.exp(each.log_error) for each in (chosen, shortest)]
     if minimise == "heading":

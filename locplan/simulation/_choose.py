@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import one_of, positive
+from locplan._util.checks import number, one_of, positive
 from locplan._util.progress import ProgressCallback
-from locplan.costs import ROBOT_RADIUS, Costmap, path_metrics
+from locplan.costs import ROBOT_RADIUS, Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Lidar, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
@@ -119,18 +120,12 @@ def choose(
     ('way around 2', '0% of drives lost instead of 62%, for 9.6 m more')
     """
     check_grid(grid)
-    check_drives(drives)
-    one_of("minimise", minimise, MINIMISED)
-    for name, value in (("price", price), ("time_limit", time_limit)):
-        if value is not None:
-            positive(name, value)
+    check_request(longest, minimise, price, drives, time_limit)
     simulator = Simulator(
         grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
     )
     here = costs or Costmap.blank(grid, robot_radius=robot_radius)
-    begin, end = check_ends(here, start, goal)
-    if begin == end:
-        raise ConfigError("start and goal are one place; a choice needs a way to drive")
+    begin, end = check_way(here, start, goal)
     if costs is None:
         field = load_or_compute(grid, Scan(lidar or SHORT_LIDAR), threads=threads)
         costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
@@ -138,12 +133,7 @@ def choose(
         raise ConfigError("the costmap is that of another map")
     own = own_paths(costs, begin, end, candidates)
     paths = alternatives(costs, begin, end, longest=longest, others=own)
-    lines = {}
-    for name, path in paths.items():
-        try:
-            lines[name] = poses_along(path, grid)
-        except LocplanError as error:
-            raise LocplanError(f"candidate {name}: {error}") from None
+    lines = lines_along(paths, grid)
     extra = np.array([path.length for path in paths.values()])
     prices = price_of(extra - extra[:1], price)
     worst = np.pi if minimise == "heading" else _diagonal(grid)
@@ -161,6 +151,37 @@ def choose(
     best = selected(scores + prices, lost, minimise)[0] if made else 0
     settings = simulator.lidar, simulator.amcl, simulator.disturbances
     return Choice(costs, begin, end, made, best, minimise, price, *settings, drives, seed)
+
+
+def check_request(
+    longest: float, minimise: Minimise, price: float | None, drives: int, time_limit: float | None
+) -> None:
+    """Raise a ConfigError unless these are settings of a choice; before long work."""
+    check_drives(drives)
+    number("longest", longest, 1.0)
+    one_of("minimise", minimise, MINIMISED)
+    for name, value in (("price", price), ("time_limit", time_limit)):
+        if value is not None:
+            positive(name, value)
+
+
+def check_way(costs: Costmap, start: Position, goal: Position) -> tuple[Position, Position]:
+    """Start and goal as numbers, if the robot can stand at both, and they are two places."""
+    begin, end = check_ends(costs, start, goal)
+    if begin == end:
+        raise ConfigError("start and goal are one place; a choice needs a way to drive")
+    return begin, end
+
+
+def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:
+    """Poses along each path; a LocplanError names the candidate that cannot be driven."""
+    lines = {}
+    for name, path in paths.items():
+        try:
+            lines[name] = poses_along(path, grid)
+        except LocplanError as error:
+            raise LocplanError(f"candidate {name}: {error}") from None
+    return lines
 
 
 def _driven(

@@ -27,6 +27,8 @@ OMNIDIRECTIONAL: Final = "nav2_amcl::OmniMotionModel"
 MIN_BEAMS = 2
 MAX_PARTICLES = 1_000_000
 """Greatest number of particles of a filter."""
+TITLE_NAMES = 5
+"""Greatest number of parameters that a filter's title names."""
 MAX_WORLDS = 1000
 """Greatest number of worlds that differ from the map."""
 SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
@@ -120,6 +122,24 @@ class Amcl(Settings):
         if self.z_hit + self.z_rand == 0:
             raise ConfigError("one of z_hit and z_rand must be above 0")
 
+    @property
+    def title(self) -> str:
+        """Parameters that differ from Nav2's defaults, in one short line for people.
+
+        Examples
+        --------
+        >>> Amcl().title
+        "Nav2's defaults"
+        >>> Amcl(alpha1=0.05, laser_model_type="likelihood_field_prob").title
+        'AMCL with alpha1 0.05, laser_model_type likelihood_field_prob'
+        """
+        own = differing(self)
+        if not own:
+            return "Nav2's defaults"
+        more = len(own) - TITLE_NAMES
+        listed = ", ".join(own[:TITLE_NAMES])
+        return f"AMCL with {listed}{f' and {more} more' if more > 0 else ''}"
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Disturbances(Settings):
@@ -176,6 +196,19 @@ class Disturbances(Settings):
         names = [each.name for each in dataclasses.fields(self)]
         others = [name for name in names if name not in (*shares, "worlds", "occlusion_deg")]
         keep_checked(self, others, number, 0.0)
+
+
+def differing(settings: Amcl | Disturbances) -> list[str]:
+    """Name and value of each setting that has not its default."""
+    every = [(getattr(settings, each.name), each) for each in dataclasses.fields(settings)]
+    return [f"{each.name} {_plain(value)}" for value, each in every if value != each.default]
+
+
+def _plain(value: object) -> str:
+    """Text of a parameter: a number, true or false, or a word without its package."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value).rpartition("::")[2]
 
 
 def changed(

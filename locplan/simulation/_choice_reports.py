@@ -1,0 +1,200 @@
+"""Reports of choices: a table for people, and files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+import textwrap
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan import __version__
+from locplan._util.intervals import Interval
+from locplan._util.results import ResultFolder, Results
+from locplan._util.tables import table
+from locplan.simulation._choice import Candidate, Choice, count_of, in_one_line
+from locplan.simulation._drives import PROFILE
+from locplan.simulation._settings import differing
+
+CHOICE = Results(
+    "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
+)
+COLUMNS = (
+    "candidate",
+    "file",
+    "chosen",
+    "on_front",
+    "drives",
+    "length_m",
+    "degenerate_m",
+    "typical_rmse_m",
+    *("rmse_ratio", "rmse_ratio_low", "rmse_ratio_high"),
+    "median_error_m",
+    "kept_rmse_m",
+    "rmse_m",
+    *("lost_rate", "lost_rate_low", "lost_rate_high"),
+    "log_error",
+    "price",
+)
+"""Names of the columns of candidates.csv; an empty field stands for a number that is not known."""
+WIDE, WIDEST = 105, 120
+"""Usual and greatest width of the whole table [characters]; narrower terminals get less of it."""
+COMMON = ("rmse", "lost")
+"""What is minimised that has a column in any case; the others' takes that of degenerate metres."""
+NAME_LENGTH = 60
+"""Greatest number of characters of a candidate's name in the name of its file."""
+
+
+def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
+    """Table with a row per candidate, the reason for the choice, and what was simulated.
+
+    `not_simulated` names parameters of the robot's filter that are left out.
+    """
+    if choice.chosen is None:
+        return f"unreachable: {choice.why}"
+    width = shutil.get_terminal_size((WIDEST, 24)).columns
+    whole = width >= WIDE
+    front = choice.front
+    rows = [_row(choice, each, each in front, whole) for each in choice.candidates]
+    heads = [
+        "> chosen; * on the Pareto front of length against error",
+        *(["degen.: degenerate metres"] * (whole and choice.minimise in COMMON)),
+        "error, and its ratio to the shortest's: geometric mean of the drives' RMSE",
+        *(["median: of the error on the way; kept: RMSE of drives not lost; all: of all"] * whole),
+        "lost: > 1 m at any time",
+    ]
+    kinds = ", ".join(differing(choice.disturbances))
+    lines = [
+        in_one_line(choice),
+        f"with {choice.amcl.title}; {choice.lidar.title}; {count_of(choice)}",
+        *([f"disturbances: {kinds}"] if kinds else []),
+        *([f"not simulated: {', '.join(not_simulated)}"] if not_simulated else []),
+    ]
+    said = ["; ".join(heads), *lines]
+    wrapped = [part for line in said for part in textwrap.wrap(line, min(width, WIDE))]
+    text = table(list(rows[0]), [list(row.values()) for row in rows], width=width)
+    return "\n".join([text, *wrapped])
+
+
+def _row(choice: Choice, each: Candidate, on_front: bool, whole: bool) -> dict[str, str]:
+    """Text of each column by its head."""
+    assert choice.shortest is not None
+    first, drives = each is choice.shortest, each.drives
+    extra = "" if first else f" {each.path.length - choice.shortest.path.length:+.1f}"
+    marks = f"{'>' if each is choice.chosen else ' '}{'*' if on_front else ' '}"
+    row = {"   candidate": f"{marks} {each.name}", "length\n[m]": f"{each.path.length:.1f}{extra}"}
+    if whole and choice.minimise in COMMON:
+        row["degen.\n[m]"] = f"{each.metrics.integrated_u:.1f}"
+    row["error\n[m]"] = _number(each.typical_rmse)
+    row["ratio\n[95 %]"] = "" if first else _interval(choice.ratio(each))
+    typical = math.exp(each.log_error)
+    if choice.minimise == "heading":
+        row["heading\n[deg]"] = f"{math.degrees(typical):.1f}"
+    elif choice.minimise == "goal-error":
+        row["at goal\n[m]"] = _number(typical)
+    if whole:
+        row["median\n[m]"] = _number(drives.median_error.value)
+        row["kept\n[m]"] = _number(drives.kept_rmse.value)
+        row["all\n[m]"] = _number(drives.rmse.value)
+    lost = "{:.0f} [{:.0f}, {:.0f}]".format(*(100 * share for share in drives.lost_rate))
+    return {**row, "lost [%]\n[95 %]": lost}
+
+
+def write_choice(
+    results: ResultFolder, choice: Choice, not_simulated: Sequence[str] = ()
+) -> list[Path]:
+    """Write choice.json, choice.png, the paths, and tables of the candidates and their errors.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan.plotting import save_figure
+    from locplan.simulation import _choice_figures
+
+    names = {each.name: _file_of(n, each.name) for n, each in enumerate(choice.candidates, 1)}
+    with results.writing() as folder:
+        about, picture, candidates, chosen, errors = (folder / name for name in CHOICE.names)
+        text = json.dumps(choice_summary(choice, not_simulated), indent=2)
+        about.write_text(text + "\n", encoding="utf-8")
+        save_figure(_choice_figures.choice_figure(choice), picture)
+        every, front = choice.candidates, choice.front
+        rows = (_values(choice, each, names[each.name], each in front) for each in every)
+        _write_rows(candidates, COLUMNS, rows)
+        if choice.path:
+            choice.path.save(chosen)
+        for each in every:
+            each.path.save(folder / names[each.name])
+        profiles = ([each.name, *at] for each in every for at in each.drives.profile())
+        _write_rows(errors, ["path", *PROFILE], profiles)
+        written = sorted(file.name for file in folder.iterdir())
+    return [results.folder / name for name in written]
+
+
+def choice_summary(choice: Choice, not_simulated: Sequence[str] = ()) -> dict[str, object]:
+    """Summary of a choice with the names of what is not simulated, fit for JSON."""
+    return {
+        "locplan": __version__,
+        **choice.summary(),
+        "not_simulated": list(not_simulated),
+    }
+
+
+def _values(choice: Choice, each: Candidate, file: str, on_front: bool) -> list[str | float]:
+    """Row of candidates.csv."""
+    return [
+        each.name,
+        file,
+        int(each is choice.chosen),
+        int(on_front),
+        len(each.drives.errors),
+        each.path.length,
+        each.metrics.integrated_u,
+        each.typical_rmse,
+        *choice.ratio(each),
+        each.drives.median_error.value,
+        each.drives.kept_rmse.value,
+        each.drives.rmse.value,
+        *each.drives.lost_rate,
+        each.log_error,
+        each.price,
+    ]
+
+
+def _file_of(number: int, name: str) -> str:
+    """Name of a candidate's file, without signs that a shell or a file system minds."""
+    plain = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+    while "--" in plain:
+        plain = plain.replace("--", "-")
+    return f"{number:02}-{plain[:NAME_LENGTH]}.csv"
+
+
+def _write_rows(file: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows of names and numbers."""
+    with file.open("w", newline="", encoding="utf-8") as target:
+        writer = csv.writer(target)
+        writer.writerow(columns)
+        for row in rows:
+            writer.writerow([v if isinstance(v, str) else _digits(v) for v in row])
+
+
+def _digits(value: float) -> str:
+    return f"{value:.9g}" if np.isfinite(value) else ""
+
+
+def _number(value: float) -> str:
+    """Text of a number with two digits behind the point, with none if it is large."""
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:.{2 if abs(value) < 10 else 1 if abs(value) < 100 else 0}f}"
+
+
+def _interval(interval: Interval) -> str:
+    value, low, high = (_number(each).removeprefix("0") for each in interval)
+    return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
