@@ -230,8 +230,36 @@ def test_a_users_paths_are_kept_whatever_their_names_and_lengths(costs):
     long = Path([START, (1, 5), (11, 4.5), (1, 5), (11, 4.5), GOAL])
     others = {"shortest": long, "way around 1": long, "own shortest": long}
     paths = alternatives(costs, START, GOAL, others=others)
-    assert list(paths)[:4] == ["shortest", "own shortest", "own way around 1", "own own shortest"]
-    assert [path is long for path in list(paths.values())[:4]] == [False, True, True, True]
+    added = ["own shortest", "own way around 1", "own own shortest"]
+    assert list(paths) == [*alternatives(costs, START, GOAL), *added]
+    assert [path is long for path in paths.values()] == [False] * (len(paths) - 3) + [True] * 3
+
+
+def test_a_shorter_path_that_does_nearly_as_well_is_named(choice):
+    first, *_ = choice.candidates
+    length = first.path.length
+    longer = [
+        dataclasses.replace(first, name=name, path=_stretched(first.path, extra), log_error=error)
+        for name, extra, error in (
+            ("a", 1, -1.0),
+            ("b", 2, -1.95),
+            ("c", 3, -2.0),
+            ("d", 1.5, -1.9),
+        )
+    ]
+    first = dataclasses.replace(first, log_error=-1.0)
+    made = dataclasses.replace(choice, candidates=(first, *longer), best=3, minimise="rmse")
+    assert made.nearly is longer[3]
+    assert "d does nearly as well, for 1.5 m more" in choice_table(made)
+    assert made.candidates[4].path.length == pytest.approx(length + 1.5)
+    alone = dataclasses.replace(made, candidates=(first, *longer[:3]), best=2)
+    assert alone.nearly is None
+    assert dataclasses.replace(made, best=0).nearly is None
+
+
+def _stretched(path, extra):
+    """A path with another of half this length [m] out and back at its end."""
+    return Path([*path.xy, path.xy[-1] + (0, extra / 2), path.xy[-1]])
 
 
 def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid):

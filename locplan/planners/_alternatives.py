@@ -40,7 +40,7 @@ def alternatives(
 
     The others avoid the neighbourhood of those before, or the degeneracy of the costmap's field. A
     path counts as another way if at least a fifth of its points lie more than 0.75 m from each
-    path before it.
+    such path before it.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def alternatives(
     longest : float
         Greatest length of an alternative, in lengths of the shortest path, >= 1.
     others : mapping of str to Path, optional
-        Paths of your own by name, which are taken as they are, after the shortest; "own" is put
-        before a name that an alternative has.
+        Paths of your own by name, which are taken as they are, after all alternatives; "own" is
+        put before a name that an alternative has.
 
     Returns
     -------
@@ -85,10 +85,6 @@ def alternatives(
     around = [f"way around {n}" for n, _ in enumerate(PENALTIES, 1)]
     aware = [f"aware, weight {weight:g}" for weight in WEIGHTS]
     found = {SHORTEST: first}
-    for name, path in (others or {}).items():
-        while name in (SHORTEST, *around, *aware, *found):
-            name = f"own {name}"
-        found[name] = path
     limit = longest * first.length
 
     def add(name: str, layer: Costmap) -> None:
@@ -100,6 +96,10 @@ def alternatives(
         add(name, _avoiding(costs, found.values(), penalty))
     for name, weight in zip(aware, WEIGHTS, strict=True) if fielded else ():
         add(name, costs.with_weight(weight))
+    for name, path in (others or {}).items():
+        while name in (SHORTEST, *around, *aware, *found):
+            name = f"own {name}"
+        found[name] = path
     return found
 
 

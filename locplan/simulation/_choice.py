@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path, PathMetrics, about_costs
 from locplan.field import Lidar
 from locplan.planners import Position
 from locplan.simulation._drives import Drives
-from locplan.simulation._scores import Minimise, front_of
+from locplan.simulation._scores import CLEARLY, Minimise, front_of
 from locplan.simulation._settings import Amcl, Disturbances
 
 LOST_COUNTS = 0.2
@@ -115,6 +115,22 @@ class Choice(Pictured):
             return "no alternative is clearly better: the shortest"
         extra = chosen.path.length - shortest.path.length
         return f"{gain(shortest, chosen, self.minimise)}, for {extra:.1f} m more"
+
+    @property
+    def nearly(self) -> Candidate | None:
+        """Shortest candidate that is clearly better than the shortest path, too, and whose error
+        is at most a ninth above that of the chosen one; None if that is the chosen one itself."""
+        chosen, shortest = self.chosen, self.shortest
+        if chosen is None or shortest is None or chosen is shortest or self.minimise == "lost":
+            return None
+        others = [
+            each
+            for each in self.candidates
+            if each.path.length < chosen.path.length
+            and each.log_error + each.price <= shortest.log_error + CLEARLY
+            and each.log_error + each.price <= chosen.log_error + chosen.price - CLEARLY
+        ]
+        return min(others, key=lambda each: each.path.length, default=None)
 
     def ratio(self, candidate: Candidate) -> Interval:
         """Ratio of the RMSE of the position to the shortest's: geometric mean over the drives."""

@@ -71,6 +71,7 @@ def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
     kinds = ", ".join(differing(choice.disturbances))
     lines = [
         in_one_line(choice),
+        *([_about_nearly(choice, choice.nearly)] if choice.nearly else []),
         f"with {choice.amcl.title}; {choice.lidar.title}; {count_of(choice)}",
         *([f"disturbances: {kinds}"] if kinds else []),
         *([f"not simulated: {', '.join(not_simulated)}"] if not_simulated else []),
@@ -103,6 +104,13 @@ def _row(choice: Choice, each: Candidate, on_front: bool, whole: bool) -> dict[s
         row["all\n[m]"] = _number(drives.rmse.value)
     lost = "{:.0f} [{:.0f}, {:.0f}]".format(*(100 * share for share in drives.lost_rate))
     return {**row, "lost [%]\n[95 %]": lost}
+
+
+def _about_nearly(choice: Choice, nearly: Candidate) -> str:
+    """Sentence on the shorter candidate that does nearly as well."""
+    assert choice.shortest is not None
+    extra = nearly.path.length - choice.shortest.path.length
+    return f"{nearly.name} does nearly as well, for {extra:.1f} m more"
 
 
 def write_choice(
