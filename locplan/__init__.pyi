@@ -41,6 +41,6 @@ from .planners import (
     plan as plan,
     plan_field as plan_field,
 )
-from .simulation import Choice as Choice, choose as choose
+from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
 
 __version__: str

@@ -4,6 +4,8 @@ import csv
 import dataclasses
 import json
 import math
+import pickle
+import types
 
 import numpy as np
 import pytest
@@ -11,13 +13,14 @@ from conftest import changed, random_rooms
 
 import locplan
 from locplan import save_map
-from locplan.comparison import PlannerSpec
+from locplan.comparison import PlannerSpec, _engine
 from locplan.comparison._cases import named_configs
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Lidar, Sad
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import Found, Query, options_of
+from locplan.planners import Found, Query, options_of, with_options
+from locplan.simulation import Amcl
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 
@@ -379,3 +382,112 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     for option in ("--seed", "--least-distance"):
         code, _, err = run(*one, option, 3)
         assert (code, f"{option} is not read with --queries" in err) == (2, True)
+
+
+LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60, model="mine")
+CORRIDOR = Query("corridor", (2.0, 3.0), (38.0, 3.0))
+
+
+@pytest.fixture(scope="module")
+def corridors():
+    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    field = locplan.covariance_field(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
+    return Costmap.from_field(grid, field)
+
+
+@pytest.fixture
+def nav2(tmp_path):
+    file = tmp_path / "nav2.yaml"
+    file.write_text("amcl:\n  ros__parameters:\n    alpha1: 0.05\n    max_particles: 500\n")
+    return file
+
+
+def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
+    text = f"simulated choice: drives=2, minimise=lost, params={nav2}"
+    found = locplan.compare(
+        corridors, ["any-angle", text], [CORRIDOR], seeds=[1, 2], workers=2, weights=[8.0]
+    )
+    label = f"simulated choice:drives=2,minimise=lost,params={nav2}"
+    runs = [run for run in found.runs if run.task.planner == label]
+    assert [(run.task.seed, run.status) for run in runs] == [(1, "solved"), (2, "solved")]
+    for run in runs:
+        choice = locplan.choose(
+            corridors.grid,
+            CORRIDOR.start,
+            CORRIDOR.goal,
+            costs=corridors,
+            lidar=LIDAR,
+            amcl=Amcl(alpha1=0.05, max_particles=500),
+            drives=2,
+            minimise="lost",
+            seed=run.task.seed,
+        )
+        np.testing.assert_array_equal(run.xy, choice.path.xy)
+    name, options = found.about["planners"][label]
+    assert (name, options["amcl"]["alpha1"]) == ("simulated choice", 0.05)
+
+
+def test_the_simulated_choice_takes_the_lidar_of_the_field_and_one_thread(
+    corridors, nav2, monkeypatch
+):
+    asked = []
+
+    def choose(*_, **options):
+        asked.append(options)
+        return types.SimpleNamespace(path=None)
+
+    monkeypatch.setattr("locplan.simulation._planner.choose", choose)
+    spec = PlannerSpec.of(f"simulated choice:price=3,longest=1.2,params={nav2}")
+    assert spec.seeds([4, 5]) == (4, 5)
+    for costs in (corridors, Costmap.blank(corridors.grid)):
+        plan = spec.plan(costs, CORRIDOR.start, CORRIDOR.goal, 5)
+        assert plan.status == "unreachable"
+    assert [options["threads"] for options in asked] == [1, 1]
+    assert [options["lidar"].range for options in asked] == [4.0, 6.0]
+    assert asked[0]["amcl"] == Amcl(alpha1=0.05, max_particles=500)
+    assert {(each["seed"], each["price"], each["longest"]) for each in asked} == {(5, 3, 1.2)}
+    assert PlannerSpec.of("simulated choice:seed=7").seeds([4, 5]) == (7,)
+    here = spec.plan(corridors, CORRIDOR.start, CORRIDOR.start, 1)
+    assert here.path.length == 0
+
+
+def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
+    spec = PlannerSpec.of(f"simulated choice:params={nav2}")
+    nav2.unlink()
+    again = with_options(pickle.loads(pickle.dumps(spec.planner)), seed=3)
+    assert (again.amcl.alpha1, again.seed) == (0.05, 3)
+    again.check()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("drives=1", "drives"),
+        ("minimise=all", "minimise"),
+        ("longest=0.5", "longest"),
+        ("price=0", "price"),
+        ("seed=-1", "seed"),
+        ("lidar=tim571", "lidar"),
+        ("params=missing.yaml", "missing.yaml"),
+        ("threads=2", "no option 'threads'; it has: drives, minimise"),
+        ("budget=2", "a budget is for planner 'grid'"),
+    ],
+)
+def test_options_of_the_simulated_choice_are_checked_before_the_first_run(options, message):
+    with pytest.raises(ConfigError, match="planner 'simulated choice:") as error:
+        PlannerSpec.of(f"simulated choice:{options}")
+    assert message in str(error.value)
+
+
+def test_comparisons_tell_all_planners_that_they_know():
+    with pytest.raises(ConfigError, match=r"must be one of grid, .*, simulated choice, not 'no'"):
+        PlannerSpec.of("no")
+
+
+def test_runs_of_another_lidar_are_made_anew(corridors):
+    other = dataclasses.replace(LIDAR, range_sigma=0.05)
+    config = dataclasses.replace(corridors.settings.config, estimator=Fisher(other))
+    settings = dataclasses.replace(corridors.settings, config=config)
+    renamed = dataclasses.replace(corridors, settings=settings)
+    assert _engine._content(renamed) != _engine._content(corridors)
+    assert _engine._content(corridors) == _engine._content(corridors.copy())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan._kernels import drives, matches, measured, particles
+from locplan._kernels import drives, matches, measured, particles, shares as shares_kernels
 from locplan._kernels.rays import empty_squares
 from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -133,6 +133,20 @@ def test_resampling_draws_the_same_particles(limits):
     )
     assert found == expected.shape[1] <= limits[1]
     assert drawn[:, :found] == pytest.approx(expected)
+
+
+def test_the_first_share_above_a_value_is_found_from_anywhere():
+    random = np.random.default_rng(5)
+    weights = random.exponential(size=40) ** 3
+    weights[random.choice(40, 15, replace=False)] = 0.0
+    shares = np.cumsum(weights)
+    values = [0.0, *shares, *random.uniform(0, shares[-1], 50)]
+    for value in values:
+        expected = min(np.searchsorted(shares, value, side="right"), 39)
+        for near in range(40):
+            assert shares_kernels.first_above(value, shares, near) == expected
+    expected = np.searchsorted(shares * 40, np.arange(41) * shares[-1], side="right")
+    np.testing.assert_array_equal(shares_kernels.guide_of(shares), np.minimum(expected, 39))
 
 
 def test_particles_are_drawn_as_often_as_they_weigh():

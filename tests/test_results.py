@@ -256,7 +256,7 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     before = {each: each.read_bytes() for each in out.iterdir()}
     assert {each.name for each in before} > {"plan.png", "shortest.csv", MANIFEST}
 
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(plotting, "plan_figure", interrupted)

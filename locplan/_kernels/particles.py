@@ -15,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels.shares import first_above, guide_of
+
 BIN = 0.5
 """Edge of the bins in which particles are counted and clustered [m]."""
 BIN_HEADING = 10 * np.pi / 180
@@ -296,30 +298,6 @@ def weigh(
 
 
 @njit(nogil=True, cache=True)
-def _guide(shares: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Index from which to look for a share, for each of n equal steps up to the last one (n,)."""
-    count = len(shares)
-    guide = np.full(count, count - 1)
-    step = 0
-    for n in range(count):
-        while step < count and step * shares[-1] < shares[n] * count:
-            guide[step] = n
-            step += 1
-    return guide
-
-
-@njit(nogil=True, cache=True)
-def _first_above(value: float, shares: NDArray[np.float64], near: int) -> int:
-    """Index of the first share above a value, or the last index, found from an index nearby."""
-    at = near
-    while at > 0 and shares[at - 1] > value:
-        at -= 1
-    while at < len(shares) - 1 and shares[at] <= value:
-        at += 1
-    return at
-
-
-@njit(nogil=True, cache=True)
 def resample(
     random: np.random.Generator,
     poses: NDArray[np.float64],
@@ -339,11 +317,11 @@ def resample(
     """
     clear(histogram, bins)
     shares = np.cumsum(weights[:count])
-    guide = _guide(shares)
+    guide = guide_of(shares)
     bins = taken = size = 0
     while taken < settings.max_particles:
         share = random.random()
-        at = _first_above(share * shares[-1], shares, guide[int(share * count)])
+        at = first_above(share * shares[-1], shares, guide[int(share * count)])
         x, y, heading = poses[0, at], poses[1, at], poses[2, at]
         drawn[0, taken], drawn[1, taken], drawn[2, taken] = x, y, heading
         before, bins = bins, insert(histogram, bins, taken, x, y, heading)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 MIN_SAMPLES = 5
 """Least number of values that have an interval; fewer values have only a mean."""
@@ -31,6 +30,8 @@ def wilson(share: float, trials: int) -> Interval:
 
 def of_mean(values: NDArray[np.float64]) -> Interval:
     """Student's 95 % interval of the mean of independent values; NaN if they are too few."""
+    from scipy.special import stdtrit
+
     values = np.asarray(values, float)
     if values.size < MIN_SAMPLES:
         return Interval(float(values.mean()) if values.size else np.nan, np.nan, np.nan)

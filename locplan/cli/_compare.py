@@ -30,7 +30,8 @@ class Compared:
     """The planners that are compared."""
 
     planner: Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE,...]")] = ()
-    """This planner is compared, as BITstar:time_limit=2; repeatable; grid and any-angle if none."""
+    """This planner is compared, as BITstar:time_limit=2, or 'simulated choice', which drives its
+    paths; repeatable; grid and any-angle if none."""
     seeds: Count = 1
     """The number of runs of a planner with random numbers is 1 by default."""
     time_limit: float | None = None

@@ -96,6 +96,11 @@ class FieldOptions:
         reach = self.range if reach is None else reach
         return _changed(Lidar.preset(self.lidar), reach, self.field_of_view)
 
+    def own_lidar(self, config: FieldConfig) -> Lidar | None:
+        """The lidar that was named, or that of the settings in the file; None without either."""
+        of_file = getattr(config.estimator, "lidar", None) if self.config else None
+        return self.named_lidar() or of_file
+
     def to_config(self, reach: float | None = None) -> FieldConfig:
         """The settings of a field that were asked for; `reach` replaces the range [m]."""
         from locplan.field import FieldConfig, load_config

@@ -9,15 +9,16 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from locplan.cli import _groups as groups
-from locplan.cli._groups import Force, Json, MapFile, Text, option_group, results
+from locplan.cli._groups import Force, Json, MapFile, Seed, Text, option_group, results
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
-from locplan.cli._values import load, outline_of, position, settings_of, show
+from locplan.cli._simulation_options import FilterOptions
+from locplan.cli._values import load, outline_of, position, refuse, settings_of, show
 from locplan.planners import names
 
 app = groups.command(
     "plan",
-    "plan lab.yaml --start 2,3 --goal 38,3 -o planned",
+    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --params nav2.yaml -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
 )
 
@@ -40,8 +41,8 @@ class PlannerOptions:
     """OMPL's planners stop after so many iterations; one seed then always gives one path."""
     convergence: float | None = None
     """OMPL's planners stop once J falls by no more than this share, such as 0.001."""
-    seed: int | None = None
-    """The seed of OMPL's random numbers is 1 by default."""
+    seed: Seed | None = None
+    """The seed of OMPL's random numbers, and of the simulated drives, is 1 by default."""
     from_grid: bool | None = None
     """OMPL's planner begins with the grid planner's path."""
     improve: bool | None = None
@@ -82,6 +83,15 @@ def plan(
     *,
     query: Query,
     planning: PlannerOptions = PlannerOptions(),
+    simulation: FilterOptions = FilterOptions(),
+    no_verdict: Annotated[
+        bool,
+        Parameter(
+            group=groups.SIMULATION,
+            help="The paths are not driven, and none is recommended. They are driven where the"
+            " lidar is named.",
+        ),
+    ] = False,
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
@@ -92,7 +102,10 @@ def plan(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Plan a path that the robot can localize on, beside the shortest one."""
+    """Plan a path that the robot can localize on, beside the shortest one.
+
+    Where the lidar is named, both paths are driven in simulation, and one of them is recommended.
+    """
     from locplan import planners
     from locplan._util.progress import in_turn, progress_bar
     from locplan.export._plan_folders import PLAN, write_plans
@@ -107,9 +120,19 @@ def plan(
     limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget, "via": stops}
     limits["footprint"] = outline
     given = planning.given()
+    config = options.to_config()
+    lidar = options.own_lidar(config)
+    why_not = "not both paths were found"
+    if lidar is None or no_verdict:
+        why_not = "the paths are not driven" if lidar else "name the lidar (--lidar) to drive them"
+        why = "with --no-verdict" if lidar else "unless the lidar is named (--lidar)"
+        refuse(why, params=simulation.params, set=simulation.set or None)
+        lidar = None
+    elif not planners.takes(planners.planner_for(planning.planner, **limits), "seed"):
+        given.pop("seed", None)  # it is that of the drives alone
+    robot, left_out = simulation.robot() if lidar else (None, ())
     planner = planners.planner_for(planning.planner, given, **limits)
     grid = load(map_file)
-    config = options.to_config()
     planners.check_ends(costs.blank(grid), start, goal, stops, space=planning.space or "R2")
     costs.check(config)
     history = ["history.png"] if planners.takes(planner, "progress") else []
@@ -123,9 +146,26 @@ def plan(
         plans = planners.plan_beside_shortest(
             costmap, start, goal, planner=planning.planner, **(limits | given)
         )
+    found = None
+    if lidar and robot:
+        from locplan.simulation import verdict
+
+        with progress_bar("simulating", "drives") as progress:
+            found = verdict(
+                costmap,
+                plans,
+                lidar=lidar,
+                **robot,
+                not_simulated=left_out,
+                seed=1 if planning.seed is None else planning.seed,
+                threads=computing.threads,
+                progress=progress,
+            )
+    said = found.text if found else f"nothing is recommended: {why_not}"
     if folder:
-        write_plans(folder, costmap, field, plans)
-    table = f"{plans_table(plans, field)}\n{about_field(field)}"
+        write_plans(folder, costmap, field, plans, found, said)
+    lines = [plans_table(plans, field), about_field(field)]
     if not costmap.has_weak_spots:
-        table += "\nno weak spot for this lidar: u is 0 all over the map"
-    show(json, plans_summary(plans), table, output)
+        lines.append("no weak spot for this lidar: u is 0 all over the map")
+    about = plans_summary(plans) | {"verdict": found.summary() if found else None}
+    show(json, about, "\n".join([*lines, said]), output)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
@@ -27,8 +26,15 @@ class Simulated(TypedDict):
     seed: int
 
 
+class Robot(TypedDict):
+    """The filter and the disturbances of a simulation."""
+
+    amcl: Amcl
+    disturbances: Disturbances
+
+
 @option_group(SIMULATION)
-class SimulationOptions:
+class FilterOptions:
     """The robot's filter, and the disturbances of it and of the lidar."""
 
     params: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
@@ -37,27 +43,34 @@ class SimulationOptions:
     """A setting of AMCL (alpha1, max_particles, laser_model_type, ...) or a disturbance
     (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable; examples/README.md
     lists all."""
+
+    def robot(self) -> tuple[Robot, tuple[str, ...]]:
+        """The filter and the disturbances, and the parameters that are not simulated."""
+        from locplan.simulation._nav2 import read_filter
+        from locplan.simulation._settings import Amcl, Disturbances, changed
+
+        read, left_out = read_filter(self.params) if self.params else (Amcl(), ())
+        settings = settings_of(self.set, "set", "alpha1=0.05", words=True)
+        amcl, disturbances = changed(read, Disturbances(), settings)
+        return {"amcl": amcl, "disturbances": disturbances}, left_out
+
+
+@option_group(SIMULATION)
+class SimulationOptions(FilterOptions):
+    """The robot's filter, the disturbances of it and of the lidar, and the seed."""
+
     seed: Seed = 1
     """The seed of all random numbers is 1 by default."""
 
     def simulated(self, config: FieldConfig, named: Lidar | None) -> Simulated:
         """The lidar, that of the field unless one is named, the filter, and the disturbances."""
-        from locplan.simulation._nav2 import read_amcl
-        from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances, changed
+        from locplan.simulation._nav2 import warn_of
+        from locplan.simulation._settings import lidar_of
 
-        own = getattr(config.estimator, "lidar", None)
-        lidar = own or dataclasses.replace(SHORT_LIDAR, range=config.estimator.reach)
-        amcl, disturbances = changed(
-            read_amcl(self.params) if self.params else Amcl(),
-            Disturbances(),
-            settings_of(self.set, "set", "alpha1=0.05", words=True),
-        )
-        return {
-            "lidar": named or lidar,
-            "amcl": amcl,
-            "disturbances": disturbances,
-            "seed": self.seed,
-        }
+        robot, left_out = self.robot()
+        if self.params:
+            warn_of(self.params, left_out)
+        return {"lidar": named or lidar_of(config), **robot, "seed": self.seed}
 
 
 @option_group(SIMULATION)

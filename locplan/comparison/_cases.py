@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from locplan._util.checks import is_whole, shown
 from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison.report._data import Case, Scene
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig
 from locplan.field._config import config_of
-from locplan.maps import OccupancyGrid, find_maps, load_map
-from locplan.planners import Query, pareto_front, random_queries, read_queries
+from locplan.maps import OccupancyGrid, load_map
+from locplan.planners import Query, pareto_front
+from locplan.planners._queries import queries_of
 
 MAX_SCENARIOS = 100
 """Greatest number of queries from a MovingAI file, which may hold fifteen thousand."""
@@ -67,26 +67,9 @@ class Source:
         self, costs: Costmap, wanted: Any, least_distance: float, seed: int, headed: bool
     ) -> tuple[Query, ...]:
         """Queries from a number, a file or a sequence, see `locplan.compare`."""
-        if is_whole(wanted):
-            return tuple(
-                random_queries(costs, wanted, seed, least_distance=least_distance, headed=headed)
-            )
-        if isinstance(wanted, (str, os.PathLike)):
-            if Path(wanted).suffix == ".scen":
-                return tuple(read_scenarios(wanted, self.grid, count=MAX_SCENARIOS))
-            return tuple(read_queries(wanted))
-        try:
-            return tuple(
-                one
-                if isinstance(one, Query)
-                else Query(f"query {n}", *(tuple(map(float, pose)) for pose in one))
-                for n, one in enumerate(wanted, 1)
-            )
-        except (TypeError, ValueError):
-            raise ConfigError(
-                "queries must be a number, a file, or a sequence of Query or (start, goal),"
-                f" not {shown(wanted)}"
-            ) from None
+        if isinstance(wanted, (str, os.PathLike)) and Path(wanted).suffix == ".scen":
+            return tuple(read_scenarios(wanted, self.grid, count=MAX_SCENARIOS))
+        return queries_of(costs, wanted, least_distance, seed, headed)
 
     def scene(self, paths: int, front_time: float) -> Scene | None:
         """The case with some queries and the front of the first, for pictures; None without e."""
@@ -105,30 +88,6 @@ class Source:
         )
 
 
-def named_maps(maps: Any) -> dict[str, OccupancyGrid | Costmap]:
-    """Maps by name, from files, folders of them, grids or costmaps."""
-    if isinstance(maps, Mapping):
-        return {str(name): _map(one) for name, one in maps.items()}
-    if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
-        maps = [maps]
-    named: dict[str, OccupancyGrid | Costmap] = {}
-    for n, given in enumerate(maps, 1):
-        for one in find_maps(given) if isinstance(given, (str, os.PathLike)) else [given]:
-            loaded = _map(one)
-            grid = loaded.grid if isinstance(loaded, Costmap) else loaded
-            name = grid.name or f"map {n}"
-            if name in named and isinstance(one, Path):
-                name = f"{one.resolve().parent.name}/{name}"
-            if name in named:
-                raise ConfigError(
-                    f"two maps are called {shown(name)}; give a mapping of names to maps"
-                )
-            named[name] = loaded
-    if not named:
-        raise ConfigError("a comparison needs at least one map")
-    return named
-
-
 def named_configs(
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None,
 ) -> dict[str, FieldConfig]:
@@ -141,9 +100,6 @@ def named_configs(
     return {label: config_of(config) for label, config in configs.items()}
 
 
-def _map(given: Any) -> OccupancyGrid | Costmap:
-    if isinstance(given, (OccupancyGrid, Costmap)):
-        return given
-    if isinstance(given, (str, os.PathLike)):
-        return read_movingai_map(given) if Path(given).suffix == ".map" else load_map(given)
-    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {shown(given)}")
+def read_map(file: Path) -> OccupancyGrid:
+    """Read a map of map_server or, if its name ends in .map, of MovingAI."""
+    return read_movingai_map(file) if file.suffix == ".map" else load_map(file)

@@ -15,13 +15,14 @@ from locplan import __version__
 from locplan._util.checks import is_whole, shown
 from locplan._util.machine import check_workers, usable_cores
 from locplan._util.progress import ProgressCallback
-from locplan.comparison._cases import Source, named_configs, named_maps
+from locplan.comparison._cases import Source, named_configs, read_map
 from locplan.comparison._engine import Job, checked_seeds, run_all
 from locplan.comparison._result import Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._workers import PATIENCE
 from locplan.comparison.report._data import Case
 from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs._named_maps import named_maps
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid
@@ -66,7 +67,9 @@ def compare(
     maps : map, or sequence or mapping of them
         Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
     planners : sequence, or one of them
-        Names with options, such as "BITstar:time_limit=2"; functions ``f(costs, start, goal,
+        Names with options, such as "BITstar:time_limit=2"; "simulated choice", which drives each
+        candidate path with the lidar of the field, and takes drives, minimise, price, longest and
+        params (a parameter file of Nav2) as options; functions ``f(costs, start, goal,
         **options)`` that return a `Path`, each with a costmap of its own; objects such as
         ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
     queries : int, path, sequence, or mapping of them by map
@@ -136,7 +139,7 @@ def compare(
     def jobs() -> Iterator[Job]:
         """One job for each map and settings; a map's queries are the same in all settings."""
         headed = any(spec.planner.space != "R2" for spec in specs)
-        for name, given in named_maps(maps).items():
+        for name, given in named_maps(maps, read_map).items():
             own, grid = (given, given.grid) if isinstance(given, Costmap) else (None, given)
             if isinstance(queries, Mapping) and name not in queries:
                 raise ConfigError(f"there are no queries for map {shown(name)}")

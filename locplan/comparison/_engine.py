@@ -183,7 +183,9 @@ def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> lis
 def _content(costs: Costmap) -> str:
     """A digest of everything in a costmap that paths and measures depend on."""
     content = hashlib.blake2b(digest_size=16)
-    content.update(repr((costs.grid.digest, costs.robot_radius)).encode())
+    # The simulated choice takes its lidar from the settings.
+    settings = costs.settings and json.dumps(costs.settings.to_json(), sort_keys=True)
+    content.update(repr((costs.grid.digest, costs.robot_radius, settings)).encode())
     for layer in (costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading):
         if layer is not None:
             content.update(np.ascontiguousarray(layer).view(np.uint8).data)

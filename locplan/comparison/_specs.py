@@ -24,12 +24,19 @@ from locplan.planners import (
     Position,
     check_ends,
     innermost,
+    names,
     options_of,
     planner_for,
     run_planner,
     takes,
     with_options,
 )
+from locplan.planners._registry import PLANNERS, Entry, named
+
+FURTHER = {
+    "simulated choice": Entry("locplan.simulation._planner:SimulatedChoice", "simulated error")
+}
+"""The planners that only comparisons know by name, since they need more than a costmap."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +117,7 @@ class PlannerSpec:
         """
         options = options_of(self.planner)
         if not isinstance(self.planner, Guarded):
-            return [self.planner.name, options]
+            return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
         self.check_library()
         import cloudpickle
 
@@ -190,10 +197,19 @@ def _parsed(text: str) -> PlannerSpec:
     label = f"{name.strip()}:{squeezed}" if parts else name.strip()
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
     try:
-        planner = planner_for(name.strip(), options, **limits)
+        if name.strip() in (*names(), "") or limits["budget"] is not None:
+            planner = planner_for(name.strip(), options, **limits)
+        else:
+            planner = planner_for(named(name.strip(), options, PLANNERS | FURTHER), **limits)
     except LocplanError as error:
         raise ConfigError(f"planner {shown(label)}: {error}") from None
     return PlannerSpec(label, planner)
+
+
+def _plain(option: Any) -> Any:
+    """The value of an option, fit for JSON."""
+    about = dataclasses.is_dataclass(option) and not isinstance(option, type)
+    return dataclasses.asdict(option) if about else option
 
 
 def _value(text: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,17 +16,26 @@ from locplan.planners import ParetoFront, Plan
 from locplan.planners._plan import AWARE, SHORTEST
 from locplan.planners._summary import front_summary, plans_summary
 
+if TYPE_CHECKING:
+    from locplan.simulation import Verdict
+
 PLAN = Results("plan", ("plan.json", "plan.png", f"{SHORTEST}.csv", f"{AWARE}.csv"))
 FRONT = Results("pareto", ("front.json", "front.csv", "front.png", "knee.csv"))
 
 
 def write_plans(
-    results: ResultFolder, costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]
+    results: ResultFolder,
+    costs: Costmap,
+    field: CovarianceField,
+    plans: Mapping[str, Plan],
+    verdict: Verdict | None,
+    said: str,
 ) -> None:
     """Write plan.json, plan.png, and a CSV of positions [m] for each plan that has a path.
 
     Where the robot's heading matters, the CSV holds it, too [rad]. Where a planner improved its
-    path, history.png shows its best J over time.
+    path, history.png shows its best J over time. The picture tells the verdict as it is `said`,
+    or why there is none.
     """
     from locplan import plotting
 
@@ -34,8 +44,11 @@ def write_plans(
             if plan.path:
                 plan.path.save(folder / f"{label}.csv")
         about = about_costs(costs) | {"plans": plans_summary(plans)}
+        about["verdict"] = verdict.summary() if verdict else None
         (folder / "plan.json").write_text(json.dumps(about, indent=2) + "\n")
-        plotting.save_figure(plotting.plan_figure(costs, field, plans), folder / "plan.png")
+        best = verdict.recommended if verdict else None
+        figure = plotting.plan_figure(costs, field, plans, recommended=best, verdict=said)
+        plotting.save_figure(figure, folder / "plan.png")
         if any(len(plan.history) > 1 for plan in plans.values()):
             plotting.save_figure(plotting.history_figure(plans), folder / "history.png")
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import file_path, number, shown, whole
+from locplan._util.checks import file_path, is_whole, number, shown, whole
 from locplan._util.reading import read_text
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
@@ -49,6 +49,36 @@ def check_random(count: int, seed: int, least_distance: float) -> None:
     whole("the number of random queries", count, 1, MAX_RANDOM)
     whole("the seed of random queries", seed, 0)
     number("least_distance", least_distance, 0)
+
+
+def queries_of(
+    costs: Costmap, wanted: Any, least_distance: float, seed: int, headed: bool = False
+) -> tuple[Query, ...]:
+    """Queries from a number of random ones, a CSV file, or a sequence of them or (start, goal).
+
+    Raises
+    ------
+    ConfigError
+        If it is none of these.
+    """
+    if is_whole(wanted):
+        return tuple(
+            random_queries(costs, wanted, seed, least_distance=least_distance, headed=headed)
+        )
+    if isinstance(wanted, (str, os.PathLike)):
+        return tuple(read_queries(wanted))
+    try:
+        return tuple(
+            one
+            if isinstance(one, Query)
+            else Query(f"query {n}", *(tuple(map(float, pose)) for pose in one))
+            for n, one in enumerate(wanted, 1)
+        )
+    except (TypeError, ValueError):
+        raise ConfigError(
+            "queries must be a number, a file, or a sequence of Query or (start, goal),"
+            f" not {shown(wanted)}"
+        ) from None
 
 
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:

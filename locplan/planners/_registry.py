@@ -64,11 +64,13 @@ def names() -> tuple[str, ...]:
     return tuple(PLANNERS)
 
 
-def named(name: str, options: Mapping[str, Any]) -> Planner:
+def named(
+    name: str, options: Mapping[str, Any], entries: Mapping[str, Entry] = PLANNERS
+) -> Planner:
     """A planner by its name, with options; a ConfigError if there is none that takes them."""
-    if name not in PLANNERS:
-        raise ConfigError(f"planner must be one of {', '.join(names())}, not {shown(name)}")
-    entry = PLANNERS[name]
+    if name not in entries:
+        raise ConfigError(f"planner must be one of {', '.join(entries)}, not {shown(name)}")
+    entry = entries[name]
     check_names(f"planner {shown(name)}", options, entry.options())
     kind = entry.kind()
     several = "name" in inspect.signature(kind).parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 FRONT_COLOURS = "viridis"
 FRONT_PATHS = 12
 """Greatest number of paths of a front that are drawn."""
+TITLE_LETTERS = 11
+"""Number of letters of a title for which an inch has room."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},
     {"color": "#0072b2", "linestyle": "-"},
@@ -47,7 +50,14 @@ PATH_STYLES: tuple[dict[str, Any], ...] = (
 """Line styles in the order of the plans; they differ in dashes and colour."""
 
 
-def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
+def plan_figure(
+    costs: Costmap,
+    field: CovarianceField,
+    plans: Mapping[str, Plan],
+    *,
+    recommended: str | None = None,
+    verdict: str = "",
+) -> Figure:
     """Draw paths over the e field of the map and, below, u along each path.
 
     Parameters
@@ -58,6 +68,10 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         The field to draw below the paths.
     plans : mapping of str to Plan
         At most four plans, by the name to show; plans without a path are only named.
+    recommended : str, optional
+        Name of the plan that the legend marks as recommended.
+    verdict : str
+        Verdict on the plans, which the title ends with; see `locplan.simulation.verdict`.
     """
     width, height = map_size(costs.grid)
     figure = Picture(figsize=(width, height + 2.4), layout="constrained")
@@ -70,8 +84,9 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         path, metrics = plan.path, plan.metrics
         assert path is not None
         assert metrics is not None
+        name = f"{label} (recommended)" if label == recommended else label
         text = (
-            f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
+            f"{name}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
             f" ∫e ds = {metrics.integrated_e:.3g} {field.e_unit} m"
         )
         headed = None if path.heading is None else costs.u_of_heading
@@ -107,9 +122,17 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     made = f"{how(field.config)}; {field.saturated_share:.0%} saturated"
-    title = f"{costs.grid.name or 'map'}: {request(costs, plans)}\n{made}"
+    asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
+    title = "\n".join([asked, made, *_lines(verdict, int(width * TITLE_LETTERS))])
     upper.set_title(title, fontsize="medium")
     return figure
+
+
+def _lines(text: str, letters: int) -> list[str]:
+    """Lines of a text of so many letters each; the first one may end at a colon."""
+    first, colon, rest = text.partition(": ")
+    parts = [first + colon, rest] if len(text) > letters else [text]
+    return [line for part in parts for line in textwrap.wrap(part, letters)]
 
 
 def costmap_figure(costs: Costmap) -> Figure:

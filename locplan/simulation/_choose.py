@@ -27,6 +27,7 @@ from locplan.simulation._scores import (
     log_errors,
     price_of,
     selected,
+    worst_error,
 )
 from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 from locplan.simulation._simulator import Simulator
@@ -136,7 +137,7 @@ def choose(
     lines = lines_along(paths, grid)
     extra = np.array([path.length for path in paths.values()])
     prices = price_of(extra - extra[:1], price)
-    worst = np.pi if minimise == "heading" else _diagonal(grid)
+    worst = np.pi if minimise == "heading" else worst_error(grid.shape, grid.resolution)
     errors, scores = _driven(
         simulator, list(lines.values()), prices, minimise, worst, drives, time_limit, progress
     )
@@ -218,8 +219,3 @@ def _driven(
 
     errors = simulator.drive_together(lines, drives, enough=enough, progress=progress)
     return errors, scores_of(errors).mean(axis=1)
-
-
-def _diagonal(grid: OccupancyGrid) -> float:
-    """Length of the map's diagonal [m]."""
-    return float(np.hypot(*grid.shape)) * grid.resolution

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from locplan.errors import LocplanError, one_line
 from locplan.maps._ros_parameters import read_parameters
@@ -60,10 +60,15 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
         If the file cannot be read, has no parameters of amcl, or a value is out of its range.
     """
     amcl, left_out = read_filter(path)
+    warn_of(path, left_out)
+    return amcl
+
+
+def warn_of(path: str | os.PathLike[str], left_out: Sequence[str]) -> None:
+    """Warn of parameters in a file that are not simulated, if there are any."""
     if left_out:
         message = one_line(f"{path}: not simulated: {', '.join(left_out)}")
-        warnings.warn(ParameterWarning(message), stacklevel=2)
-    return amcl
+        warnings.warn(ParameterWarning(message), stacklevel=3)
 
 
 def read_filter(path: str | os.PathLike[str]) -> tuple[Amcl, tuple[str, ...]]:

@@ -50,6 +50,11 @@ def log_errors(
     return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
 
 
+def worst_error(shape: tuple[int, int], resolution: float) -> float:
+    """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
+    return math.hypot(*shape) * resolution
+
+
 def log_error_range(worst: float) -> tuple[float, float]:
     """Least and greatest value that `log_errors` can have."""
     return 0.5 * math.log(FLOOR), 0.5 * math.log(worst**2 + FLOOR)

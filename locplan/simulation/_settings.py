@@ -18,7 +18,7 @@ from locplan._util.checks import (
     whole,
 )
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import FieldConfig, Lidar
 from locplan.field.estimators._sad import PAPER_RANGE
 
 MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
@@ -33,6 +33,14 @@ MAX_WORLDS = 1000
 """Greatest number of worlds that differ from the map."""
 SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
 """Lidar that is simulated where none is named; its range is that of the paper's disc."""
+
+
+def lidar_of(config: FieldConfig | None) -> Lidar:
+    """Lidar of a field's settings; without one, a short lidar of the range that the field reads."""
+    if config is None:
+        return SHORT_LIDAR
+    own: Lidar | None = getattr(config.estimator, "lidar", None)
+    return own or dataclasses.replace(SHORT_LIDAR, range=config.estimator.reach)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -93,12 +93,14 @@ class Simulator:
 
         noise = self.disturbances.boundary_noise
         count = self.disturbances.worlds if noise else 1
-        return [
-            empty_squares(
-                with_boundary_noise(self.grid, noise, seed=self._world_seed(n)).cells == OCCUPIED
-            )
-            for n in range(count)
-        ]
+
+        def make(number: int) -> NDArray[np.uint8]:
+            world = with_boundary_noise(self.grid, noise, seed=self._world_seed(number))
+            squares: NDArray[np.uint8] = empty_squares(world.cells == OCCUPIED)
+            return squares
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(make, range(count)))
 
     def drive(
         self,

@@ -1,0 +1,53 @@
+"""Maps by name, as callers may give them: files, folders, grids or costmaps."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from locplan._util.checks import shown
+from locplan.costs._costmap import Costmap
+from locplan.errors import ConfigError
+from locplan.maps import OccupancyGrid, find_maps, load_map
+
+
+def named_maps(
+    maps: Any, read: Callable[[Path], OccupancyGrid] = load_map
+) -> dict[str, OccupancyGrid | Costmap]:
+    """Maps by name, from files, folders of them, grids or costmaps, or a mapping of them.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, one is something else, or two have one name.
+    """
+    if isinstance(maps, Mapping) and maps:
+        return {str(name): _map(one, read) for name, one in maps.items()}
+    if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
+        maps = [maps]
+    named: dict[str, OccupancyGrid | Costmap] = {}
+    for n, given in enumerate(maps, 1):
+        for one in find_maps(given) if isinstance(given, (str, os.PathLike)) else [given]:
+            loaded = _map(one, read)
+            grid = loaded.grid if isinstance(loaded, Costmap) else loaded
+            name = grid.name or f"map {n}"
+            if name in named and isinstance(one, Path):
+                name = f"{one.resolve().parent.name}/{name}"
+            if name in named:
+                raise ConfigError(
+                    f"two maps are called {shown(name)}; give a mapping of names to maps"
+                )
+            named[name] = loaded
+    if not named:
+        raise ConfigError("there must be at least one map")
+    return named
+
+
+def _map(given: Any, read: Callable[[Path], OccupancyGrid]) -> OccupancyGrid | Costmap:
+    if isinstance(given, (OccupancyGrid, Costmap)):
+        return given
+    if isinstance(given, (str, os.PathLike)):
+        return read(Path(given))
+    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {shown(given)}")

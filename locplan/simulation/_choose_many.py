@@ -1,0 +1,226 @@
+"""The simulated choice for many queries: here, in processes, or on a cluster."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from locplan import __version__
+from locplan._util.checks import is_whole, number, one_of, positive, shown
+from locplan._util.machine import check_threads
+from locplan._util.progress import ProgressCallback
+from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs._named_maps import named_maps
+from locplan.errors import ConfigError, LocplanError
+from locplan.field import Lidar, Scan, load_or_compute
+from locplan.planners import Query, check_ends, check_random
+from locplan.planners._alternatives import LONGEST
+from locplan.planners._queries import queries_of
+from locplan.simulation._choice import Choice
+from locplan.simulation._choices import Choices, MapChoice
+from locplan.simulation._choose import FEW_DRIVES, choose
+from locplan.simulation._drives import check_drives
+from locplan.simulation._scores import MINIMISED, Minimise
+from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances, lidar_of
+
+LEAST_DISTANCE = 10.0
+"""Least straight distance between start and goal of random queries [m]."""
+IN_FLIGHT = 64
+"""Greatest number of choices at an executor at once, which bounds the memory of their maps."""
+
+
+class _Case(NamedTuple):
+    """A query with its map, and the lidar to drive it with."""
+
+    map: str
+    costs: Costmap
+    query: Query
+    lidar: Lidar
+
+
+def choose_many(
+    maps: Any,
+    queries: Any = 10,
+    *,
+    executor: Executor | None = None,
+    lidar: Lidar | None = None,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    robot_radius: float = ROBOT_RADIUS,
+    longest: float = LONGEST,
+    minimise: Minimise = "rmse",
+    price: float | None = None,
+    drives: int = FEW_DRIVES,
+    seed: int = 1,
+    least_distance: float = LEAST_DISTANCE,
+    query_seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Choices:
+    """Choose among driven paths, as `choose` does, for many queries.
+
+    The fields of the maps are computed, or read from the cache, in this process.
+
+    Parameters
+    ----------
+    maps : map, or sequence or mapping of them
+        Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
+    queries : int, path, sequence, or mapping of them by map
+        Number of random queries; a CSV file of name, start_x, start_y, goal_x, goal_y [m]; `Query`
+        objects, or (start, goal) pairs.
+    executor : concurrent.futures.Executor, optional
+        Executor that runs each choice as one task on one thread: a process pool, or a cluster by
+        dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
+        choices are made here, one after the other. The results do not depend on it.
+    lidar : Lidar, optional
+        The robot's lidar; by default that of a costmap's field, or one of 6 m that sees all round.
+    amcl, disturbances, robot_radius, longest, minimise, price, drives, seed
+        See `choose`.
+    least_distance : float
+        Least straight distance between start and goal of random queries [m].
+    query_seed : int
+        Seed of the random queries.
+    threads : int, optional
+        Number of threads of this process, all cores by default.
+    progress : callable, optional
+        Called with (done, total) queries.
+
+    Returns
+    -------
+    Choices
+        The choices in the order of the maps and of their queries.
+
+    Raises
+    ------
+    PoseError
+        If a start or goal lies outside the map or in a blocked cell.
+    LocplanError
+        If a setting is out of its range, a path cannot be driven, or the executor fails.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> ends = [((2.0, 3.0), (38.0, 3.0)), ((2.0, 3.0), (5.0, 10.0))]
+    >>> choices = choose_many(locplan.Costmap.blank(grid), ends)
+    >>> [each.choice.chosen.name for each in choices]
+    ['way around 2', 'way around 3']
+    """
+    check_threads(threads)
+    check_drives(drives)
+    one_of("minimise", minimise, MINIMISED)
+    number("longest", longest, 1.0)
+    if price is not None:
+        positive("price", price)
+    check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
+    asked: dict[str, Any] = {
+        "amcl": amcl,
+        "disturbances": disturbances,
+        "longest": longest,
+        "minimise": minimise,
+        "price": price,
+        "drives": drives,
+        "seed": seed,
+    }
+    cases: list[_Case] = []
+    for name, given in named_maps(maps).items():
+        if isinstance(given, Costmap):
+            costs = given
+        else:
+            field = load_or_compute(given, Scan(lidar or SHORT_LIDAR), threads=threads)
+            costs = Costmap.from_field(given, field, robot_radius=robot_radius)
+        driven = lidar or lidar_of(costs.settings.config if costs.settings else None)
+        if isinstance(queries, Mapping) and name not in queries:
+            raise ConfigError(f"there are no queries for map {shown(name)}")
+        wanted = queries[name] if isinstance(queries, Mapping) else queries
+        for query in queries_of(costs, wanted, least_distance, query_seed):
+            with _where(name, query):
+                begin, end = check_ends(costs, query.start[:2], query.goal[:2])
+                if begin == end:
+                    raise ConfigError("start and goal are one place; a choice needs a way to drive")
+            cases.append(_Case(name, costs, query, driven))
+    if not cases:
+        raise ConfigError("there is no query; give at least one")
+    made = _here(cases, asked, threads) if executor is None else _at(executor, cases, asked)
+    choices = []
+    for case, choice in zip(cases, made, strict=True):
+        choices.append(MapChoice(case.map, case.query, choice))
+        if progress:
+            progress(len(choices), len(cases))
+    return Choices(tuple(choices))
+
+
+def _here(cases: list[_Case], asked: dict[str, Any], threads: int | None) -> Iterator[Choice]:
+    """The choices, made one after the other with threads inside."""
+    for case in cases:
+        with _where(case.map, case.query):
+            yield _chosen(case, asked, threads)
+
+
+def _at(executor: Executor, cases: list[_Case], asked: dict[str, Any]) -> Iterator[Choice]:
+    """The choices of an executor in the order of the cases, with the caller's own costmaps."""
+    running: deque[tuple[_Case, Future[Choice]]] = deque()
+    waiting = iter(cases)
+    try:
+        while True:
+            while len(running) < IN_FLIGHT and (case := next(waiting, None)):
+                with _one_line_errors(case):
+                    running.append((case, executor.submit(chosen, __version__, case, asked)))
+            if not running:
+                return
+            case, task = running.popleft()
+            with _where(case.map, case.query), _one_line_errors(case):
+                found = task.result()
+            yield dataclasses.replace(found, costs=case.costs)
+    finally:
+        for _, task in running:
+            task.cancel()
+
+
+def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
+    """Choose on a worker, which must have the same locplan; the costmap is not sent back."""
+    if version != __version__:
+        raise ConfigError(
+            f"a worker has locplan {__version__}, not {version}; install the same one there"
+        )
+    nowhere: Any = None
+    return dataclasses.replace(_chosen(case, asked, 1), costs=nowhere)
+
+
+def _chosen(case: _Case, asked: dict[str, Any], threads: int | None) -> Choice:
+    start, goal = case.query.start[:2], case.query.goal[:2]
+    return choose(
+        case.costs.grid,
+        start,
+        goal,
+        costs=case.costs,
+        lidar=case.lidar,
+        threads=threads,
+        **asked,
+    )
+
+
+@contextmanager
+def _where(name: str, query: Query) -> Iterator[None]:
+    """Tell in errors which query they are about."""
+    try:
+        yield
+    except LocplanError as error:
+        where = f"map {shown(name)}, query {shown(query.name)}"
+        raise type(error)(f"{where}: {error}") from None
+
+
+@contextmanager
+def _one_line_errors(case: _Case) -> Iterator[None]:
+    """Turn any failure of a foreign executor into an error of one line."""
+    try:
+        yield
+    except LocplanError:
+        raise
+    except Exception as error:  # each executor has its own error for dead workers
+        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
+        raise LocplanError(f"the executor failed at {case.query.name} ({what})") from error

@@ -1,0 +1,104 @@
+"""The simulated choice as a planner, beside which others are compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from locplan._util.checks import instance, number, one_of, positive, whole
+from locplan.costs import Costmap
+from locplan.field import Lidar
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import AnyAngle, Position
+from locplan.planners._alternatives import LONGEST
+from locplan.planners._protocol import Found
+from locplan.simulation._choose import FEW_DRIVES, choose
+from locplan.simulation._drives import check_drives
+from locplan.simulation._nav2 import read_filter
+from locplan.simulation._scores import MINIMISED, Minimise
+from locplan.simulation._settings import Amcl, Disturbances, lidar_of
+
+
+@dataclass(frozen=True)
+class SimulatedChoice:
+    """The planner that drives dissimilar paths in simulation, and returns the one it recommends.
+
+    It drives on one thread, since a comparison's workers run at the same time.
+    """
+
+    name: ClassVar[str] = "simulated choice"
+    space: ClassVar[str] = "R2"
+    minimises: ClassVar[str | None] = "simulated error"
+
+    drives: int = FEW_DRIVES
+    """Greatest number of drives of each candidate."""
+    minimise: Minimise = "rmse"
+    """Error that the chosen path has least of, see `locplan.choose`."""
+    price: float | None = None
+    """Metres of detour that are accepted for a halved error; by default length does not count."""
+    longest: float = LONGEST
+    """Greatest length of an alternative, in lengths of the shortest path."""
+    params: str | None = None
+    """Nav2 parameter file, which is read where `amcl` is not given."""
+    amcl: Amcl | None = None
+    """Parameters of the filter; by default those of `params`, or else Nav2's defaults."""
+    disturbances: Disturbances | None = None
+    """Disturbances of the drives."""
+    lidar: Lidar | None = None
+    """Lidar of the robot; by default that of the costmap's field."""
+    seed: int | None = None
+    """Seed of the drives; by default 1, or each seed of a comparison."""
+
+    def __post_init__(self) -> None:
+        if self.params is not None and self.amcl is None:  # once: workers need no file
+            object.__setattr__(self, "amcl", read_filter(self.params)[0])
+
+    def check(self) -> None:
+        """Raise a ConfigError unless the options are within their ranges."""
+        check_drives(self.drives)
+        one_of("minimise", self.minimise, MINIMISED)
+        number("longest", self.longest, 1.0)
+        if self.price is not None:
+            positive("price", self.price)
+        if self.seed is not None:
+            whole("seed", self.seed, 0)
+        kinds = {"amcl": Amcl, "disturbances": Disturbances, "lidar": Lidar}
+        for name, kind in kinds.items():
+            if (given := getattr(self, name)) is not None:
+                instance(name, given, kind)
+
+    def prepare(self) -> None:
+        """Load the kernels of the planners and of the drives."""
+        SimulatedChoice(drives=2).solve(*_tiny())
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Choose among paths of this costmap."""
+        if start[:2] == goal[:2]:
+            return AnyAngle().solve(costs, start, goal)
+        return self._choose(costs, start, goal)
+
+    def _choose(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        choice = choose(
+            costs.grid,
+            start[:2],
+            goal[:2],
+            costs=costs,
+            lidar=self.lidar or lidar_of(costs.settings.config if costs.settings else None),
+            amcl=self.amcl,
+            disturbances=self.disturbances,
+            longest=self.longest,
+            minimise=self.minimise,
+            price=self.price,
+            drives=self.drives,
+            seed=1 if self.seed is None else self.seed,
+            threads=1,
+        )
+        return Found(choice.path)
+
+
+def _tiny() -> tuple[Costmap, Position, Position]:
+    """A small query, which takes some milliseconds."""
+    grid = OccupancyGrid(np.full((8, 8), FREE, np.uint8), 0.1)
+    return Costmap.blank(grid, robot_radius=0.05), (0.25, 0.35), (0.55, 0.35)

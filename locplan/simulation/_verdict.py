@@ -1,0 +1,239 @@
+"""The verdict on a plan: its own path and the shortest one, driven in simulation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import shown
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+from locplan.planners import Plan
+from locplan.planners._plan import AWARE, SHORTEST
+from locplan.simulation._choose import FEW_DRIVES
+from locplan.simulation._drives import Drives, check_drives
+from locplan.simulation._motion import poses_along
+from locplan.simulation._scores import CLEARLY, log_errors, worst_error
+from locplan.simulation._settings import Amcl, Disturbances, lidar_of
+from locplan.simulation._simulator import Simulator
+
+ALIKE = 0.25
+"""Distance up to which two paths are one [m]; headings that differ by 0.25 rad count as much."""
+SPACING = 0.1
+"""Distance between the points at which paths are compared [m]."""
+NOTICEABLE = 1.0
+"""Degenerate metres from which on a path has a weak spot [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verdict:
+    """The path that is recommended, and the simulated drives that say so."""
+
+    recommended: str
+    """Label of the path that is recommended: "shortest" or "localizability-aware"."""
+    text: str
+    """The reason in one line."""
+    drives: Mapping[str, Drives]
+    """Drives of both paths by label, in pairs of one world and seed; none if they are one path."""
+    log_errors: Mapping[str, float]
+    """Mean over the drives of the logarithm of the position's RMSE (m), by label [ln m]."""
+    lidar: Lidar
+    amcl: Amcl
+    disturbances: Disturbances
+    not_simulated: tuple[str, ...]
+    """Names of the robot's parameters that were not simulated."""
+    seed: int
+    """Seed of the worlds and the drives, of which the n-th of both paths have the same."""
+
+    def __repr__(self) -> str:
+        return f"Verdict({self.text})"
+
+    @property
+    def typical_errors(self) -> dict[str, float]:
+        """Error of a typical drive by label: geometric mean of the position's RMSE [m]."""
+        return {label: math.exp(each) for label, each in self.log_errors.items()}
+
+    def summary(self) -> dict[str, object]:
+        """What is recommended and why, with the errors and the settings, fit for JSON."""
+        about: dict[str, object] = {
+            "recommended": self.recommended,
+            "text": self.text,
+            "paths": {
+                label: {
+                    "typical_error_m": self.typical_errors[label],
+                    "log_error": self.log_errors[label],
+                    **each.summary(),
+                }
+                for label, each in self.drives.items()
+            },
+            "not_simulated": list(self.not_simulated),
+            "seed": self.seed,
+            "lidar": dataclasses.asdict(self.lidar),
+            "amcl": dataclasses.asdict(self.amcl),
+            "disturbances": dataclasses.asdict(self.disturbances),
+        }
+        return finite(about)
+
+
+def verdict(
+    costs: Costmap,
+    plans: Mapping[str, Plan],
+    *,
+    lidar: Lidar | None = None,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    not_simulated: Sequence[str] = (),
+    drives: int = FEW_DRIVES,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Verdict | None:
+    """Drive a plan's path and the shortest one in simulation, and recommend one of them.
+
+    The localizability-aware path is recommended if the error of its typical drive is less by a
+    tenth than the shortest path's, and otherwise the shortest one. If both are one way, nothing is
+    driven.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Costmap on which the paths were planned.
+    plans : mapping of str to Plan
+        Both plans, as `locplan.planners.plan_beside_shortest` gives them.
+    lidar : Lidar, optional
+        The robot's lidar; by default that of the costmap's field.
+    amcl, disturbances : optional
+        The robot's filter and the disturbances; see `Simulator`.
+    not_simulated : sequence of str
+        Names of the robot's parameters that are not simulated, which the verdict tells.
+    drives : int
+        Number of drives of each path, at least 2.
+    seed : int
+        Seed of all random numbers.
+    threads : int, optional
+        Number of threads; all cores by default. The verdict does not depend on it.
+    progress : callable, optional
+        Called with (done, total) drives.
+
+    Returns
+    -------
+    Verdict or None
+        None if one of the plans has no path.
+
+    Raises
+    ------
+    LocplanError
+        If a plan is missing, a setting is out of its range, or a path cannot be driven.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> field = locplan.load_or_compute(grid, locplan.Fisher(locplan.Lidar(range=6.0)))
+    >>> costs = Costmap.from_field(grid, field)
+    >>> plans = locplan.planners.plan_beside_shortest(costs, (2.0, 3.0), (38.0, 3.0))
+    >>> verdict(costs, plans).recommended
+    'localizability-aware'
+    """
+    check_drives(drives)
+    for label in (SHORTEST, AWARE):
+        if label not in plans:
+            raise ConfigError(
+                f"there is no plan {shown(label)}; give what plan_beside_shortest returns"
+            )
+    shortest, aware = plans[SHORTEST].path, plans[AWARE].path
+    simulator = Simulator(
+        costs.grid,
+        lidar=lidar or lidar_of(costs.settings.config if costs.settings else None),
+        amcl=amcl,
+        disturbances=disturbances,
+        seed=seed,
+        threads=threads,
+    )
+    if shortest is None or aware is None:
+        return None
+    driven: dict[str, Drives] = {}
+    if is_one_way(shortest, aware):
+        metrics = plans[SHORTEST].metrics
+        text = _of_one_way(metrics.integrated_u if metrics else math.nan)
+    else:
+        paths = {SHORTEST: shortest, AWARE: aware}
+        lines = [poses_along(path, costs.grid) for path in paths.values()]
+        errors = simulator.drive_together(lines, drives, progress=progress)
+        for label, line, each in zip(paths, lines, errors, strict=True):
+            driven[label] = Drives(line, each)
+        text = ""
+    worst = worst_error(costs.grid.shape, costs.grid.resolution)
+    scores = {
+        label: float(log_errors(each.distance, each.errors, "rmse", worst).mean())
+        for label, each in driven.items()
+    }
+    recommended = SHORTEST
+    if driven:
+        gained = scores[AWARE] - scores[SHORTEST]
+        recommended = AWARE if gained <= CLEARLY else SHORTEST
+        text = _of_drives(gained, scores, driven, simulator.amcl)
+    if not_simulated and driven:
+        text += f" (not simulated: {', '.join(not_simulated)})"
+    settings = simulator.lidar, simulator.amcl, simulator.disturbances
+    return Verdict(recommended, text, driven, scores, *settings, tuple(not_simulated), seed)
+
+
+def is_one_way(path: Path, other: Path) -> bool:
+    """Return whether no point of either path lies more than `ALIKE` from the other."""
+    from scipy.spatial import cKDTree
+
+    one, two = _points(path), _points(other)
+    if one.shape[1] != two.shape[1]:
+        return False
+    pairs = ((one, two), (two, one))
+    return all(cKDTree(near).query(points)[0].max() <= ALIKE for points, near in pairs)
+
+
+def _points(path: Path) -> NDArray[np.float64]:
+    """Points along a path, with the cosine and sine of its headings if it has some."""
+    if path.length == 0:
+        return path.xy[:1]
+    fine = path.resampled(SPACING)
+    if fine.heading is None:
+        return fine.xy
+    return np.column_stack([fine.xy, np.cos(fine.heading), np.sin(fine.heading)])
+
+
+def _of_one_way(degenerate: float) -> str:
+    """Verdict on two paths that are one; the degenerate metres are NaN without a field."""
+    if degenerate >= NOTICEABLE:
+        return (
+            f"same path as the shortest: its weak spot of {degenerate:.1f} degenerate metres has no"
+            " way around that is worth it"
+        )
+    if math.isnan(degenerate):
+        return "same path as the shortest"
+    return "same path as the shortest: no weak spot on the way"
+
+
+def _of_drives(
+    gained: float, scores: Mapping[str, float], drives: Mapping[str, Drives], amcl: Amcl
+) -> str:
+    """Verdict on two paths that were driven; `gained` is the difference of their scores."""
+    before, after = (_metres(math.exp(scores[label])) for label in (SHORTEST, AWARE))
+    lost, still = (f"{100 * drives[label].lost.mean():.0f}" for label in (SHORTEST, AWARE))
+    numbers = f"error of a typical drive {before} -> {after} m, lost {lost} -> {still} %"
+    driven = f"driven in simulation with {amcl.title}"
+    if gained <= CLEARLY:
+        return f"{driven}: {numbers}: the aware path is recommended"
+    how = "worse" if gained >= -CLEARLY else "no better"
+    return f"{driven}: the aware path is {how} here: {numbers}; the shortest is recommended"
+
+
+def _metres(error: float) -> str:
+    """Text of an error [m] with two digits at least."""
+    return f"{error:.2f}" if error >= 0.095 else f"{error:.3f}"
