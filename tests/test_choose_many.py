@@ -15,8 +15,9 @@ from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.field import FieldConfig, Fisher
 from locplan.maps import environments
 from locplan.planners import Query
-from locplan.simulation import Amcl, _choose_many as module, choose, choose_many
-from locplan.simulation._choices import COLUMNS
+from locplan.simulation import Amcl, choose, choose_many
+from locplan.simulation.choice import _choose_many as module
+from locplan.simulation.choice._choices import COLUMNS
 
 LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60)
 AMCL = Amcl(min_particles=100, max_particles=300)

@@ -436,7 +436,7 @@ def test_the_simulated_choice_takes_the_lidar_of_the_field_and_one_thread(
         asked.append(options)
         return types.SimpleNamespace(path=None)
 
-    monkeypatch.setattr("locplan.simulation._planner.choose", choose)
+    monkeypatch.setattr("locplan.simulation.choice._planner.choose", choose)
     spec = PlannerSpec.of(f"simulated choice:price=3,longest=1.2,params={nav2}")
     assert spec.seeds([4, 5]) == (4, 5)
     for costs in (corridors, Costmap.blank(corridors.grid)):

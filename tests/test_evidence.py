@@ -451,7 +451,7 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
 
 
 def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp_path):
-    few = ("--places", 10, "--drives", 2)
+    few = ("--places", 10, "--drives", 2, "--set", "half_cell=false")
     code, table, _ = run("evaluate", map_file, *few, "--scans", 2, "-o", tmp_path / "out")
     assert code == 0
     assert "fisher+scan, position" in table

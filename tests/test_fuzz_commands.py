@@ -20,7 +20,7 @@ def test_every_command_and_option_is_fuzzed():
     assert {names[0] for names in declared} == set(COMMANDS)
     assert {"--range", "--workers"} <= {option.name for option in declared["compare",]}
     seen = set()
-    for number in range(5000):
+    for number in range(8000):
         line = fuzz_commands.line_of(random.Random(f"{SEED} {number}"), declared)
         seen |= {(line[0], word.partition("=")[0]) for word in line}
     for names, options in declared.items():

@@ -29,7 +29,7 @@ ORDER = (
 """The packages from the bottom to the top; those in one row do not know of each other."""
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 HOMES = {
-    "matplotlib": ("plotting", "_figures", "_tuning_figures"),
+    "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._bindings",),
     "yaml": (
         "maps._files",

@@ -9,7 +9,7 @@ from conftest import drawn
 from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances, Simulator
-from locplan.simulation._lint import beams_left, lint
+from locplan.simulation.tuning._lint import beams_left, lint
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
 CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)

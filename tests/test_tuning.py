@@ -15,11 +15,11 @@ from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.simulation import Amcl, Disturbances, Simulator, read_amcl, tune, tuning_figure
 from locplan.simulation._motion import poses_along
 from locplan.simulation._settings import OMNIDIRECTIONAL
-from locplan.simulation._tuning_bench import LONGEST, Bench, random_paths, updates_along
-from locplan.simulation._tuning_files import check_written, tuned_file
-from locplan.simulation._tuning_reports import TUNING, conclusion, tuning_table, write_tuning
-from locplan.simulation._tuning_search import Search
-from locplan.simulation._tuning_space import (
+from locplan.simulation.tuning._bench import LONGEST, Bench, random_paths, updates_along
+from locplan.simulation.tuning._files import check_written, tuned_file
+from locplan.simulation.tuning._reports import TUNING, conclusion, tuning_table, write_tuning
+from locplan.simulation.tuning._search import Search
+from locplan.simulation.tuning._space import (
     AXES,
     LEVELS,
     MOST_SETTINGS,

@@ -15,8 +15,9 @@ from locplan.field import FieldConfig, Fisher, save_config
 from locplan.maps import environments
 from locplan.planners import plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation import Amcl, Drives, _verdict, verdict
+from locplan.simulation import Amcl, Drives, verdict
 from locplan.simulation._scores import log_errors
+from locplan.simulation.choice import _verdict
 
 LIDAR = Lidar(range=6.0, range_sigma=0.01, beams=60, model="mine")
 ENDS = (2.0, 3.0), (38.0, 3.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -85,9 +84,9 @@ def choose(
     """
     from locplan import planners
     from locplan._util.progress import progress_bar
-    from locplan.simulation import _choice_reports as reports, _choose as core
-    from locplan.simulation._candidates import AnyCandidate, own_paths
-    from locplan.simulation._nav2 import ParameterWarning, read_filter
+    from locplan.simulation._settings import lidar_of
+    from locplan.simulation.choice import _choose as core, _reports as reports
+    from locplan.simulation.choice._candidates import AnyCandidate, own_paths
 
     start, goal = two_numbers("start", choosing.start), two_numbers("goal", choosing.goal)
     asked = choosing.minimise, choosing.price, choosing.drives
@@ -96,10 +95,7 @@ def choose(
         options = dataclasses.replace(options, estimator="scan")  # as in Python
     config = options.to_config()
     costs.check(config)
-    not_simulated = read_filter(simulation.params)[1] if simulation.params else ()
-    with warnings.catch_warnings():  # the table names them
-        warnings.simplefilter("ignore", ParameterWarning)
-        simulated = simulation.simulated(config, options.named_lidar())
+    robot, not_simulated = simulation.robot()
     grid = load(map_file)
     blank = costs.blank(grid)
     core.check_way(blank, start, goal)
@@ -121,7 +117,9 @@ def choose(
             grid,
             start,
             goal,
-            **simulated,
+            **robot,
+            lidar=options.named_lidar() or lidar_of(config),
+            seed=simulation.seed,
             costs=costmap,
             candidates=candidates,
             longest=choosing.longest,

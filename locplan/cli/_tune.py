@@ -82,8 +82,8 @@ def tune(
     This takes some three minutes on two cores, and more with more particles.
     """
     from locplan._util.progress import progress_bar
-    from locplan.simulation import _tuning_files as files, _tuning_reports as reports
-    from locplan.simulation._tuning import tune as search
+    from locplan.simulation.tuning import _files as files, _reports as reports
+    from locplan.simulation.tuning._tune import tune as search
 
     options = FieldOptions(lidar=seen.lidar, range=seen.range, field_of_view=seen.field_of_view)
     simulated = simulation.simulated(options.to_config(), options.named_lidar())

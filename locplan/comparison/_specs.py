@@ -34,7 +34,9 @@ from locplan.planners import (
 from locplan.planners._registry import PLANNERS, Entry, named
 
 FURTHER = {
-    "simulated choice": Entry("locplan.simulation._planner:SimulatedChoice", "simulated error")
+    "simulated choice": Entry(
+        "locplan.simulation.choice._planner:SimulatedChoice", "simulated error"
+    )
 }
 """The planners that only comparisons know by name, since they need more than a costmap."""
 

@@ -1,9 +1,4 @@
 from ._calibration import Calibration as Calibration, calibrate as calibrate
-from ._choice import Candidate as Candidate, Choice as Choice
-from ._choice_figures import choice_figure as choice_figure
-from ._choices import Choices as Choices, MapChoice as MapChoice
-from ._choose import choose as choose
-from ._choose_many import choose_many as choose_many
 from ._drives import Drives as Drives, rmse_ratio as rmse_ratio
 from ._evaluation import Evaluation as Evaluation, evaluate as evaluate
 from ._figures import (
@@ -14,12 +9,17 @@ from ._figures import (
 )
 from ._nav2 import read_amcl as read_amcl
 from ._places import Places as Places, choose_points as choose_points, measure as measure
-from ._planner import SimulatedChoice as SimulatedChoice
 from ._routes import Routes as Routes, simulate_queries as simulate_queries
 from ._settings import Amcl as Amcl, Disturbances as Disturbances
 from ._simulate import Simulation as Simulation, simulate as simulate
 from ._simulator import Simulator as Simulator
-from ._tuning import tune as tune
-from ._tuning_figures import tuning_figure as tuning_figure
-from ._tuning_results import Tuning as Tuning
-from ._verdict import Verdict as Verdict, verdict as verdict
+from .choice._choice import Candidate as Candidate, Choice as Choice
+from .choice._choices import Choices as Choices, MapChoice as MapChoice
+from .choice._choose import choose as choose
+from .choice._choose_many import choose_many as choose_many
+from .choice._figures import choice_figure as choice_figure
+from .choice._planner import SimulatedChoice as SimulatedChoice
+from .choice._verdict import Verdict as Verdict, verdict as verdict
+from .tuning._figures import tuning_figure as tuning_figure
+from .tuning._results import Tuning as Tuning
+from .tuning._tune import tune as tune

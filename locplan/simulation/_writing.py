@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,13 +21,17 @@ def write_json(file: Path, about: Mapping[str, object]) -> None:
 
 
 def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows of names and numbers, as a whole or not at all."""
+    """Write rows of names and numbers, as a whole or not at all; unknown numbers are empty."""
     with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows(
-            [value if isinstance(value, str) else f"{value:.9g}" for value in row] for row in rows
-        )
+        writer.writerows([_text(value) for value in row] for row in rows)
+
+
+def _text(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{value:.9g}" if math.isfinite(value) else ""
 
 
 def file_name(name: str) -> str:

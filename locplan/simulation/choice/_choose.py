@@ -16,8 +16,6 @@ from locplan.field import Lidar, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.planners import Position, check_ends
 from locplan.planners._alternatives import LONGEST, alternatives
-from locplan.simulation._candidates import Candidates, own_paths
-from locplan.simulation._choice import Candidate, Choice
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import Poses, poses_along
 from locplan.simulation._scores import (
@@ -29,8 +27,10 @@ from locplan.simulation._scores import (
     selected,
     worst_error,
 )
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
+from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
+from locplan.simulation.choice._candidates import Candidates, own_paths
+from locplan.simulation.choice._choice import Candidate, Choice
 
 FEW_DRIVES = 8
 """Number of drives of each candidate by default."""
@@ -71,7 +71,7 @@ def choose(
         Positions in the world [m].
     lidar, amcl, disturbances : optional
         The robot's lidar, its filter, and the disturbances; see `Simulator`. The choice is worth
-        as much as they are those of your robot.
+        as much as they are those of your robot. The lidar is by default that of the costmap.
     costs : Costmap, optional
         Costmap of a field of this map, to plan on; by default that of `Scan` for the lidar.
     robot_radius : float
@@ -122,13 +122,15 @@ def choose(
     """
     check_grid(grid)
     check_request(longest, minimise, price, drives, time_limit)
+    if lidar is None:
+        lidar = lidar_of(costs.settings.config if costs and costs.settings else None)
     simulator = Simulator(
         grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
     )
     here = costs or Costmap.blank(grid, robot_radius=robot_radius)
     begin, end = check_way(here, start, goal)
     if costs is None:
-        field = load_or_compute(grid, Scan(lidar or SHORT_LIDAR), threads=threads)
+        field = load_or_compute(grid, Scan(lidar), threads=threads)
         costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
     elif costs.grid.digest != grid.digest:
         raise ConfigError("the costmap is that of another map")

@@ -10,8 +10,8 @@ import numpy as np
 
 from locplan._util.progress import ProgressCallback
 from locplan.simulation._settings import Amcl
-from locplan.simulation._tuning_bench import EVERY_LEVEL, Bench
-from locplan.simulation._tuning_space import LEVELS, changed_axes
+from locplan.simulation.tuning._bench import EVERY_LEVEL, Bench
+from locplan.simulation.tuning._space import LEVELS, changed_axes
 
 RUNGS = ((4, 4, 24), (2, 2, 5))
 """Rungs before the last: what paths and drives are divided by, and how many settings stay."""

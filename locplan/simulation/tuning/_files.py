@@ -12,8 +12,8 @@ from locplan.maps._parameter_edits import edited_parameters, scalar_text
 from locplan.maps._ros_parameters import read_parameters
 from locplan.simulation._nav2 import ParameterWarning, read_amcl
 from locplan.simulation._settings import Amcl
-from locplan.simulation._tuning_results import Tuning
-from locplan.simulation._tuning_space import NAMES, Value, axes_of
+from locplan.simulation.tuning._results import Tuning
+from locplan.simulation.tuning._space import NAMES, Value, axes_of
 
 PRODUCT = "likelihood_field_prob"
 """The one laser model that `do_beamskip` matters for."""

@@ -19,9 +19,9 @@ from locplan.costs import Path
 from locplan.maps import OccupancyGrid
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
-from locplan.simulation._choice import Choice, count_of, in_one_line
 from locplan.simulation._drives import LOST
 from locplan.simulation._settings import differing
+from locplan.simulation.choice._choice import Choice, count_of, in_one_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

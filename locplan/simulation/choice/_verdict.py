@@ -18,12 +18,12 @@ from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.planners import Plan
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation._choose import FEW_DRIVES
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import poses_along
 from locplan.simulation._scores import CLEARLY, log_errors, worst_error
 from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
+from locplan.simulation.choice._choose import FEW_DRIVES
 
 ALIKE = 0.25
 """Distance up to which two paths are one [m]; headings that differ by 0.25 rad count as much."""

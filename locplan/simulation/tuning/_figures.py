@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from locplan.plotting._picture import Picture
-from locplan.simulation._tuning_results import Tuning
-from locplan.simulation._tuning_space import LEVELS, changed_axes
+from locplan.simulation.tuning._results import Tuning
+from locplan.simulation.tuning._space import LEVELS, changed_axes
 
 COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00")
 MARKERS = ("o", "s", "D", "^", "v")

@@ -23,7 +23,7 @@ from locplan.simulation._motion import Poses, poses_along
 from locplan.simulation._scores import FLOOR
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import DRIVE, Simulator, random_of
-from locplan.simulation._tuning_space import LEVELS
+from locplan.simulation.tuning._space import LEVELS
 
 APART = (8.0, 4.0, 2.0)
 """Least distance from start to goal [m]; the first that the map is large enough for."""

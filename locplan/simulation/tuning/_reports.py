@@ -12,9 +12,9 @@ from locplan import __version__
 from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
-from locplan.simulation._tuning_files import check_written, tuned_file
-from locplan.simulation._tuning_results import Judged, Tuning
-from locplan.simulation._tuning_space import LEVELS, described
+from locplan.simulation.tuning._files import check_written, tuned_file
+from locplan.simulation.tuning._results import Judged, Tuning
+from locplan.simulation.tuning._space import LEVELS, described
 
 TUNING = Results("tuning", ("nav2_params.yaml", "tuning.json", "tuning.png"))
 MIDDLE = 1
@@ -98,7 +98,7 @@ def write_tuning(results: ResultFolder, tuning: Tuning, params: Path | None = No
         If the folder cannot be made or written, or the values in `params` cannot be changed.
     """
     from locplan.plotting import save_figure
-    from locplan.simulation._tuning_figures import tuning_figure
+    from locplan.simulation.tuning._figures import tuning_figure
 
     with results.writing() as folder:
         parameters, about, picture = (folder / name for name in TUNING.names)

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 import shutil
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from locplan import __version__
 from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
-from locplan.simulation._choice import Candidate, Choice, count_of, in_one_line
 from locplan.simulation._drives import PROFILE
 from locplan.simulation._settings import differing
+from locplan.simulation._writing import file_name, write_json, write_rows
+from locplan.simulation.choice._choice import Candidate, Choice, count_of, in_one_line
 
 CHOICE = Results(
     "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
@@ -124,34 +121,29 @@ def write_choice(
         If the folder cannot be made or written.
     """
     from locplan.plotting import save_figure
-    from locplan.simulation import _choice_figures
+    from locplan.simulation.choice import _figures
 
     names = {each.name: _file_of(n, each.name) for n, each in enumerate(choice.candidates, 1)}
     with results.writing() as folder:
         about, picture, candidates, chosen, errors = (folder / name for name in CHOICE.names)
-        text = json.dumps(choice_summary(choice, not_simulated), indent=2)
-        about.write_text(text + "\n", encoding="utf-8")
-        save_figure(_choice_figures.choice_figure(choice), picture)
+        write_json(about, choice_summary(choice, not_simulated))
+        save_figure(_figures.choice_figure(choice), picture)
         every, front = choice.candidates, choice.front
         rows = (_values(choice, each, names[each.name], each in front) for each in every)
-        _write_rows(candidates, COLUMNS, rows)
+        write_rows(candidates, COLUMNS, rows)
         if choice.path:
             choice.path.save(chosen)
         for each in every:
             each.path.save(folder / names[each.name])
         profiles = ([each.name, *at] for each in every for at in each.drives.profile())
-        _write_rows(errors, ["path", *PROFILE], profiles)
+        write_rows(errors, ["path", *PROFILE], profiles)
         written = sorted(file.name for file in folder.iterdir())
     return [results.folder / name for name in written]
 
 
 def choice_summary(choice: Choice, not_simulated: Sequence[str] = ()) -> dict[str, object]:
     """Summary of a choice with the names of what is not simulated, fit for JSON."""
-    return {
-        "locplan": __version__,
-        **choice.summary(),
-        "not_simulated": list(not_simulated),
-    }
+    return {**choice.summary(), "not_simulated": list(not_simulated)}
 
 
 def _values(choice: Choice, each: Candidate, file: str, on_front: bool) -> list[str | float]:
@@ -177,23 +169,10 @@ def _values(choice: Choice, each: Candidate, file: str, on_front: bool) -> list[
 
 def _file_of(number: int, name: str) -> str:
     """Name of a candidate's file, without signs that a shell or a file system minds."""
-    plain = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+    plain = file_name(name)
     while "--" in plain:
         plain = plain.replace("--", "-")
     return f"{number:02}-{plain[:NAME_LENGTH]}.csv"
-
-
-def _write_rows(file: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows of names and numbers."""
-    with file.open("w", newline="", encoding="utf-8") as target:
-        writer = csv.writer(target)
-        writer.writerow(columns)
-        for row in rows:
-            writer.writerow([v if isinstance(v, str) else _digits(v) for v in row])
-
-
-def _digits(value: float) -> str:
-    return f"{value:.9g}" if np.isfinite(value) else ""
 
 
 def _number(value: float) -> str:

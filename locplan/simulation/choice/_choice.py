@@ -51,7 +51,7 @@ class Candidate:
 class Choice(Pictured):
     """Candidate paths with their simulated drives, and the one to take."""
 
-    _drawn_by: ClassVar[str] = "locplan.simulation._choice_figures:choice_figure"
+    _drawn_by: ClassVar[str] = "locplan.simulation.choice._figures:choice_figure"
 
     costs: Costmap
     """Costmap on which candidates were planned and measured."""

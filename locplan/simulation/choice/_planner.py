@@ -14,11 +14,11 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AnyAngle, Position
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._protocol import Found
-from locplan.simulation._choose import FEW_DRIVES, choose
 from locplan.simulation._drives import check_drives
 from locplan.simulation._nav2 import read_filter
 from locplan.simulation._scores import MINIMISED, Minimise
 from locplan.simulation._settings import Amcl, Disturbances, lidar_of
+from locplan.simulation.choice._choose import FEW_DRIVES, choose
 
 
 @dataclass(frozen=True)

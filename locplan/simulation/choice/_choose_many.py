@@ -20,12 +20,12 @@ from locplan.field import Lidar, Scan, load_or_compute
 from locplan.planners import Query, check_ends, check_random
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._queries import queries_of
-from locplan.simulation._choice import Choice
-from locplan.simulation._choices import Choices, MapChoice
-from locplan.simulation._choose import FEW_DRIVES, choose
 from locplan.simulation._drives import check_drives
 from locplan.simulation._scores import MINIMISED, Minimise
 from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances, lidar_of
+from locplan.simulation.choice._choice import Choice
+from locplan.simulation.choice._choices import Choices, MapChoice
+from locplan.simulation.choice._choose import FEW_DRIVES, choose
 
 LEAST_DISTANCE = 10.0
 """Least straight distance between start and goal of random queries [m]."""

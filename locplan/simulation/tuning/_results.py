@@ -13,10 +13,10 @@ from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan._util.tables import finite
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
-from locplan.simulation._lint import BeamsLeft
 from locplan.simulation._settings import Amcl, Disturbances
-from locplan.simulation._tuning_bench import Bench
-from locplan.simulation._tuning_space import (
+from locplan.simulation.tuning._bench import Bench
+from locplan.simulation.tuning._lint import BeamsLeft
+from locplan.simulation.tuning._space import (
     LEVELS,
     Axis,
     Level,

@@ -12,13 +12,13 @@ from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.simulation._drives import check_drives
-from locplan.simulation._lint import beams_left, lint
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator, random_of
-from locplan.simulation._tuning_bench import Bench, random_paths
-from locplan.simulation._tuning_results import NAV2, OWN, Tuning, judged
-from locplan.simulation._tuning_search import Search
-from locplan.simulation._tuning_space import LEVELS, candidates, described, nav2_defaults
+from locplan.simulation.tuning._bench import Bench, random_paths
+from locplan.simulation.tuning._lint import beams_left, lint
+from locplan.simulation.tuning._results import NAV2, OWN, Tuning, judged
+from locplan.simulation.tuning._search import Search
+from locplan.simulation.tuning._space import LEVELS, candidates, described, nav2_defaults
 
 PATHS, DRIVES = 20, 8
 """Number of random paths, and of drives along each at each level of disturbance."""

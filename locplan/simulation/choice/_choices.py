@@ -11,7 +11,7 @@ import numpy as np
 from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.tables import finite, table
 from locplan.planners import Query
-from locplan.simulation._choice import Candidate, Choice
+from locplan.simulation.choice._choice import Candidate, Choice
 
 COLUMNS = (
     "map",

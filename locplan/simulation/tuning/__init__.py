@@ -1,0 +1,1 @@
+"""Tuning of AMCL's settings by simulated drives."""
