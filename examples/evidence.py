@@ -51,7 +51,7 @@ LEAST_DISTANCE, LONGEST_DISTANCE = 10.0, 80.0
 DRIVES, CHOOSING = 32, 8
 """Drives of each path, and those of the even worlds by which one is chosen; odd worlds judge."""
 WEIGHTS = (4.0, 8.0, 12.0)
-CHOICE, HINDSIGHT = "the simulated choice", "hindsight"
+SHORTEST, CHOICE, HINDSIGHT = "shortest", "the simulated choice", "hindsight"
 
 
 def main(
@@ -181,7 +181,7 @@ def routes_table(driven: Sequence[Driven]) -> str:
     """What each objective changes against the shortest path, for each filter."""
     objectives = [f"`scan`, weight {w:g}" for w in WEIGHTS]
     rows = []
-    for objective in ["`sad`, weight 4", *objectives, CHOICE, HINDSIGHT]:
+    for objective in [SHORTEST, "`sad`, weight 4", *objectives, CHOICE, HINDSIGHT]:
         cells = [objective]
         for name in ROUTE_FILTERS:
             own = [each for each in driven if each.filter == name]

@@ -130,6 +130,7 @@ def choose(
             threads=computing.threads,
             progress=progress,
         )
-    written = reports.write_choice(folder, choice, not_simulated) if folder else []
+    if folder:
+        reports.write_choice(folder, choice, not_simulated)
     about, table = reports.choice_summary(choice, not_simulated), reports.choice_table
-    show(json, about, table(choice, not_simulated), *written)
+    show(json, about, table(choice, not_simulated), output)
