@@ -61,7 +61,7 @@ def main(
     target.mkdir(parents=True, exist_ok=True)
     grids = [locplan.load_map(file) for file in maps or sorted(OWN.glob("*.yaml"))]
     driven = [each for grid in grids for each in routes_of(grid, drives)]
-    text = [routes_table(driven), maps_table(driven)]
+    text = [routes_table(driven), sizes_table(driven), maps_table(driven)]
     print("\n\n".join(text), flush=True)
     evaluations = {}
     for name, amcl in PLACES_FILTERS.items():
@@ -203,6 +203,18 @@ def routes_table(driven: Sequence[Driven]) -> str:
     share = f"the choice has {gains[0] / gains[1]:.0%} of the hindsight's gain"
     heads = [f"{name} ({counts[name]} queries)" for name in ROUTE_FILTERS]
     return f"{markdown(['objective', *heads], rows)}\n\n{share}"
+
+
+def sizes_table(driven: Sequence[Driven]) -> str:
+    """How large the errors are on the shortest paths, for each filter."""
+    rows = []
+    for name in ROUTE_FILTERS:
+        drives = [each.drives[SHORTEST] for each in driven if each.filter == name]
+        values = [(d.median_error.value, d.kept_rmse.value, d.rmse.value) for d in drives]
+        median, kept, rmse = np.exp(np.nanmean(np.log(values), axis=0)).tolist()
+        lost = np.mean([each.lost.mean() for each in drives])
+        rows.append([name, f"{median:.3f}", f"{lost:.0%}", f"{kept:.3f}", f"{rmse:.3f}"])
+    return markdown(["filter", "median [m]", "lost", "RMSE of the others", "RMSE of all"], rows)
 
 
 def maps_table(driven: Sequence[Driven]) -> str:
