@@ -15,6 +15,8 @@ CLEARLY = math.log(0.9)
 """Difference of the mean log errors from which on a path counts as clearly better."""
 CLEARLY_FEWER = 0.25
 """Difference of the shares of lost drives from which on it does: two of 8."""
+ROUNDING = 1e-9
+"""Amount by which a difference of shares may fall short of `CLEARLY_FEWER`."""
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 LAST = 1.0
@@ -76,7 +78,7 @@ def selected(
     """
     if minimise == "lost":
         best = int(np.lexsort((scores, lost))[0])
-        clear = bool(lost[0] - lost[best] >= CLEARLY_FEWER)
+        clear = bool(_clearly_fewer(lost[best], lost[0]))
     else:
         best = int(np.argmin(scores))
         clear = bool(scores[best] <= scores[0] + CLEARLY)
@@ -114,12 +116,17 @@ def is_settled(
     others = np.arange(len(sums)) != chosen
     if minimise == "lost":
         if chosen == 0:
-            return bool((most[0] - fewest[others] < CLEARLY_FEWER).all())
+            return not bool(_clearly_fewer(fewest[others], most[0]).any())
         ahead = (most[chosen] < fewest) | ((most[chosen] <= fewest) & (high[chosen] < low))
-        return bool(ahead[others].all() and fewest[0] - most[chosen] >= CLEARLY_FEWER)
+        return bool(ahead[others].all() and _clearly_fewer(most[chosen], fewest[0]))
     if chosen == 0:
         return bool((low[others] > high[0] + CLEARLY).all())
     return bool((high[chosen] < low[others]).all() and high[chosen] <= low[0] + CLEARLY)
+
+
+def _clearly_fewer(lost: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether shares of lost drives are clearly below others, whatever the rounding of both."""
+    return np.asarray(others - lost >= CLEARLY_FEWER - ROUNDING)
 
 
 def price_of(extra: NDArray[np.float64], price: float | None) -> NDArray[np.float64]:
