@@ -46,7 +46,7 @@ from locplan.simulation._scores import (
     selected,
 )
 from locplan.simulation._settings import SHORT_LIDAR
-from locplan.simulation.choice._choice import gain
+from locplan.simulation.choice._choice import at_length, gain
 from locplan.simulation.choice._figures import around, places_of_numbers
 from locplan.simulation.choice._reports import CHOICE, COLUMNS, choice_table, write_choice
 
@@ -139,6 +139,7 @@ TENTH = -CLEARLY
         ([0.0, 1.0, 2.0], [0.5, 0.25, 0.25], "lost", (1, True)),
         ([0.0, 2.0, 1.0], [0.5, 0.25, 0.25], "lost", (2, True)),
         ([0.0, -9.0], [0.5, 0.375], "lost", (0, False)),
+        ([0.0, 1.0], [7 / 20, 2 / 20], "lost", (1, True)),  # whatever the rounding
         ([0.0], [1.0], "lost", (0, False)),
         ([0.0], [1.0], "rmse", (0, False)),
     ],
@@ -348,6 +349,26 @@ def test_the_reason_tells_what_was_minimised(corridors):
     assert gain(before, after, "goal-error") == expected
 
 
+def test_the_reason_tells_of_more_drives_lost_and_of_shorter_paths(choice):
+    first, other = choice.candidates[:2]
+    errors = np.zeros((4, len(first.drives.poses), 3))
+    none = dataclasses.replace(first.drives, errors=errors)
+    one = dataclasses.replace(first.drives, errors=errors + np.array([0, 0, 0, 2])[:, None, None])
+    before = dataclasses.replace(first, drives=none, log_error=-1.0)
+    after = dataclasses.replace(other, drives=one, log_error=-2.0)
+    but = ", but 25% of drives lost instead of 0%"
+    assert gain(before, after, "rmse") == f"an error of 0.14 m instead of 0.37 m{but}"
+    for minimise in ("goal-error", "heading"):
+        assert gain(before, after, minimise).endswith(but)
+    assert "but" not in gain(before, before, "rmse")
+    extra = other.path.length - first.path.length
+    assert at_length(first, other) == f"for {extra:.1f} m more"
+    assert at_length(other, first) == f"for {extra:.1f} m less"
+    assert at_length(first, first) == "at the same length"
+    both = dataclasses.replace(choice, candidates=(before, after), best=1)
+    assert both.why.endswith(f"{but}, for {extra:.1f} m more")
+
+
 def test_drives_end_early_only_where_they_change_nothing(corridors, monkeypatch):
     early = two_ways(corridors, minimise="lost", drives=12)
     monkeypatch.setattr("locplan.simulation.choice._choose.is_settled", lambda *_: False)
@@ -393,6 +414,8 @@ def test_an_unreachable_goal_is_a_result(grid, costs):
         ({"drives": 1}, ConfigError, "drives must be a whole number"),
         ({"minimise": "error"}, ConfigError, "minimise must be one of rmse, lost"),
         ({"candidates": {"wall": [START, GOAL]}}, LocplanError, "candidate wall: leaves the free"),
+        ({"costs": "map.yaml"}, ConfigError, "costs must be a Costmap, not 'map.yaml'"),
+        ({"candidates": 3}, ConfigError, "candidates must be a sequence or a mapping of paths"),
         ({"candidates": [[(1, 4), GOAL]]}, ConfigError, "'path 1' has its start at 1.00,4.00"),
         ({"candidates": [[START, (11, 4)]]}, ConfigError, "'path 1' has its goal at 11.00,4.00"),
     ],

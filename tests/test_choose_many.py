@@ -104,7 +104,7 @@ def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeyp
         return choose(*arguments, **options)
 
     monkeypatch.setattr(module, "choose", note)
-    case = module._Case("map", costs, QUERIES[1], LIDAR)
+    case = module._Case("map", costs, QUERIES[1])
     found = module.chosen(locplan.__version__, case, QUICK)
     assert (found.costs, threads) == (None, [1])
     choose_many(costs, QUERIES[1:2], **QUICK, threads=2)

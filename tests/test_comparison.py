@@ -21,6 +21,7 @@ from locplan.field import FieldConfig, Fisher, Lidar, Sad
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, Query, options_of, with_options
 from locplan.simulation import Amcl
+from locplan.simulation._nav2 import ParameterWarning
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 
@@ -427,7 +428,7 @@ def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
     assert (name, options["amcl"]["alpha1"]) == ("simulated choice", 0.05)
 
 
-def test_the_simulated_choice_takes_the_lidar_of_the_field_and_one_thread(
+def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
     corridors, nav2, monkeypatch
 ):
     asked = []
@@ -439,16 +440,23 @@ def test_the_simulated_choice_takes_the_lidar_of_the_field_and_one_thread(
     monkeypatch.setattr("locplan.simulation.choice._planner.choose", choose)
     spec = PlannerSpec.of(f"simulated choice:price=3,longest=1.2,params={nav2}")
     assert spec.seeds([4, 5]) == (4, 5)
-    for costs in (corridors, Costmap.blank(corridors.grid)):
-        plan = spec.plan(costs, CORRIDOR.start, CORRIDOR.goal, 5)
-        assert plan.status == "unreachable"
-    assert [options["threads"] for options in asked] == [1, 1]
-    assert [options["lidar"].range for options in asked] == [4.0, 6.0]
+    plan = spec.plan(corridors, CORRIDOR.start, CORRIDOR.goal, 5)
+    assert plan.status == "unreachable"
+    assert [options["threads"] for options in asked] == [1]
+    assert asked[0]["lidar"] is None  # that of the costmap's field
+    assert asked[0]["costs"] is corridors
     assert asked[0]["amcl"] == Amcl(alpha1=0.05, max_particles=500)
     assert {(each["seed"], each["price"], each["longest"]) for each in asked} == {(5, 3, 1.2)}
     assert PlannerSpec.of("simulated choice:seed=7").seeds([4, 5]) == (7,)
     here = spec.plan(corridors, CORRIDOR.start, CORRIDOR.start, 1)
     assert here.path.length == 0
+
+
+def test_what_of_a_file_is_not_simulated_is_told_once(nav2):
+    nav2.write_text(nav2.read_text() + "    recovery_alpha_fast: 0.1\n")
+    with pytest.warns(ParameterWarning, match="not simulated: recovery_alpha_fast"):
+        spec = PlannerSpec.of(f"simulated choice:params={nav2}")
+    with_options(spec.planner, seed=3)  # a second warning would be an error
 
 
 def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):

@@ -426,11 +426,18 @@ def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
     assert params.read_text() == PARAMS
 
 
-def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path):
+def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("locplan.simulation.tuning._tune.tune", None)
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "params.yaml"
-    params.write_text("amcl:\n  ros__parameters:\n    alpha1: &a 0.2\n    update_min_a: *a\n")
-    code, _, err = run("tune", tmp_path / "hall.yaml", "--params", params, "-o", tmp_path / "out")
-    assert code == 2
-    assert "anchors and aliases" in err
-    assert not (tmp_path / "out").exists()
+    head = "amcl:\n  ros__parameters:\n    "
+    for text in (
+        "alpha1: &a 0.2\n    update_min_a: *a\n",
+        "do_beamskip: &a true\n    tf_broadcast: *a\n",
+    ):
+        params.write_text(head + text)
+        options = "--params", params, "-o", tmp_path / "out"
+        code, _, err = run("tune", tmp_path / "hall.yaml", *options)
+        assert code == 2
+        assert "anchors and aliases" in err
+        assert not (tmp_path / "out").exists()

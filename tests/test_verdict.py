@@ -108,8 +108,16 @@ def test_a_verdict_is_reproducible_and_takes_the_lidar_of_the_field(costs, plans
     ("aware", "recommended", "said"),
     [
         (0.35, AWARE, "lost 0 -> 0 %: the aware path is recommended"),
-        (0.37, SHORTEST, "the aware path is no better here: error of a typical drive 0.40 -> 0.37"),
-        (0.44, SHORTEST, "the aware path is no better here: error of a typical drive 0.40 -> 0.44"),
+        (
+            0.37,
+            SHORTEST,
+            "the aware path is not clearly better here: error of a typical drive 0.40 -> 0.37",
+        ),
+        (
+            0.44,
+            SHORTEST,
+            "the aware path is not clearly better here: error of a typical drive 0.40 -> 0.44",
+        ),
         (0.45, SHORTEST, "the aware path is worse here: error of a typical drive 0.40 -> 0.45 m"),
         ((0.1, 1.2), AWARE, "0.40 -> 0.35 m, lost 0 -> 50 %"),
         (0.04, AWARE, "0.40 -> 0.040 m"),

@@ -54,6 +54,11 @@ def own_paths(
 def _named(candidates: Candidates) -> Iterable[tuple[str, AnyCandidate]]:
     if isinstance(candidates, Mapping):
         return candidates.items()
+    if not isinstance(candidates, Iterable):
+        raise ConfigError(
+            "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
+            f" not {shown(candidates)}"
+        )
     return [(_name_of(each, n), each) for n, each in enumerate(candidates, 1)]
 
 

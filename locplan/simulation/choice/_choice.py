@@ -20,7 +20,9 @@ from locplan.simulation._scores import CLEARLY, Minimise, front_of
 from locplan.simulation._settings import Amcl, Disturbances
 
 LOST_COUNTS = 0.2
-"""Difference of the shares of lost drives that is worth telling first."""
+"""Difference of the shares of lost drives that is worth telling."""
+ALIKE = 0.05
+"""Difference of lengths below which two paths are equally long [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,8 +115,7 @@ class Choice(Pictured):
             return "there is no other way that is not much longer: the shortest"
         if chosen is shortest:
             return "no alternative is clearly better: the shortest"
-        extra = chosen.path.length - shortest.path.length
-        return f"{gain(shortest, chosen, self.minimise)}, for {extra:.1f} m more"
+        return f"{gain(shortest, chosen, self.minimise)}, {at_length(shortest, chosen)}"
 
     @property
     def nearly(self) -> Candidate | None:
@@ -190,13 +191,23 @@ def rmse_ratio_of_drives(drives: Drives, others: Drives) -> Interval:
 
 
 def gain(shortest: Candidate, chosen: Candidate, minimise: Minimise) -> str:
-    """Gain of a candidate over the shortest path in words."""
+    """Gain of a candidate over the shortest path in words, and what it costs in lost drives."""
     before, after = (float(each.drives.lost.mean()) for each in (shortest, chosen))
+    lost = f"{after:.0%} of drives lost instead of {before:.0%}"
     if minimise == "lost" or (minimise == "rmse" and before - after >= LOST_COUNTS):
-        return f"{after:.0%} of drives lost instead of {before:.0%}"
+        return lost
+    but = f", but {lost}" if after - before >= LOST_COUNTS else ""
     errors = [math.exp(each.log_error) for each in (chosen, shortest)]
     if minimise == "heading":
         after, before = (math.degrees(each) for each in errors)
-        return f"a heading error of {after:.2g} deg instead of {before:.2g} deg"
+        return f"a heading error of {after:.2g} deg instead of {before:.2g} deg{but}"
     where = " at the goal" if minimise == "goal-error" else ""
-    return f"an error of {errors[0]:.2g} m{where} instead of {errors[1]:.2g} m"
+    return f"an error of {errors[0]:.2g} m{where} instead of {errors[1]:.2g} m{but}"
+
+
+def at_length(shortest: Candidate, other: Candidate) -> str:
+    """How much longer than the shortest path a candidate is in words; a user's may be shorter."""
+    extra = other.path.length - shortest.path.length
+    if abs(extra) < ALIKE:
+        return "at the same length"
+    return f"for {abs(extra):.1f} m {'more' if extra > 0 else 'less'}"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import number, one_of, positive
 from locplan._util.progress import ProgressCallback
-from locplan.costs import ROBOT_RADIUS, Costmap, Path, path_metrics
+from locplan.costs import ROBOT_RADIUS, Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Lidar, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
@@ -122,6 +122,8 @@ def choose(
     """
     check_grid(grid)
     check_request(longest, minimise, price, drives, time_limit)
+    if costs is not None:
+        check_costs(costs)
     if lidar is None:
         lidar = lidar_of(costs.settings.config if costs and costs.settings else None)
     simulator = Simulator(
@@ -157,7 +159,11 @@ def choose(
 
 
 def check_request(
-    longest: float, minimise: Minimise, price: float | None, drives: int, time_limit: float | None
+    longest: float,
+    minimise: Minimise,
+    price: float | None,
+    drives: int,
+    time_limit: float | None = None,
 ) -> None:
     """Raise a ConfigError unless these are settings of a choice; before long work."""
     check_drives(drives)

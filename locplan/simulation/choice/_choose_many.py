@@ -10,22 +10,21 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from locplan import __version__
-from locplan._util.checks import is_whole, number, one_of, positive, shown
+from locplan._util.checks import is_whole, shown
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.costs._named_maps import named_maps
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Lidar, Scan, load_or_compute
-from locplan.planners import Query, check_ends, check_random
+from locplan.planners import Query, check_random
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._queries import queries_of
-from locplan.simulation._drives import check_drives
-from locplan.simulation._scores import MINIMISED, Minimise
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances, lidar_of
+from locplan.simulation._scores import Minimise
+from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choices import Choices, MapChoice
-from locplan.simulation.choice._choose import FEW_DRIVES, choose
+from locplan.simulation.choice._choose import FEW_DRIVES, check_request, check_way, choose
 
 LEAST_DISTANCE = 10.0
 """Least straight distance between start and goal of random queries [m]."""
@@ -34,12 +33,11 @@ IN_FLIGHT = 64
 
 
 class _Case(NamedTuple):
-    """A query with its map, and the lidar to drive it with."""
+    """A query with its map."""
 
     map: str
     costs: Costmap
     query: Query
-    lidar: Lidar
 
 
 def choose_many(
@@ -111,13 +109,10 @@ def choose_many(
     ['way around 2', 'way around 3']
     """
     check_threads(threads)
-    check_drives(drives)
-    one_of("minimise", minimise, MINIMISED)
-    number("longest", longest, 1.0)
-    if price is not None:
-        positive("price", price)
+    check_request(longest, minimise, price, drives)
     check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
     asked: dict[str, Any] = {
+        "lidar": lidar,
         "amcl": amcl,
         "disturbances": disturbances,
         "longest": longest,
@@ -133,16 +128,13 @@ def choose_many(
         else:
             field = load_or_compute(given, Scan(lidar or SHORT_LIDAR), threads=threads)
             costs = Costmap.from_field(given, field, robot_radius=robot_radius)
-        driven = lidar or lidar_of(costs.settings.config if costs.settings else None)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
         wanted = queries[name] if isinstance(queries, Mapping) else queries
         for query in queries_of(costs, wanted, least_distance, query_seed):
             with _where(name, query):
-                begin, end = check_ends(costs, query.start[:2], query.goal[:2])
-                if begin == end:
-                    raise ConfigError("start and goal are one place; a choice needs a way to drive")
-            cases.append(_Case(name, costs, query, driven))
+                check_way(costs, query.start[:2], query.goal[:2])
+            cases.append(_Case(name, costs, query))
     if not cases:
         raise ConfigError("there is no query; give at least one")
     made = _here(cases, asked, threads) if executor is None else _at(executor, cases, asked)
@@ -198,7 +190,6 @@ def _chosen(case: _Case, asked: dict[str, Any], threads: int | None) -> Choice:
         start,
         goal,
         costs=case.costs,
-        lidar=case.lidar,
         threads=threads,
         **asked,
     )

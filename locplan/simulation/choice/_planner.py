@@ -7,18 +7,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from locplan._util.checks import instance, number, one_of, positive, whole
+from locplan._util.checks import instance, whole
 from locplan.costs import Costmap
 from locplan.field import Lidar
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AnyAngle, Position
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._protocol import Found
-from locplan.simulation._drives import check_drives
-from locplan.simulation._nav2 import read_filter
-from locplan.simulation._scores import MINIMISED, Minimise
-from locplan.simulation._settings import Amcl, Disturbances, lidar_of
-from locplan.simulation.choice._choose import FEW_DRIVES, choose
+from locplan.simulation._nav2 import read_filter, warn_of
+from locplan.simulation._scores import Minimise
+from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation.choice._choose import FEW_DRIVES, check_request, choose
 
 
 @dataclass(frozen=True)
@@ -53,15 +52,13 @@ class SimulatedChoice:
 
     def __post_init__(self) -> None:
         if self.params is not None and self.amcl is None:  # once: workers need no file
-            object.__setattr__(self, "amcl", read_filter(self.params)[0])
+            amcl, left_out = read_filter(self.params)
+            warn_of(self.params, left_out)
+            object.__setattr__(self, "amcl", amcl)
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
-        check_drives(self.drives)
-        one_of("minimise", self.minimise, MINIMISED)
-        number("longest", self.longest, 1.0)
-        if self.price is not None:
-            positive("price", self.price)
+        check_request(self.longest, self.minimise, self.price, self.drives)
         if self.seed is not None:
             whole("seed", self.seed, 0)
         kinds = {"amcl": Amcl, "disturbances": Disturbances, "lidar": Lidar}
@@ -77,15 +74,12 @@ class SimulatedChoice:
         """Choose among paths of this costmap."""
         if start[:2] == goal[:2]:
             return AnyAngle().solve(costs, start, goal)
-        return self._choose(costs, start, goal)
-
-    def _choose(self, costs: Costmap, start: Position, goal: Position) -> Found:
         choice = choose(
             costs.grid,
             start[:2],
             goal[:2],
             costs=costs,
-            lidar=self.lidar or lidar_of(costs.settings.config if costs.settings else None),
+            lidar=self.lidar,
             amcl=self.amcl,
             disturbances=self.disturbances,
             longest=self.longest,

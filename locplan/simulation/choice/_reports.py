@@ -16,7 +16,7 @@ from locplan._util.tables import table
 from locplan.simulation._drives import PROFILE
 from locplan.simulation._settings import differing
 from locplan.simulation._writing import file_name, write_json, write_rows
-from locplan.simulation.choice._choice import Candidate, Choice, count_of, in_one_line
+from locplan.simulation.choice._choice import Candidate, Choice, at_length, count_of, in_one_line
 
 CHOICE = Results(
     "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
@@ -106,8 +106,7 @@ def _row(choice: Choice, each: Candidate, on_front: bool, whole: bool) -> dict[s
 def _about_nearly(choice: Choice, nearly: Candidate) -> str:
     """Sentence on the shorter candidate that does nearly as well."""
     assert choice.shortest is not None
-    extra = nearly.path.length - choice.shortest.path.length
-    return f"{nearly.name} does nearly as well, for {extra:.1f} m more"
+    return f"{nearly.name} does nearly as well, {at_length(choice.shortest, nearly)}"
 
 
 def write_choice(

@@ -230,7 +230,7 @@ def _of_drives(
     driven = f"driven in simulation with {amcl.title}"
     if gained <= CLEARLY:
         return f"{driven}: {numbers}: the aware path is recommended"
-    how = "worse" if gained >= -CLEARLY else "no better"
+    how = "worse" if gained >= -CLEARLY else "not clearly better"
     return f"{driven}: the aware path is {how} here: {numbers}; the shortest is recommended"
 
 

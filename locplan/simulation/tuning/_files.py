@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 from locplan.errors import LocplanError
@@ -54,7 +55,7 @@ def check_parameters(params: Path | None) -> None:
         axes = axes_of(_read(params))
         trial: dict[str, Value] = {name: 0.123 for axis in axes for name in axis.fields}
         trial |= {"laser_model_type": PRODUCT, "max_beams": 1234}
-        edited_parameters(params, "amcl", trial)
+        edited_parameters(params, "amcl", _without_skips(params, trial))
 
 
 def tuned_file(tuning: Tuning, params: Path | None) -> bytes:
@@ -70,15 +71,12 @@ def tuned_file(tuning: Tuning, params: Path | None) -> bytes:
     if params is None:
         return _new_file(tuning)
     before, winner = _read(params), tuning.winner
-    values: dict[str, float | str | bool] = {
+    values: dict[str, Value] = {
         name: getattr(winner, name)
         for name in NAMES
         if getattr(winner, name) != getattr(before, name)
     }
-    skips = other_parameters(params).get("do_beamskip")
-    if skips and values.get("laser_model_type") == PRODUCT:  # it had no effect, and would have one
-        values["do_beamskip"] = False
-    return edited_parameters(params, "amcl", values)
+    return edited_parameters(params, "amcl", _without_skips(params, values))
 
 
 def check_written(file: Path, winner: Amcl) -> None:
@@ -86,6 +84,13 @@ def check_written(file: Path, winner: Amcl) -> None:
     read = _read(file)
     if any(getattr(read, name) != getattr(winner, name) for name in NAMES):
         raise LocplanError(f"{file}: could not be written as it was meant to be")
+
+
+def _without_skips(params: Path, values: Mapping[str, Value]) -> dict[str, float | str | bool]:
+    """Values to write, with beams not skipped where that had no effect, and would have one."""
+    skips = other_parameters(params).get("do_beamskip")
+    turned = skips and values.get("laser_model_type") == PRODUCT
+    return {**values, "do_beamskip": False} if turned else {**values}
 
 
 def _read(file: Path) -> Amcl:
