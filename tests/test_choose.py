@@ -331,7 +331,11 @@ def test_a_high_price_of_metres_keeps_the_shortest(corridors):
     assert extra > 5
     assert free.why == f"0% of drives lost instead of 25%, for {extra:.1f} m more"
     assert dear.chosen is dear.shortest
-    assert dear.why == "no alternative is clearly better: the shortest"
+    assert dear.why == "no alternative is worth its length: the shortest"
+    fewest = dataclasses.replace(dear, minimise="lost")
+    assert fewest.why == "no alternative is clearly better: the shortest"
+    assert "0.5 m of detour count as much as half the error" in choice_table(dear)
+    assert "of detour" not in choice_table(free)
     assert dear.candidates[free.best].price == pytest.approx(math.log(2) * extra / 0.5)
     assert dear.candidates[free.best].log_error == free.chosen.log_error
 

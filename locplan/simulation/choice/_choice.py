@@ -114,7 +114,9 @@ class Choice(Pictured):
         if len(self.candidates) == 1:
             return "there is no other way that is not much longer: the shortest"
         if chosen is shortest:
-            return "no alternative is clearly better: the shortest"
+            better = any(e.log_error <= shortest.log_error + CLEARLY for e in self.candidates)
+            which = "worth its length" if better and self.minimise != "lost" else "clearly better"
+            return f"no alternative is {which}: the shortest"
         return f"{gain(shortest, chosen, self.minimise)}, {at_length(shortest, chosen)}"
 
     @property

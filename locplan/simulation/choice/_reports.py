@@ -56,7 +56,7 @@ def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
         return f"unreachable: {choice.why}"
     width = shutil.get_terminal_size((WIDEST, 24)).columns
     whole = width >= WIDE
-    front = choice.front
+    front, price = choice.front, choice.price
     rows = [_row(choice, each, each in front, whole) for each in choice.candidates]
     heads = [
         "> chosen; * on the Pareto front of length against error",
@@ -69,6 +69,7 @@ def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
     lines = [
         in_one_line(choice),
         *([_about_nearly(choice, choice.nearly)] if choice.nearly else []),
+        *([f"{price:g} m of detour count as much as half the error"] if price else []),
         f"with {choice.amcl.title}; {choice.lidar.title}; {count_of(choice)}",
         *([f"disturbances: {kinds}"] if kinds else []),
         *([f"not simulated: {', '.join(not_simulated)}"] if not_simulated else []),
