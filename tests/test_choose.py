@@ -373,6 +373,28 @@ def test_the_reason_tells_of_more_drives_lost_and_of_shorter_paths(choice):
     assert both.why.endswith(f"{but}, for {extra:.1f} m more")
 
 
+def test_a_choice_among_paths_that_are_all_lost_says_to_tune_the_filter(choice):
+    for lost, says in ((0, False), (1, True)):
+        made = []
+        for each in choice.candidates:
+            errors = np.full((2, len(each.drives.poses), 3), 0.1)
+            errors[:lost] = 2.0
+            drives = dataclasses.replace(each.drives, errors=errors)
+            made.append(dataclasses.replace(each, drives=drives))
+        told = choice_table(dataclasses.replace(choice, candidates=tuple(made)))
+        assert ("drives or more are lost: tune the filter first" in told) == says
+
+
+def test_drives_without_any_error_count_as_a_millimetre(choice):
+    first, other = choice.candidates[:2]
+    none = dataclasses.replace(first.drives, errors=np.zeros_like(first.drives.errors))
+    still = dataclasses.replace(first, drives=none)
+    assert still.typical_rmse == pytest.approx(0.001)
+    made = dataclasses.replace(choice, candidates=(still, other), best=0)
+    assert made.ratio(still).value == 1
+    assert made.ratio(other).value == pytest.approx(other.typical_rmse / 0.001)
+
+
 def test_drives_end_early_only_where_they_change_nothing(corridors, monkeypatch):
     early = two_ways(corridors, minimise="lost", drives=12)
     monkeypatch.setattr("locplan.simulation.choice._choose.is_settled", lambda *_: False)

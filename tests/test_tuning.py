@@ -271,6 +271,7 @@ def test_tuning_gains_and_is_judged_on_other_paths(tuning):
     assert {each.name for each in tuning.judged} >= {"your settings", "Nav2's defaults"}
     assert conclusion(tuning).startswith(described(tuning.own, tuning.winner))
     assert "times the CPU" in tuning_table(tuning)
+    assert f"\n{LIDAR.title}: of 60 beams compared, " in tuning_table(tuning)
     assert json.loads(json.dumps(tuning.summary(), allow_nan=False))["verdict"] == "better"
 
 

@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path, PathMetrics, about_costs
 from locplan.field import Lidar
 from locplan.planners import Position
 from locplan.simulation._drives import Drives
-from locplan.simulation._scores import CLEARLY, Minimise, front_of
+from locplan.simulation._scores import CLEARLY, FLOOR, Minimise, front_of
 from locplan.simulation._settings import Amcl, Disturbances
 
 LOST_COUNTS = 0.2
@@ -45,8 +45,8 @@ class Candidate:
 
     @property
     def typical_rmse(self) -> float:
-        """Geometric mean over the drives of the RMSE of the position [m]."""
-        return float(np.exp(0.5 * np.log(self.drives.mean_squares).mean()))
+        """Geometric mean over the drives of the RMSE of the position [m], at least a millimetre."""
+        return float(np.exp(0.5 * np.log(self.drives.mean_squares + FLOOR).mean()))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,7 +138,9 @@ class Choice(Pictured):
     def ratio(self, candidate: Candidate) -> Interval:
         """Ratio of the RMSE of the position to the shortest's: geometric mean over the drives."""
         assert self.shortest is not None
-        return rmse_ratio_of_drives(candidate.drives, self.shortest.drives)
+        both = candidate.drives, self.shortest.drives
+        squares, others = (drives.mean_squares + FLOOR for drives in both)
+        return of_geometric_mean(np.sqrt(squares / others))
 
     def summary(self) -> dict[str, object]:
         """Candidates with their errors, the choice and its settings, fit for JSON."""
@@ -185,11 +187,6 @@ def count_of(choice: Choice) -> str:
     """Number of drives of each candidate in words."""
     done = len(choice.candidates[0].drives.errors)
     return f"{done} drives each" if done == choice.drives else f"{done} of {choice.drives} drives"
-
-
-def rmse_ratio_of_drives(drives: Drives, others: Drives) -> Interval:
-    """Ratio of the RMSE of paired drives: geometric mean over the drives."""
-    return of_geometric_mean(np.sqrt(drives.mean_squares / others.mean_squares))
 
 
 def gain(shortest: Candidate, chosen: Candidate, minimise: Minimise) -> str:

@@ -43,6 +43,9 @@ WIDE, WIDEST = 105, 120
 """Usual and greatest width of the whole table [characters]; narrower terminals get less of it."""
 COMMON = ("rmse", "lost")
 """What is minimised that has a column in any case; the others' takes that of degenerate metres."""
+MANY_LOST = 0.5
+"""Share of lost drives of the chosen path from which on paths are not the remedy."""
+UNTUNED = "half of its drives or more are lost: tune the filter first with `locplan tune`"
 NAME_LENGTH = 60
 """Greatest number of characters of a candidate's name in the name of its file."""
 
@@ -70,6 +73,7 @@ def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
         in_one_line(choice),
         *([_about_nearly(choice, choice.nearly)] if choice.nearly else []),
         *([f"{price:g} m of detour count as much as half the error"] if price else []),
+        *([UNTUNED] if choice.chosen.drives.lost_rate.value >= MANY_LOST else []),
         f"with {choice.amcl.title}; {choice.lidar.title}; {count_of(choice)}",
         *([f"disturbances: {kinds}"] if kinds else []),
         *([f"not simulated: {', '.join(not_simulated)}"] if not_simulated else []),

@@ -46,7 +46,7 @@ def tuning_table(tuning: Tuning) -> str:
         " each, on which nothing was",
         "chosen; RMSE to A's over all levels [95 %]; ms: CPU time, with that of the simulated scan",
         *_gains(tuning),
-        str(tuning.beams_left),
+        f"{tuning.lidar.title}: {tuning.beams_left}",
         *(f"warning: {each}" for each in tuning.lints),
         conclusion(tuning),
     ]
