@@ -27,6 +27,7 @@ from locplan import (
     covariance_field,
     load_or_compute,
     pareto_front,
+    plan,
     save_map,
 )
 from locplan.cli._options import _assumed
@@ -46,6 +47,7 @@ from locplan.simulation._scores import (
     selected,
 )
 from locplan.simulation._settings import SHORT_LIDAR
+from locplan.simulation.choice._candidates import CandidateWarning
 from locplan.simulation.choice._choice import at_length, gain
 from locplan.simulation.choice._figures import around, places_of_numbers
 from locplan.simulation.choice._reports import CHOICE, COLUMNS, choice_table, write_choice
@@ -283,6 +285,14 @@ def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid):
     assert mine.path.xy.tolist() == array.tolist()
     with pytest.raises(ConfigError, match="two candidates are called 'grid'"):
         choose(grid, START, GOAL, costs=costs, candidates=["grid", "grid"], **QUICK)
+
+
+def test_a_candidate_without_a_path_is_warned_of(grid, costs):
+    no_path = plan(costs, START, (11.6, 5.6))  # it ends in the closed cell
+    assert no_path.path is None
+    with pytest.warns(CandidateWarning, match="candidate 'none' has no path"):
+        found = choose(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)
+    assert "none" not in [each.name for each in found.candidates]
 
 
 # The choice

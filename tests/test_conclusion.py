@@ -56,6 +56,12 @@ def test_the_first_field_above_zero_is_named_with_its_interval():
     )
 
 
+def test_of_many_fields_one_is_not_named_by_chance():
+    barely = Interval(0.3, 0.02, 0.55)
+    assert "field 0 ranks" in first(ABOVE, Interval(0.3, 0.1, 0.5))
+    assert "no field that" in first(ABOVE, barely, ZERO, ZERO, ZERO)
+
+
 def test_a_field_may_find_the_worst_places_without_ranking_the_others():
     said = first(ABOVE, ZERO, auc=FINDS)
     assert "field 0 finds the worst fifth of the places (AUC .90 [.70, 1.00])" in said

@@ -119,7 +119,11 @@ def test_a_verdict_is_reproducible_and_takes_the_lidar_of_the_field(costs, plans
             "the aware path is not clearly better here: error of a typical drive 0.40 -> 0.44",
         ),
         (0.45, SHORTEST, "the aware path is worse here: error of a typical drive 0.40 -> 0.45 m"),
-        ((0.1, 1.2), AWARE, "0.40 -> 0.35 m, lost 0 -> 50 %"),
+        (
+            (0.1, 1.2),
+            SHORTEST,
+            "the aware path is worse here: error of a typical drive 0.40 -> 0.35",
+        ),
         (0.04, AWARE, "0.40 -> 0.040 m"),
     ],
 )
@@ -131,6 +135,13 @@ def test_a_tenth_less_error_decides(costs, plans, monkeypatch, aware, recommende
     assert found.text.endswith(f"the {recommended.split('-')[-1]} path is recommended") or (
         found.text.endswith("; the shortest is recommended")
     )
+
+
+def test_where_both_paths_lose_the_robot_tuning_comes_first(costs, plans, monkeypatch):
+    errors_of(monkeypatch, 2.0, 1.2)
+    found = verdict(costs, plans)
+    assert found.recommended == AWARE
+    assert found.text.endswith("tune the filter first with `locplan tune`")
 
 
 def test_the_filter_and_what_of_it_is_not_simulated_are_named(costs, plans, monkeypatch):
@@ -151,7 +162,7 @@ def test_one_path_is_not_driven(costs, plans, monkeypatch):
     assert degenerate > 5
     assert found.text == (
         f"same path as the shortest: its weak spot of {degenerate:.1f} degenerate metres has no way"
-        " around that is worth it"
+        " around that costs less"
     )
     same = "same path as the shortest"
     for metres, text in ((0.4, f"{same}: no weak spot on the way"), (math.nan, same)):

@@ -77,7 +77,7 @@ def tune(
     shortest paths of the map in simulation, with a third of, once and three times
     the errors of odometry. The best at its worst level is judged against yours on
     other paths in other worlds. A copy of your file is written in which only those
-    values differ that gain, or none if nothing is clearly better.
+    values differ that gain, or none if nothing is clearly better; and those of --set.
 
     This takes some three minutes on two cores, and more with more particles.
     """

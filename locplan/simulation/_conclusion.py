@@ -86,10 +86,11 @@ def conclusion(
 def _about_places(agreement: Interval, fields: Sequence[Ranked]) -> str:
     """Whether the errors depend on the place, and which field ranks them."""
     halves = f"the errors of two halves of the drives correlate by {short(agreement)}"
+    looks = 2 * len(fields)
     for name, options, correlation, auc in fields:
-        if correlation.low > 0:
+        if _excludes(correlation, 0.0, looks):
             good = f"ranks the places ({short(correlation)})"
-        elif auc.low > 0.5:
+        elif _excludes(auc, 0.5, looks):
             good = f"finds the worst fifth of the places (AUC {short(auc)})"
         else:
             continue
@@ -110,6 +111,14 @@ def _about_places(agreement: Interval, fields: Sequence[Ranked]) -> str:
         f"No field that `locplan plan` takes ranks the errors of this filter ({why}), and they come"
         f" from the filter rather than from the places ({halves})."
     )
+
+
+def _excludes(interval: Interval, chance: float, looks: int) -> bool:
+    """Whether an interval lies above chance, as wide as `looks` of them make it (Bonferroni)."""
+    from scipy.special import ndtri
+
+    wider = ndtri(1 - 0.025 / max(looks, 1)) / ndtri(0.975)
+    return bool(interval.value - (interval.value - interval.low) * wider > chance)
 
 
 def _about_deeds(sizes: Sizes) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -22,10 +23,14 @@ NEAR = 0.5
 """Greatest distance of a path's ends from start and goal [m]."""
 
 
+class CandidateWarning(UserWarning):
+    """Warning that a candidate of the user's has no path."""
+
+
 def own_paths(
     costs: Costmap, start: Position, goal: Position, candidates: Candidates
 ) -> dict[str, Path]:
-    """Paths of a user's candidates by name; planners that find none are left out.
+    """Paths of a user's candidates by name; those of which there is none are warned of.
 
     Raises
     ------
@@ -36,7 +41,10 @@ def own_paths(
         candidates = [candidates]
     found: dict[str, Path] = {}
     for name, given in _named(candidates):
-        for label, path in _paths_of(name, given, costs, start, goal):
+        paths = dict(_paths_of(name, given, costs, start, goal))
+        if not paths:
+            warnings.warn(CandidateWarning(f"candidate {shown(name)} has no path"), stacklevel=3)
+        for label, path in paths.items():
             if label in found:
                 raise ConfigError(f"two candidates are called {shown(label)}; name them")
             for end, at in (("start", start), ("goal", goal)):

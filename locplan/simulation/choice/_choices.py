@@ -162,7 +162,10 @@ class Choices:
             groups["all maps"] = self
         columns = ["map", "queries", "detours", "length", "error", "lost"]
         rows = [[name, *group._texts()] for name, group in groups.items()]
-        last = "detours leave the shortest path; chosen over shortest, [95 % intervals]"
+        last = (
+            "detours leave the shortest path; chosen over shortest, by the drives that chose it"
+            " [95 % intervals]"
+        )
         return f"{table(columns, rows)}\n{last}"
 
     def _texts(self) -> list[str]:

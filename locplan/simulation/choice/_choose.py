@@ -58,10 +58,10 @@ def choose(
 ) -> Choice:
     """Drive a handful of dissimilar paths in simulation, and choose among them.
 
-    Candidates are the shortest path, detours around it, and the paths of least cost by `Scan` at
-    weights 4 and 12 (`locplan.planners.alternatives`). Each is driven with the same worlds and
-    seeds. Its score is the mean over the drives of ln RMSE. The least score wins, and the shortest
-    path stays unless the winner's error is less by a tenth.
+    Candidates are the shortest path, detours around it, and the paths of least cost by `Scan` (or
+    by the field of `costs`) at weights 4 and 12; see `locplan.planners.alternatives`. Each is
+    driven with the same worlds and seeds. Its score is the mean over the drives of ln RMSE. The
+    least score wins, and the shortest path stays unless the winner's error is less by a tenth.
 
     Parameters
     ----------

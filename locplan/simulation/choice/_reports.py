@@ -16,7 +16,15 @@ from locplan._util.tables import table
 from locplan.simulation._drives import PROFILE
 from locplan.simulation._settings import differing
 from locplan.simulation._writing import file_name, write_json, write_rows
-from locplan.simulation.choice._choice import Candidate, Choice, at_length, count_of, in_one_line
+from locplan.simulation.choice._choice import (
+    MANY_LOST,
+    UNTUNED,
+    Candidate,
+    Choice,
+    at_length,
+    count_of,
+    in_one_line,
+)
 
 CHOICE = Results(
     "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
@@ -43,9 +51,6 @@ WIDE, WIDEST = 105, 120
 """Usual and greatest width of the whole table [characters]; narrower terminals get less of it."""
 COMMON = ("rmse", "lost")
 """What is minimised that has a column in any case; the others' takes that of degenerate metres."""
-MANY_LOST = 0.5
-"""Share of lost drives of the chosen path from which on paths are not the remedy."""
-UNTUNED = "half of its drives or more are lost: tune the filter first with `locplan tune`"
 NAME_LENGTH = 60
 """Greatest number of characters of a candidate's name in the name of its file."""
 

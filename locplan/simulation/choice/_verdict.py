@@ -20,9 +20,10 @@ from locplan.planners import Plan
 from locplan.planners._plan import AWARE, SHORTEST
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import poses_along
-from locplan.simulation._scores import CLEARLY, log_errors, worst_error
+from locplan.simulation._scores import CLEARLY, CLEARLY_FEWER, log_errors, worst_error
 from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
+from locplan.simulation.choice._choice import MANY_LOST, UNTUNED
 from locplan.simulation.choice._choose import FEW_DRIVES
 
 ALIKE = 0.25
@@ -99,8 +100,8 @@ def verdict(
     """Drive a plan's path and the shortest one in simulation, and recommend one of them.
 
     The localizability-aware path is recommended if the error of its typical drive is less by a
-    tenth than the shortest path's, and otherwise the shortest one. If both are one way, nothing is
-    driven.
+    tenth than the shortest path's, and it does not lose a quarter of the drives more; otherwise the
+    shortest one. If both are one way, nothing is driven.
 
     Parameters
     ----------
@@ -179,8 +180,10 @@ def verdict(
     recommended = SHORTEST
     if driven:
         gained = scores[AWARE] - scores[SHORTEST]
-        recommended = AWARE if gained <= CLEARLY else SHORTEST
-        text = _of_drives(gained, scores, driven, simulator.amcl)
+        more_lost = driven[AWARE].lost.mean() - driven[SHORTEST].lost.mean() >= CLEARLY_FEWER
+        recommended = AWARE if gained <= CLEARLY and not more_lost else SHORTEST
+        worse = more_lost or gained >= -CLEARLY
+        text = _of_drives(recommended, worse, scores, driven, simulator.amcl)
     if not_simulated and driven:
         text += f" (not simulated: {', '.join(not_simulated)})"
     settings = simulator.lidar, simulator.amcl, simulator.disturbances
@@ -213,7 +216,7 @@ def _of_one_way(degenerate: float) -> str:
     if degenerate >= NOTICEABLE:
         return (
             f"same path as the shortest: its weak spot of {degenerate:.1f} degenerate metres has no"
-            " way around that is worth it"
+            " way around that costs less"
         )
     if math.isnan(degenerate):
         return "same path as the shortest"
@@ -221,17 +224,23 @@ def _of_one_way(degenerate: float) -> str:
 
 
 def _of_drives(
-    gained: float, scores: Mapping[str, float], drives: Mapping[str, Drives], amcl: Amcl
+    recommended: str,
+    worse: bool,
+    scores: Mapping[str, float],
+    drives: Mapping[str, Drives],
+    amcl: Amcl,
 ) -> str:
-    """Verdict on two paths that were driven; `gained` is the difference of their scores."""
+    """Verdict on two paths that were driven; `worse` says that the aware one is."""
     before, after = (_metres(math.exp(scores[label])) for label in (SHORTEST, AWARE))
     lost, still = (f"{100 * drives[label].lost.mean():.0f}" for label in (SHORTEST, AWARE))
     numbers = f"error of a typical drive {before} -> {after} m, lost {lost} -> {still} %"
     driven = f"driven in simulation with {amcl.title}"
-    if gained <= CLEARLY:
-        return f"{driven}: {numbers}: the aware path is recommended"
-    how = "worse" if gained >= -CLEARLY else "not clearly better"
-    return f"{driven}: the aware path is {how} here: {numbers}; the shortest is recommended"
+    untuned = f"; {UNTUNED}" if drives[recommended].lost.mean() >= MANY_LOST else ""
+    if recommended == AWARE:
+        return f"{driven}: {numbers}: the aware path is recommended{untuned}"
+    how = "worse" if worse else "not clearly better"
+    text = f"{driven}: the aware path is {how} here: {numbers}; the shortest is recommended"
+    return text + untuned
 
 
 def _metres(error: float) -> str:
