@@ -51,8 +51,8 @@ def weighed_by_numpy(scores, ends, poses):
     """The weights of all particles and beams at once."""
     cos, sin = np.cos(poses[2])[:, None], np.sin(poses[2])[:, None]
     ahead, left = ends.T
-    col = poses[0, :, None] / scores.resolution + 1 + cos * ahead - sin * left
-    row = poses[1, :, None] / scores.resolution + 1 + sin * ahead + cos * left
+    col = poses[0, :, None] / scores.resolution + scores.shift + cos * ahead - sin * left
+    row = poses[1, :, None] / scores.resolution + scores.shift + sin * ahead + cos * left
     col = np.clip(col, 0, scores.cols - 1).astype(np.int64)
     row = np.clip(row, 0, scores.rows - 1).astype(np.int64)
     weights = 1 + scores.values[row * scores.cols + col].sum(axis=1, dtype=float)
