@@ -343,7 +343,7 @@ def test_a_high_price_of_metres_keeps_the_shortest(corridors):
     assert dear.chosen is dear.shortest
     assert dear.why == "no alternative is worth its length: the shortest"
     fewest = dataclasses.replace(dear, minimise="lost")
-    assert fewest.why == "no alternative is clearly better: the shortest"
+    assert fewest.why == "no alternative loses clearly fewer of 4 drives: the shortest"
     assert "0.5 m of detour count as much as half the error" in choice_table(dear)
     assert "of detour" not in choice_table(free)
     assert dear.candidates[free.best].price == pytest.approx(math.log(2) * extra / 0.5)
@@ -484,6 +484,13 @@ def box(grid, tmp_path):
 ENDS = "--start", "1,3", "--goal", "11,3"
 SETTINGS = "--drives", "2", "--set", "min_particles=100", "--set", "max_particles=100"
 SETTINGS += "--stride", "0.5", "--range", "3"
+
+
+def test_parameters_that_work_badly_are_warned_of(run, box):
+    silly = "--set", "z_hit=0.9", "--set", "z_rand=0.5"
+    code, _, err = run("choose", box, *ENDS, *SETTINGS, *silly)
+    assert code == 0
+    assert err.count("locplan: warning: z_hit") == 1
 
 
 def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):

@@ -82,7 +82,7 @@ def errors_of(monkeypatch, shortest, aware):
 def test_the_aware_path_is_recommended_where_its_drives_are_better(found):
     assert found.recommended == AWARE
     assert found.text.startswith("driven in simulation with Nav2's defaults: error of a typical")
-    assert found.text.endswith(" %: the aware path is recommended")
+    assert found.text.endswith(" % of 8 drives: the aware path is recommended")
     assert {len(each.errors) for each in found.drives.values()} == {8}
     before, after = (found.typical_errors[label] for label in (SHORTEST, AWARE))
     assert f"{before:.2f} -> {after:.2f} m" in found.text
@@ -107,7 +107,7 @@ def test_a_verdict_is_reproducible_and_takes_the_lidar_of_the_field(costs, plans
 @pytest.mark.parametrize(
     ("aware", "recommended", "said"),
     [
-        (0.35, AWARE, "lost 0 -> 0 %: the aware path is recommended"),
+        (0.35, AWARE, "lost 0 -> 0 % of 8 drives: the aware path is recommended"),
         (
             0.37,
             SHORTEST,

@@ -95,7 +95,8 @@ def choose(
         options = dataclasses.replace(options, estimator="scan")  # as in Python
     config = options.to_config()
     costs.check(config)
-    robot, not_simulated = simulation.robot()
+    lidar = options.named_lidar() or lidar_of(config)
+    robot, not_simulated = simulation.robot(lidar)
     grid = load(map_file)
     blank = costs.blank(grid)
     core.check_way(blank, start, goal)
@@ -118,7 +119,7 @@ def choose(
             start,
             goal,
             **robot,
-            lidar=options.named_lidar() or lidar_of(config),
+            lidar=lidar,
             seed=simulation.seed,
             costs=costmap,
             candidates=candidates,

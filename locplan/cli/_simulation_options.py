@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
@@ -44,14 +45,20 @@ class FilterOptions:
     (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable; examples/README.md
     lists all."""
 
-    def robot(self) -> tuple[Robot, tuple[str, ...]]:
-        """The filter and the disturbances, and the parameters that are not simulated."""
-        from locplan.simulation._nav2 import read_filter
+    def robot(self, lidar: Lidar, *, lints: bool = True) -> tuple[Robot, tuple[str, ...]]:
+        """The filter and the disturbances, and the parameters that are not simulated.
+
+        Warns of parameters that work badly with this lidar, unless `lints` is False.
+        """
+        from locplan.simulation._nav2 import ParameterWarning, other_parameters, read_filter
         from locplan.simulation._settings import Amcl, Disturbances, changed
+        from locplan.simulation.tuning._lint import lint
 
         read, left_out = read_filter(self.params) if self.params else (Amcl(), ())
         settings = settings_of(self.set, "set", "alpha1=0.05", words=True)
         amcl, disturbances = changed(read, Disturbances(), settings)
+        for fault in lint(amcl, lidar, other_parameters(self.params)) if lints else ():
+            warnings.warn(ParameterWarning(fault), stacklevel=2)
         return {"amcl": amcl, "disturbances": disturbances}, left_out
 
 
@@ -62,15 +69,18 @@ class SimulationOptions(FilterOptions):
     seed: Seed = 1
     """The seed of all random numbers is 1 by default."""
 
-    def simulated(self, config: FieldConfig, named: Lidar | None) -> Simulated:
+    def simulated(
+        self, config: FieldConfig, named: Lidar | None, *, lints: bool = True
+    ) -> Simulated:
         """The lidar, that of the field unless one is named, the filter, and the disturbances."""
         from locplan.simulation._nav2 import warn_of
         from locplan.simulation._settings import lidar_of
 
-        robot, left_out = self.robot()
+        lidar = named or lidar_of(config)
+        robot, left_out = self.robot(lidar, lints=lints)
         if self.params:
             warn_of(self.params, left_out)
-        return {"lidar": named or lidar_of(config), **robot, "seed": self.seed}
+        return {"lidar": lidar, **robot, "seed": self.seed}
 
 
 @option_group(SIMULATION)

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
@@ -31,6 +31,8 @@ LETTERS = 11.5
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
+SHORT = 1.5
+"""Ratio of the ends of an axis up to which it is linear."""
 LONG = 1000.0
 """Ratio of the ends of an axis from which on it has one label a decade."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
@@ -194,8 +196,11 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
             axes.plot(np.abs(values[predictor]), error, mark, label=places.grid.name, **style)
         unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
         axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
-        _logarithmic(axes.xaxis)
         every = np.abs(np.concatenate([each[predictor] for each in evaluation.predictions]))
+        if every.max() > SHORT * every.min():
+            _logarithmic(axes.xaxis)
+        else:
+            axes.xaxis.set_major_locator(MaxNLocator(3))
         if every.max() > LONG * every.min():
             axes.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
         correlation = evaluation.ranks[predictor, "tracking"].spearman

@@ -92,6 +92,13 @@ def read_filter(path: str | os.PathLike[str]) -> tuple[Amcl, tuple[str, ...]]:
     return amcl, (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown)
 
 
+def other_parameters(params: str | os.PathLike[str] | None) -> dict[str, object]:
+    """Parameters of amcl in a file of Nav2, or none."""
+    node = read_parameters(params).get("amcl")
+    own = node.get("ros__parameters") if isinstance(node, dict) else None
+    return dict(own) if isinstance(own, dict) else {}
+
+
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
     """Names of parameters in `NO_MATTER` that do matter with the values given."""
     for name in ("recovery_alpha_slow", "recovery_alpha_fast"):

@@ -52,7 +52,7 @@ def simulation_table(simulation: Simulation) -> str:
 
 def _robot(lidar: Lidar, amcl: Amcl) -> str:
     """Lidar and filter of a simulated robot."""
-    return f"{lidar.title}; AMCL of {amcl.min_particles}-{amcl.max_particles} particles"
+    return f"with {amcl.title}; {lidar.title}"
 
 
 def routes_table(every: Sequence[Routes]) -> str:

@@ -118,7 +118,10 @@ class Choice(Pictured):
             return "there is no other way that is not much longer: the shortest"
         if chosen is shortest:
             better = any(e.log_error <= shortest.log_error + CLEARLY for e in self.candidates)
-            which = "worth its length" if better and self.minimise != "lost" else "clearly better"
+            if self.minimise == "lost":
+                count = len(shortest.drives.errors)
+                return f"no alternative loses clearly fewer of {count} drives: the shortest"
+            which = "worth its length" if better else "clearly better"
             return f"no alternative is {which}: the shortest"
         return f"{gain(shortest, chosen, self.minimise)}, {at_length(shortest, chosen)}"
 

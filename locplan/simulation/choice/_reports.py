@@ -49,6 +49,8 @@ COLUMNS = (
 """Names of the columns of candidates.csv; an empty field stands for a number that is not known."""
 WIDE, WIDEST = 105, 120
 """Usual and greatest width of the whole table [characters]; narrower terminals get less of it."""
+MILLIMETRES = 0.0995
+"""Number below which a third digit is told."""
 COMMON = ("rmse", "lost")
 """What is minimised that has a column in any case; the others' takes that of degenerate metres."""
 NAME_LENGTH = 60
@@ -188,6 +190,8 @@ def _number(value: float) -> str:
     """Text of a number with two digits behind the point, with none if it is large."""
     if not np.isfinite(value):
         return "-"
+    if 0 < value < MILLIMETRES:
+        return f"{value:.3f}"
     return f"{value:.{2 if abs(value) < 10 else 1 if abs(value) < 100 else 0}f}"
 
 

@@ -233,7 +233,9 @@ def _of_drives(
     """Verdict on two paths that were driven; `worse` says that the aware one is."""
     before, after = (_metres(math.exp(scores[label])) for label in (SHORTEST, AWARE))
     lost, still = (f"{100 * drives[label].lost.mean():.0f}" for label in (SHORTEST, AWARE))
-    numbers = f"error of a typical drive {before} -> {after} m, lost {lost} -> {still} %"
+    count = len(drives[AWARE].errors)
+    typical = f"error of a typical drive {before} -> {after} m"
+    numbers = f"{typical}, lost {lost} -> {still} % of {count} drives"
     driven = f"driven in simulation with {amcl.title}"
     untuned = f"; {UNTUNED}" if drives[recommended].lost.mean() >= MANY_LOST else ""
     if recommended == AWARE:

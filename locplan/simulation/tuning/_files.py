@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
 from locplan.errors import LocplanError
 from locplan.maps._parameter_edits import edited_parameters, scalar_text
-from locplan.maps._ros_parameters import read_parameters
-from locplan.simulation._nav2 import ParameterWarning, read_amcl
+from locplan.simulation._nav2 import ParameterWarning, other_parameters, read_amcl
 from locplan.simulation._settings import Amcl
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import NAMES, Value, axes_of
@@ -37,13 +35,6 @@ OTHERS: dict[str, float | str | bool] = {
     "z_short": 0.05,
 }
 """Parameters that are not simulated, with the values that Nav2 has for them."""
-
-
-def other_parameters(params: str | os.PathLike[str] | None) -> dict[str, object]:
-    """Parameters of amcl in a file of Nav2, or none."""
-    node = read_parameters(params).get("amcl")
-    own = node.get("ros__parameters") if isinstance(node, dict) else None
-    return dict(own) if isinstance(own, dict) else {}
 
 
 def check_parameters(params: Path | None) -> None:
