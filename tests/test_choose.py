@@ -531,7 +531,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     assert sum(line.startswith("  >") for line in lines) == 1
     assert any(line.startswith(f"  >* {about['chosen']} ") for line in lines)
     settings = " ".join(lines[-4:-2])
-    assert "with AMCL with alpha1 0.1, max_particles 100, min_particles 100; " in settings
+    assert "with AMCL's alpha1 0.1, max_particles 100, min_particles 100; " in settings
     assert settings.endswith("3 m, 360°; 2 drives each")
     assert lines[-2:] == ["disturbances: outliers 0.1", "not simulated: beam_count"]
     assert max(map(len, lines)) <= 110
@@ -697,5 +697,5 @@ def test_the_filters_title_names_what_differs_from_the_defaults():
     assert Amcl().title == "Nav2's defaults"
     many = {f"alpha{n}": 0.05 for n in range(1, 6)} | {"max_beams": 30, "half_cell": False}
     listed = "alpha1 0.05, alpha2 0.05, alpha3 0.05, alpha4 0.05, alpha5 0.05"
-    assert Amcl(**many).title == f"AMCL with {listed} and 2 more"
-    assert Amcl(max_particles=1_000_000).title == "AMCL with max_particles 1000000"
+    assert Amcl(**many).title == f"AMCL's {listed} and 2 more"
+    assert Amcl(max_particles=1_000_000).title == "AMCL's max_particles 1000000"

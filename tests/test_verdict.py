@@ -147,7 +147,7 @@ def test_where_both_paths_lose_the_robot_tuning_comes_first(costs, plans, monkey
 def test_the_filter_and_what_of_it_is_not_simulated_are_named(costs, plans, monkeypatch):
     errors_of(monkeypatch, 0.4, 0.3)
     found = verdict(costs, plans, amcl=Amcl(alpha1=0.05), not_simulated=["do_beamskip", "odd"])
-    assert "driven in simulation with AMCL with alpha1 0.05: " in found.text
+    assert "driven in simulation with AMCL's alpha1 0.05: " in found.text
     assert found.text.endswith("(not simulated: do_beamskip, odd)")
     assert found.summary()["not_simulated"] == ["do_beamskip", "odd"]
 

@@ -132,6 +132,8 @@ class MapInfo(Pictured):
         for pair in self.pairs:
             ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
             parts += [f"{ends}: {_metres(pair.distance)} apart", f"  {self.command(pair)}"]
+        if self.pairs:
+            parts.append("with --lidar NAME both paths are driven, and one is recommended")
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 
     def _facts(self) -> list[list[str]]:

@@ -139,14 +139,14 @@ class Amcl(Settings):
         >>> Amcl().title
         "Nav2's defaults"
         >>> Amcl(alpha1=0.05, laser_model_type="likelihood_field_prob").title
-        'AMCL with alpha1 0.05, laser_model_type likelihood_field_prob'
+        "AMCL's alpha1 0.05, laser_model_type likelihood_field_prob"
         """
         own = differing(self)
         if not own:
             return "Nav2's defaults"
         more = len(own) - TITLE_NAMES
         listed = ", ".join(own[:TITLE_NAMES])
-        return f"AMCL with {listed}{f' and {more} more' if more > 0 else ''}"
+        return f"AMCL's {listed}{f' and {more} more' if more > 0 else ''}"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -20,6 +20,7 @@ from locplan.maps import OccupancyGrid
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
 from locplan.simulation._drives import LOST
+from locplan.simulation._formats import in_metres
 from locplan.simulation._settings import differing
 from locplan.simulation.choice._choice import Choice, count_of, in_one_line
 
@@ -84,7 +85,8 @@ def choice_figure(choice: Choice) -> Figure:
     first.set_ylim(bottom=max(MIN_ERROR / 2, first.get_ylim()[0]))
     _plainly(first.yaxis)
     at = "axes fraction", "data"
-    first.annotate("lost", (1, LOST), (-3, 2), at, "offset points", ha="right", fontsize="small")
+    style = {"ha": "right", "va": "top", "fontsize": "small"}
+    first.annotate("lost", (1, LOST), (-5, -2), at, "offset points", **style)
     parts[1].supxlabel("distance along the path [m]", fontsize="medium")
     parts[1].supylabel("position error [m]", fontsize="medium")
     return figure
@@ -194,7 +196,8 @@ def _draw_errors(axes: Axes, choice: Choice, n: int, width: float) -> None:
     most = int(13.0 * width)
     said = said if len(said) <= most else f"{said[: most - 3]}..."
     lost = each.drives.lost_rate.value
-    text = f"{each.path.length:.1f} m{extra}, error {each.typical_rmse:.2f} m, lost {lost:.0%}"
+    error = in_metres(each.typical_rmse)
+    text = f"{each.path.length:.1f} m{extra}, error {error}, lost {lost:.0%}"
     weight = "bold" if bold else "normal"
     axes.set_title(f"{said}\n{text}", fontsize="small", loc="left", weight=weight)
     for spine in axes.spines.values():
