@@ -47,6 +47,7 @@ from locplan.simulation._scores import (
     selected,
 )
 from locplan.simulation._settings import SHORT_LIDAR
+from locplan.simulation.choice import _choose as module
 from locplan.simulation.choice._candidates import CandidateWarning
 from locplan.simulation.choice._choice import at_length, gain
 from locplan.simulation.choice._figures import around, places_of_numbers
@@ -437,6 +438,19 @@ def test_an_unreachable_goal_is_a_result(grid, costs):
     assert choice_table(found) == "unreachable: no path leads to the goal"
     assert found.summary()["candidates"] == {}
     assert len(found._repr_png_()) > 1000
+
+
+def test_no_field_is_computed_for_an_unreachable_goal(grid, run, box, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError
+
+    monkeypatch.setattr("locplan.field._store.load_or_compute", refuse)
+    monkeypatch.setattr(module, "load_or_compute", refuse)
+    assert choose(grid, START, (11.5, 5.5), **QUICK).status == "unreachable"
+    ends = "--start", "1,3", "--goal", "11.5,5.5"
+    assert run("choose", box, *ends, *SETTINGS, "--front")[0] == 0
+    with pytest.raises(AssertionError):
+        choose(grid, START, GOAL, **QUICK)
 
 
 @pytest.mark.parametrize(

@@ -108,10 +108,12 @@ def choose(
         if name in paths:
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
     folder = reports.CHOICE.into(output, force=force) if output else None
-    costmap = costs.costmap(grid, computing.field(grid, config))
+    costmap = blank
+    if planners.plan(blank, start, goal).path is not None:
+        costmap = costs.costmap(grid, computing.field(grid, config))
     candidates: dict[str, AnyCandidate] = {**paths}
     candidates.update((name, name) for name in chosen_planners)
-    if choosing.front:
+    if choosing.front and costmap is not blank:
         candidates["front"] = planners.pareto_front(costmap, start, goal)
     with progress_bar("driving the candidates", "drives") as progress:
         choice = core.choose(

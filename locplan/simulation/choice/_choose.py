@@ -14,7 +14,7 @@ from locplan.costs import ROBOT_RADIUS, Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Lidar, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.planners import Position, check_ends
+from locplan.planners import Position, check_ends, plan
 from locplan.planners._alternatives import LONGEST, alternatives
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import Poses, poses_along
@@ -131,6 +131,8 @@ def choose(
     )
     here = costs or Costmap.blank(grid, robot_radius=robot_radius)
     begin, end = check_way(here, start, goal)
+    if costs is None and plan(here, begin, end).path is None:
+        costs = here  # no field is worth its time
     if costs is None:
         field = load_or_compute(grid, Scan(lidar), threads=threads)
         costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
