@@ -203,6 +203,10 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     assert about["maps"][0]["tracking_median_m_10_50_90"] == pytest.approx(median)
     assert float(rows[0]["tracking_median_m"]) == pytest.approx(first.tracking_median[0])
     assert float(rows[0]["lost_rate"]) == first.lost[0]
+    assert "28 places, 3 drives to each" in table
+    lines = table.splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith("  two_corridors"))
+    assert lines[at + 1].startswith("  places ")  # no number is broken at 80 columns
     few = dataclasses.replace(
         evaluation, places=evaluation.places[:1], predictions=evaluation.predictions[:1]
     )

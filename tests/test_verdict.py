@@ -141,7 +141,7 @@ def test_where_both_paths_lose_the_robot_tuning_comes_first(costs, plans, monkey
     errors_of(monkeypatch, 2.0, 1.2)
     found = verdict(costs, plans)
     assert found.recommended == AWARE
-    assert found.text.endswith("tune the filter first with `locplan tune`")
+    assert "tune the filter first with `locplan tune`; `locplan evaluate` tells" in found.text
 
 
 def test_the_filter_and_what_of_it_is_not_simulated_are_named(costs, plans, monkeypatch):

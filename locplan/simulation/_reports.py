@@ -103,7 +103,8 @@ def evaluation_table(evaluation: Evaluation) -> str:
         "Spearman's correlation of e and the deviations with the RMSE of the position (*: of the",
         "heading) [95 %]; AUC: of finding the worst fifth of the places, by chance 0.5",
         _sizes(evaluation),
-        f"{evaluation.drives} drives to each place, {evaluation.scans} scans there;"
+        f"{sum(len(each.points) for each in evaluation.places)} places, {evaluation.drives} drives"
+        f" to each, {evaluation.scans} scans there;"
         f" {_robot(evaluation.lidar, evaluation.amcl)}",
         "",
         textwrap.fill(" ".join(evaluation.conclusion), WIDTH),
@@ -113,12 +114,12 @@ def evaluation_table(evaluation: Evaluation) -> str:
 
 def _sizes(evaluation: Evaluation) -> str:
     """Table of the errors' sizes, one row per map."""
-    columns = ["map", "places", "median", "lost", "RMSE, kept", "RMSE", "scan median", "scan RMSE"]
+    columns = ["map", "median", "lost", "RMSE,\nkept", "RMSE", "scan\nmedian", "scan\nRMSE"]
     rows = []
     for n, places in enumerate(evaluation.places):
         cells = {size: _joined("/", evaluation.quantiles(n, size)[1:]) for size in SIZES}
         cells["lost_rate"] = f"{evaluation.lost_rate(n):.0%}"
-        rows.append([places.grid.name, str(len(places.points)), *(cells[size] for size in SIZES)])
+        rows.append([places.grid.name, *(cells[size] for size in SIZES)])
     return (
         f"{table(columns, rows)}\nerrors of the position, 50/90 % of the places [m]; lost:"
         " of the drives, > 1 m at any time;\nkept: those not lost"

@@ -21,7 +21,10 @@ from locplan.simulation._settings import Amcl, Disturbances
 
 MANY_LOST = 0.5
 """Share of lost drives of the recommended path from which on paths are not the remedy."""
-UNTUNED = "half of its drives or more are lost: tune the filter first with `locplan tune`"
+UNTUNED = (
+    "half of its drives or more are lost: tune the filter first with `locplan tune`;"
+    " `locplan evaluate` tells if single scans fail as well"
+)
 LOST_COUNTS = 0.2
 """Difference of the shares of lost drives that is worth telling."""
 ALIKE = 0.05
