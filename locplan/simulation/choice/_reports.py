@@ -14,6 +14,7 @@ from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
 from locplan.simulation._drives import PROFILE
+from locplan.simulation._formats import digits_of
 from locplan.simulation._settings import differing
 from locplan.simulation._writing import file_name, write_json, write_rows
 from locplan.simulation.choice._choice import (
@@ -49,8 +50,6 @@ COLUMNS = (
 """Names of the columns of candidates.csv; an empty field stands for a number that is not known."""
 WIDE, WIDEST = 105, 120
 """Usual and greatest width of the whole table [characters]; narrower terminals get less of it."""
-MILLIMETRES = 0.0995
-"""Number below which a third digit is told."""
 COMMON = ("rmse", "lost")
 """What is minimised that has a column in any case; the others' takes that of degenerate metres."""
 NAME_LENGTH = 60
@@ -187,12 +186,10 @@ def _file_of(number: int, name: str) -> str:
 
 
 def _number(value: float) -> str:
-    """Text of a number with two digits behind the point, with none if it is large."""
+    """Text of a number above 0 with the digits of an error in metres, with none if it is large."""
     if not np.isfinite(value):
         return "-"
-    if 0 < value < MILLIMETRES:
-        return f"{value:.3f}"
-    return f"{value:.{2 if abs(value) < 10 else 1 if abs(value) < 100 else 0}f}"
+    return f"{value:.{digits_of(value) if value < 10 else 1 if value < 100 else 0}f}"
 
 
 def _interval(interval: Interval) -> str:

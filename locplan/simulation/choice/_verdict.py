@@ -19,6 +19,7 @@ from locplan.field import Lidar
 from locplan.planners import Plan
 from locplan.planners._plan import AWARE, SHORTEST
 from locplan.simulation._drives import Drives, check_drives
+from locplan.simulation._formats import digits_of
 from locplan.simulation._motion import poses_along
 from locplan.simulation._scores import CLEARLY, CLEARLY_FEWER, log_errors, worst_error
 from locplan.simulation._settings import Amcl, Disturbances, lidar_of
@@ -231,7 +232,8 @@ def _of_drives(
     amcl: Amcl,
 ) -> str:
     """Verdict on two paths that were driven; `worse` says that the aware one is."""
-    before, after = (_metres(math.exp(scores[label])) for label in (SHORTEST, AWARE))
+    errors = [math.exp(scores[label]) for label in (SHORTEST, AWARE)]
+    before, after = (f"{error:.{digits_of(error)}f}" for error in errors)
     lost, still = (f"{100 * drives[label].lost.mean():.0f}" for label in (SHORTEST, AWARE))
     count = len(drives[AWARE].errors)
     typical = f"error of a typical drive {before} -> {after} m"
@@ -243,8 +245,3 @@ def _of_drives(
     how = "worse" if worse else "not clearly better"
     text = f"{driven}: the aware path is {how} here: {numbers}; the shortest is recommended"
     return text + untuned
-
-
-def _metres(error: float) -> str:
-    """Text of an error [m] with two digits at least."""
-    return f"{error:.2f}" if error >= 0.095 else f"{error:.3f}"
