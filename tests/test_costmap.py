@@ -1,6 +1,7 @@
 import dataclasses
 import math
 import pickle
+from functools import partial
 
 import naive
 import numpy as np
@@ -10,6 +11,7 @@ from conftest import corridor, drawn
 from locplan._kernels import rays
 from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.costs import Costmap, Path, path_metrics, profile
+from locplan.costs._degeneracy import HeadingLayers
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field
 from locplan.maps import FREE, OccupancyGrid
@@ -238,7 +240,7 @@ def two_headings(weight: float) -> Costmap:
     grid = drawn("..#", "...")
     u = np.array([[[0.0, 0.25, 0.5], [0.75, 1.0, 1.0]], [[0.5] * 3, [0.125] * 3]], np.float32)
     costs = dataclasses.replace(Costmap.blank(grid), u=u.mean(axis=0), e=u[0] / 10, weight=0.0)
-    costs = dataclasses.replace(costs, u_of_heading=u, e_of_heading=u / 10)
+    costs = dataclasses.replace(costs, of_heading=HeadingLayers(partial(tuple, (u, u / 10))))
     return costs.with_weight(weight)
 
 

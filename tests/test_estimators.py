@@ -13,6 +13,7 @@ from conftest import corridor, drawn, random_rooms
 from scipy.linalg import expm, logm
 
 from locplan.costs import Costmap, Path, path_metrics, profile
+from locplan.costs._degeneracy import HeadingLayers
 from locplan.errors import ConfigError
 from locplan.field import (
     CovarianceField,
@@ -509,9 +510,9 @@ def headed_costs() -> Costmap:
     costs = Costmap.blank(grid, robot_radius=0.0)
     u = 0.5 + 0.5 * np.cos(2 * np.pi * np.arange(8) / 8)
     layers = np.broadcast_to(u[:, None, None], (8, *grid.shape))
-    return dataclasses.replace(
-        costs, weight=4.0, u=np.full(grid.shape, 0.5), u_of_heading=layers, e_of_heading=layers
-    )
+    of_heading = HeadingLayers(lambda: (layers, layers))
+    half = np.full(grid.shape, 0.5)
+    return dataclasses.replace(costs, weight=4.0, u=half, of_heading=of_heading)
 
 
 def test_a_motions_cost_is_that_of_its_headings(headed_costs):

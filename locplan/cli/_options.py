@@ -8,10 +8,10 @@ from __future__ import annotations
 import dataclasses
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from cyclopts import Parameter
 
@@ -23,11 +23,20 @@ from locplan.field import ESTIMATORS
 from locplan.field._lidar_presets import PRESETS
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from locplan.costs import Costmap
     from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar
     from locplan.maps import OccupancyGrid
 
-    Compute = Callable[[OccupancyGrid], CovarianceField]
+    class Compute(Protocol):
+        """A function that gives the field of a map, or its values at some lattice points."""
+
+        def __call__(
+            self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
+        ) -> CovarianceField: ...
+
 
 LOG = logging.getLogger("locplan.cli")
 
@@ -85,7 +94,8 @@ class FieldOptions:
     template: Literal["disc", "visible"] | None = None
     """The template of sad is the paper's disc, or the part of it seen from its centre."""
     stride: float | None = None
-    """The spacing of the evaluated cells is 0.2 by default [m]."""
+    """The spacing of the evaluated cells is 0.2 by default [m]; plan and choose take twice as much
+    away from their paths, where a lidar is simulated."""
 
     def named_lidar(self, reach: float | None = None) -> Lidar | None:
         """The lidar that was named, or None; `reach` replaces its range [m]."""
@@ -137,6 +147,13 @@ class FieldOptions:
             paper = given.pop("preset", None) == "paper"
             made = dataclasses.replace(kind.paper() if paper else kind(), **given)
         return FieldConfig(_seen_by(made, lidar, reach, view), **others)
+
+    def is_fine_near_paths(self, config: FieldConfig) -> bool:
+        """Whether a field on which paths are planned need only be fine near these.
+
+        It need where a lidar is simulated, which takes long, and no spacing was given.
+        """
+        return config.estimator.casts_rays and self.stride is None and self.config is None
 
     def to_configs(self, ranges: str | None) -> list[FieldConfig]:
         """The settings with each of the ranges in a text [m], or as they are without a text."""
@@ -220,12 +237,15 @@ class Computing:
 
         with executor_of(self.scheduler) if self.scheduler else nullcontext() as executor:
 
-            def compute(grid: OccupancyGrid) -> CovarianceField:
+            def compute(
+                grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
+            ) -> CovarianceField:
                 started = time.perf_counter()
                 with progress_bar(f"field of {grid.name}", "cells") as progress:
                     field = load_or_compute(
                         grid,
                         config,
+                        points=points,
                         cache_dir=self.cache_dir,
                         threads=self.threads,
                         executor=executor,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -15,6 +15,11 @@ from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._simulation_options import FilterOptions
 from locplan.cli._values import load, outline_of, position, refuse, settings_of, show
 from locplan.planners import names
+
+if TYPE_CHECKING:
+    from locplan.costs import Costmap
+    from locplan.field import CovarianceField
+    from locplan.planners import Plan
 
 app = groups.command(
     "plan",
@@ -137,15 +142,34 @@ def plan(
     costs.check(config)
     history = ["history.png"] if planners.takes(planner, "progress") else []
     folder = PLAN.into(output, *history, force=force) if output else None
-    field = computing.field(grid, config)
-    costmap = costs.costmap(grid, field)
-    untimed = planning.iterations and planning.time_limit is None
-    with progress_bar(planner.name, "iterations" if untimed else "") as progress:
-        if planners.takes(planner, "progress"):
-            given["progress"] = in_turn(progress, 2 * (len(stops) + 1))
-        plans = planners.plan_beside_shortest(
-            costmap, start, goal, planner=planning.planner, **(limits | given)
-        )
+    asked = {"start": start, "goal": goal, "planner": planning.planner, **limits, **given}
+    slow, draft = planners.takes(planner, "progress"), asked
+    if slow:  # the default planner finds where the field must be fine
+        places = {"start": start[:2], "goal": goal[:2], "via": [xy[:2] for xy in stops]}
+        draft = {**limits, **places}
+
+    def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
+        costmap = costs.costmap(grid, field)
+        return costmap, planners.plan_beside_shortest(costmap, **request)
+
+    near_paths = options.is_fine_near_paths(config)
+    with computing.of(config) as compute:
+        if near_paths:
+            field, (costmap, plans) = planners.planned_near_paths(
+                grid,
+                config,
+                lambda points: compute(grid, points),
+                lambda field: planned(field, draft),
+                lambda found: [plan.path for plan in found[1].values() if plan.path],
+            )
+        else:
+            field = compute(grid)
+    if slow or not near_paths:
+        untimed = planning.iterations and planning.time_limit is None
+        with progress_bar(planner.name, "iterations" if untimed else "") as progress:
+            if slow:
+                asked["progress"] = in_turn(progress, 2 * (len(stops) + 1))
+            costmap, plans = planned(field, asked)
     found = None
     if lidar and robot:
         from locplan.simulation import verdict

@@ -7,6 +7,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of, position
 from locplan._util.notebook import Pictured
-from locplan.costs._degeneracy import LAWS, CostSettings, degeneracy
+from locplan.costs._degeneracy import LAWS, CostSettings, HeadingLayers, degeneracy, sealed
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, check_grid
@@ -23,7 +24,7 @@ ROBOT_RADIUS = 0.25
 """Default radius of the robot [m]."""
 MAX_DENSITY = 1e9
 """Greatest finite density; with a higher one, rounding would swallow a path's short steps."""
-LAYERS = ("density", "u", "e", "u_of_heading", "e_of_heading")
+LAYERS = ("density", "u", "e")
 """Names of the arrays of a costmap."""
 
 
@@ -49,24 +50,21 @@ class Costmap(Pictured):
     """Degeneracy of a cell, 0..1, (H, W); NaN where there is no field."""
     e: NDArray[np.float64]
     """The field's e [m^2 rad], (H, W); NaN where there is no field."""
-    u_of_heading: NDArray[np.float32] | None = None
-    """u for n headings of the robot, evenly spaced from 0 on, (n, H, W); None if they are alike."""
-    e_of_heading: NDArray[np.float32] | None = None
-    """e for the headings of `u_of_heading` [m^2 rad], (n, H, W); None if they are alike."""
+    of_heading: HeadingLayers | None = None
+    """u and e for n headings of the robot, evenly spaced from 0 on; None if they are alike."""
     settings: CostSettings | None = None
     """Settings of u; None without a field."""
 
     def __post_init__(self) -> None:
         for name in LAYERS:
             layer = getattr(self, name)
-            if layer is not None and layer.flags.writeable:
+            if layer.flags.writeable:
                 object.__setattr__(self, name, sealed(layer.copy()))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         for name in LAYERS:
-            if state[name] is not None:
-                sealed(state[name])
+            sealed(state[name])
 
     def copy(self) -> Costmap:
         """Copy of the costmap that shares nothing with it, not even the map."""
@@ -134,18 +132,17 @@ class Costmap(Pictured):
         check_weight(weight)
         one_of("law", law, LAWS)
         one_of("headings", headings, ("mean", "worst"))
-        own = degeneracy(field, criterion, law, None) if field.config.headings > 1 else None
+        several = field.config.headings > 1
+        own = HeadingLayers(partial(degeneracy, field, criterion, law, None)) if several else None
         u, e = degeneracy(field, criterion, law, headings)
-        density = np.where(np.isnan(u), np.inf, 1 + weight * u)
         return cls(
             grid=grid,
-            density=_blocked(density, grid, robot_radius),
+            density=_blocked(_density_of(u, weight), grid, robot_radius),
             weight=float(weight),
             robot_radius=float(robot_radius),
             u=sealed(u),
             e=sealed(e),
-            u_of_heading=sealed(own[0].astype(np.float32)) if own else None,
-            e_of_heading=sealed(own[1].astype(np.float32)) if own else None,
+            of_heading=own,
             settings=CostSettings(law, criterion, headings, field.config),
         )
 
@@ -183,6 +180,16 @@ class Costmap(Pictured):
         return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
 
     @property
+    def u_of_heading(self) -> NDArray[np.float32] | None:
+        """u for n headings of the robot, evenly spaced from 0 on, (n, H, W); None if alike."""
+        return None if self.of_heading is None else self.of_heading.both[0]
+
+    @property
+    def e_of_heading(self) -> NDArray[np.float32] | None:
+        """e for the headings of `u_of_heading` [m^2 rad], (n, H, W); None if alike."""
+        return None if self.of_heading is None else self.of_heading.both[1]
+
+    @property
     def density_of_heading(self) -> NDArray[np.float64]:
         """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
         if self.u_of_heading is None:
@@ -202,8 +209,9 @@ class Costmap(Pictured):
         check_weight(weight)
         if math.isnan(self.weight):
             raise ConfigError("a costmap from a density has no weight; make another one instead")
-        density = sealed(np.where(np.isfinite(self.density), 1 + weight * self.u, np.inf))
-        return dataclasses.replace(self, density=density, weight=float(weight))
+        density = _density_of(self.u, weight)
+        density[np.isinf(self.density)] = np.inf
+        return dataclasses.replace(self, density=sealed(density), weight=float(weight))
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
         """Copy of the costmap with more cells blocked, given as a mask (H, W)."""
@@ -288,12 +296,17 @@ def check_weight(weight: float) -> None:
     number("weight", weight, 0, MAX_DENSITY)
 
 
-def sealed(layer: NDArray[Any]) -> NDArray[Any]:
-    """Make an array read-only, and return it."""
-    layer.setflags(write=False)
-    return layer
+def _density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
+    """1 + weight u; infinite where u is NaN."""
+    density = u * weight
+    density += 1
+    density[np.isnan(u)] = np.inf
+    return density
 
 
 def _blocked(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
+    """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
     number("robot_radius", robot_radius, 0, MAX_DENSITY)
-    return sealed(np.where(grid.closer_than(robot_radius - 1e-9), np.inf, density))
+    density = density if density.flags.writeable else density.copy()
+    density[grid.closer_than(robot_radius - 1e-9)] = np.inf
+    return sealed(density)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -45,20 +47,40 @@ def degeneracy(
     least, greatest = field.anchors(criterion)
     if not greatest > least:
         raise ConfigError(f"criterion {shown(criterion)} says nothing in a field without rotation")
-    layer = criterion in field.layers
-    found = field.scalar(criterion, headings=headings, with_q=True)
-    values = field.on_map(found, logarithmic=not layer)
-    u = _degeneracy_of(values, least, greatest, "layer" if layer else law)
+    values = field.scalar(criterion, headings=headings, with_q=True)
+    if criterion in field.layers:
+        u = field.on_map((values - least) / (greatest - least), logarithmic=False)
+    elif law == "logarithmic":
+        values = np.log(np.maximum(values, np.finfo(float).tiny) / least)
+        u = field.on_map(values / math.log(greatest / least), logarithmic=False)
+    else:
+        u = field.on_map(values / greatest)
+        u = np.cbrt(u, out=u) if law == "cube-root" else u
+    u = np.clip(u, 0.0, 1.0, out=u)
     e = field.on_map(field.scalar("e", headings=headings))
     return (u, e) if headings else (np.moveaxis(u, 2, 0), np.moveaxis(e, 2, 0))
 
 
-def _degeneracy_of(values: NDArray[Any], least: float, greatest: float, law: str) -> NDArray[Any]:
-    if law == "logarithmic":
-        u = np.log(values / least) / math.log(greatest / least)
-    elif law == "layer":
-        u = (values - least) / (greatest - least)
-    else:
-        u = values / greatest
-        u = np.cbrt(u) if law == "cube-root" else u
-    return np.clip(u, 0.0, 1.0)
+@dataclass(frozen=True, eq=False)
+class HeadingLayers:
+    """u and e for each heading of the robot, read from a field when they are first asked for."""
+
+    read: Callable[[], tuple[NDArray[np.floating], NDArray[np.floating]]]
+    """It returns u, 0..1, and e [m^2 rad] for n headings, (n, H, W) each."""
+
+    @cached_property
+    def both(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """u and e, (n, H, W) each, read-only."""
+        u, e = (np.array(layer, np.float32) for layer in self.read())
+        return sealed(u), sealed(e)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for layer in state.get("both", ()):
+            sealed(layer)
+
+
+def sealed(layer: NDArray[Any]) -> NDArray[Any]:
+    """Make an array read-only, and return it."""
+    layer.setflags(write=False)
+    return layer

@@ -62,8 +62,10 @@ class CacheEntry:
         )
 
     @property
-    def share(self) -> float:
-        """Finished share of the field, 0..1."""
+    def share(self) -> float | None:
+        """Finished share of the field, 0..1; None where it is to have some points only."""
+        if "points" in self.about.get("identity", ()):
+            return None
         return self.chunks / self.about["chunks"] if self.about.get("chunks") else 1.0
 
 

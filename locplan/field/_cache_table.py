@@ -37,7 +37,7 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
             entry.about.get("map_name", "(not of this version)"),
             _unusual(entry.about["config"]) if entry.about else "–",
             in_bytes(entry.size),
-            f"{entry.share:.0%}",
+            "near paths" if entry.share is None else f"{entry.share:.0%}",
             age(entry.computed),
             age(entry.used),
         ]

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 
+import numpy as np
+from numpy.typing import NDArray
+
 from locplan._util.progress import ProgressCallback
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig, config_of
@@ -16,6 +19,7 @@ def covariance_field(
     grid: OccupancyGrid,
     config: FieldConfig | Estimator | None = None,
     *,
+    points: NDArray[np.bool_] | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
     progress: ProgressCallback | None = None,
@@ -31,6 +35,8 @@ def covariance_field(
         The map.
     config : FieldConfig or Estimator, optional
         Estimator and lattice; `Sad()` by default.
+    points : (h, w) array of bool, optional
+        Lattice points to evaluate, by default all. The others are read from those around them.
     threads : int, optional
         Number of threads; all cores by default. The result does not depend on it.
     executor : concurrent.futures.Executor, optional
@@ -42,7 +48,8 @@ def covariance_field(
     Raises
     ------
     ConfigError
-        If the config does not fit the map's resolution, or `threads` is below 1.
+        If the config does not fit the map's resolution, `points` is no mask of the lattice, or
+        `threads` is below 1.
     FieldError
         If the executor fails.
 
@@ -59,6 +66,7 @@ def covariance_field(
     check_grid(grid)
     config = config_of(config)
     values = tiles.nothing_known(grid, config)
-    for _ in tiles.finished_chunks(values, grid, config, threads, executor, progress):
+    wanted = tiles.wanted_points(grid, config, points)
+    for _ in tiles.finished_chunks(values, grid, config, threads, executor, progress, wanted):
         pass
     return CovarianceField.of(values, grid, config)

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, position
-from locplan._util.extras import needed
 from locplan._util.files import replacing_folder
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan.errors import FieldError
 from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import (
@@ -28,7 +28,13 @@ from locplan.field._covariance import (
     scalar,
 )
 from locplan.field._estimator import Values
-from locplan.field._lattice import interpolate, neighbours, stride_cells
+from locplan.field._lattice import (
+    corners_of,
+    evaluated_points,
+    filled,
+    read_on_map,
+    stride_cells,
+)
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -95,6 +101,14 @@ class CovarianceField(Pictured):
         """Mask of the lattice points that hold a covariance, (h, w)."""
         return tiles.known_points(self.values)
 
+    @cached_property
+    def lacking(self) -> NDArray[np.bool_]:
+        """Mask of the lattice points that are read from their neighbours, (h, w).
+
+        There are none unless only some points were asked for; see `load_or_compute`.
+        """
+        return evaluated_points(self.grid.free, self.stride) & ~self.evaluated
+
     @property
     def window(self) -> OffsetLattice:
         """Lattice of the offsets that were compared at each cell."""
@@ -129,10 +143,13 @@ class CovarianceField(Pictured):
             values = values.mean(axis=2) if values.ndim == 3 and headings == "mean" else values
         else:
             covariance = self.quantised_covariance if with_q else self.covariance
-            values = scalar(self._merged(covariance) if headings == "mean" else covariance, name)
+            if headings == "mean":
+                as_it_is = covariance is self.covariance
+                covariance = self.mean_covariance if as_it_is else self._merged(covariance)
+            values = scalar(covariance, name)
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
 
-    @property
+    @cached_property
     def mean_covariance(self) -> NDArray[np.float64]:
         """Covariance of the mean information over the headings, (h, w, d, d)."""
         return self._merged(self.covariance)
@@ -171,11 +188,8 @@ class CovarianceField(Pictured):
         """
         criterion = self.config.estimator.criterion
         values = self.scalar(criterion, with_q=True)[self.evaluated]
-        return (
-            float(np.mean(values <= SATURATION * self.anchors(criterion)[0]))
-            if values.size
-            else 0.0
-        )
+        least, _ = self.anchors(criterion)
+        return float(np.mean(values <= SATURATION * least)) if values.size else 0.0
 
     @property
     def e_unit(self) -> str:
@@ -206,18 +220,18 @@ class CovarianceField(Pictured):
         themselves. Where a corner was not evaluated, the other corners take its weight.
         """
         if values.ndim == 3:
-            each = (values[:, :, k] for k in range(values.shape[2]))
-            return np.stack([self.on_map(one, logarithmic=logarithmic) for one in each], axis=2)
-        known = self.evaluated
-        filled = np.where(known, values, 1.0)
+            layers = np.empty((values.shape[2], *self.grid.shape))
+            for k, layer in enumerate(layers):
+                layer[:] = self.on_map(values[:, :, k], logarithmic=logarithmic)
+            return np.moveaxis(layers, 0, 2)
         if logarithmic:
-            filled = np.log(np.maximum(filled, np.finfo(float).tiny))
-        read = interpolate(np.where(known, filled, 0.0), self.grid.shape, self.stride)
-        weight = interpolate(known.astype(float), self.grid.shape, self.stride)
-        readable = self.grid.free & (weight > 0)
-        result = np.full(self.grid.shape, np.nan)
-        result[readable] = read[readable] / weight[readable]
-        return np.exp(result) if logarithmic else result
+            values = np.log(np.maximum(values, np.finfo(float).tiny))
+        result = read_on_map(self._on_lattice(values), self.grid.free, self.stride)
+        return np.exp(result, out=result) if logarithmic else result
+
+    def _on_lattice(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values with the lacking points filled, (h, w)."""
+        return filled(values, self.evaluated, self.lacking) if self.lacking.any() else values
 
     def at(
         self, x: float | Sequence[float], y: float | None = None, heading: float | None = None
@@ -239,15 +253,12 @@ class CovarianceField(Pictured):
         if not (self.grid.contains(row, col) and self.grid.free[row, col]):
             return nowhere
         exact_row, exact_col = (float(v) - 0.5 for v in self.grid.world_to_grid(x, y))
-        corners, weights = [], []
-        for i, weight_row in neighbours(exact_row / self.stride, self.covariance.shape[0]):
-            for j, weight_col in neighbours(exact_col / self.stride, self.covariance.shape[1]):
-                if self.evaluated[i, j] and weight_row * weight_col > 0:
-                    corners.append(self._towards(self.covariance[i, j], heading))
-                    weights.append(weight_row * weight_col)
+        known = self.evaluated, self.lacking
+        corners = corners_of(exact_row / self.stride, exact_col / self.stride, *known)
         if not corners:
             return nowhere
-        return log_euclidean_mean(np.array(corners), np.array(weights))
+        covariances = [self._towards(self.covariance[point], heading) for point in corners]
+        return log_euclidean_mean(np.array(covariances), np.array(list(corners.values())))
 
     def _towards(self, covariance: NDArray[Any], heading: float | None) -> NDArray[np.float64]:
         """Covariance of a lattice point for one heading [rad], or for all headings together."""
@@ -268,19 +279,9 @@ class CovarianceField(Pictured):
         LocplanError
             If xarray is not installed.
         """
-        needed("xarray", "tables", "to_xarray")
-        from xarray import Dataset
+        from locplan.field._dataset import dataset_of
 
-        coordinates = field_files.coordinates(self.grid, self.config)
-        places = tuple(coordinates)
-        arrays: dict[str, Any] = {
-            "covariance": ((*places, "pose_row", "pose_col"), self.covariance),
-            "e": (places, self.e, {"units": self.e_unit}),
-            **{name: (places, layer) for name, layer in self.layers.items()},
-        }
-        estimator, yaw = self.config.estimator.summary, self.grid.origin[2]
-        at = {name: (name, *described) for name, described in coordinates.items()}
-        return Dataset(arrays, at, {"map": self.grid.name, "yaw": yaw, "estimator": estimator})
+        return dataset_of(self.values, self.e, self.e_unit, self.grid, self.config)
 
     def update(
         self,
@@ -311,7 +312,8 @@ class CovarianceField(Pictured):
         values = tiles.nothing_known(grid, self.config)
         for name, known in self.values.items():
             values[name][same] = known[same]
-        for _ in tiles.finished_chunks(values, grid, self.config, threads, executor, progress):
+        made = grid, self.config, threads, executor, progress
+        for _ in tiles.finished_chunks(values, *made, tiles.wanted_points(grid, self.config)):
             pass
         return CovarianceField.of(values, grid, self.config)
 
@@ -324,8 +326,10 @@ class CovarianceField(Pictured):
         Raises
         ------
         LocplanError
-            If the folder cannot be written, or may not be replaced.
+            If only some points were evaluated, or the folder cannot be written or replaced.
         """
+        if self.lacking.any():
+            raise FieldError(f"{self!r} has some of its points only; compute all to save it")
         ours = partial(field_files.may_be_replaced, force=force)
         with replacing_folder(file_path("a field", path), field_files.SUFFIX, ours) as temporary:
             field_files.write(temporary, self.values, self.grid, self.config)

@@ -20,13 +20,108 @@ def stride_cells(stride: float, resolution: float) -> int:
 def evaluated_points(free: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
     """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
     wanted = free[::stride, ::stride].copy()
-    covered = interpolate(wanted.astype(float), free.shape, stride) > 0
+    lonely = free & ~_covered(wanted, free.shape, stride)
     nearest = (
         np.minimum((index + stride // 2) // stride, size - 1)
-        for index, size in zip(np.nonzero(free & ~covered), wanted.shape, strict=True)
+        for index, size in zip(np.nonzero(lonely), wanted.shape, strict=True)
     )
     wanted[tuple(nearest)] = True
     return wanted
+
+
+def _covered(points: NDArray[np.bool_], shape: tuple[int, int], stride: int) -> NDArray[np.bool_]:
+    """Mask of the cells that `read_on_map` reads from at least one of the points, (H, W)."""
+    for axis, size in enumerate(shape):
+        at = np.arange(size)
+        below = np.minimum(at // stride, points.shape[axis] - 1)
+        above = np.minimum(-(-at // stride), points.shape[axis] - 1)
+        points = np.take(points, below, axis) | np.take(points, above, axis)
+    return points
+
+
+def every_second(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Every second lattice point in each direction, and those with none of them around, (h, w)."""
+    import cv2
+
+    chosen = np.zeros_like(points)
+    chosen[::2, ::2] = points[::2, ::2]
+    around = cv2.dilate(chosen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return np.asarray(chosen | (points & ~around))
+
+
+def points_near(
+    points: NDArray[np.bool_], stride: int, cells: NDArray[np.float64], distance: float
+) -> NDArray[np.bool_]:
+    """The lattice points within a distance [cells] of any of the cells (n, 2), (h, w)."""
+    import cv2
+
+    index = np.rint(cells / stride).astype(np.intp)
+    rows, cols = (np.clip(i, 0, size - 1) for i, size in zip(index.T, points.shape, strict=True))
+    there = np.zeros(points.shape, np.uint8)
+    there[rows, cols] = 1
+    reach = math.ceil(distance / stride)
+    offset = np.arange(-reach, reach + 1)
+    disc = offset[:, None] ** 2 + offset**2 <= (distance / stride) ** 2
+    return np.asarray(points & (cv2.dilate(there, disc.astype(np.uint8)) > 0))
+
+
+def filled(
+    values: NDArray[np.float64], known: NDArray[np.bool_], lacking: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Fill the lacking points of a lattice (h, w) with the mean of the known ones around them.
+
+    Where every second point is known this is their bilinear interpolation.
+    """
+    import cv2
+
+    half = np.array([0.5, 1.0, 0.5])
+    weight = cv2.sepFilter2D(known.astype(float), -1, half, half, borderType=cv2.BORDER_CONSTANT)
+    summed = np.where(known, values, 0.0)
+    summed = cv2.sepFilter2D(summed, -1, half, half, borderType=cv2.BORDER_CONSTANT)
+    result = values.copy()
+    result[lacking] = np.asarray(summed)[lacking] / np.asarray(weight)[lacking]
+    return result
+
+
+def read_on_map(
+    values: NDArray[np.float64], free: NDArray[np.bool_], stride: int
+) -> NDArray[np.float64]:
+    """Read the values of a lattice (h, w) bilinearly at the free cells, (H, W); NaN elsewhere.
+
+    The last values extend to the map's edge. Where a corner is NaN, the other corners take its
+    weight.
+    """
+    rows, cols = free.shape
+    known = ~np.isnan(values)
+    value = _along_rows(np.where(known, values, 0.0), cols, stride)
+    weight = _along_rows(known.astype(float), cols, stride)
+    result = np.empty(free.shape)
+    with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
+        for phase in range(min(stride, rows)):
+            low = slice(0, len(range(phase, rows, stride)))
+            read, part = result[phase::stride], phase / stride
+            np.divide(_between(value, low, part), _between(weight, low, part), out=read)
+    result[~free] = np.nan
+    return result
+
+
+def _along_rows(values: NDArray[np.float64], cols: int, stride: int) -> NDArray[np.float64]:
+    """Values (h, w) interpolated along each row at all columns, (h, cols)."""
+    last = values.shape[1] - 1
+    position = np.minimum(np.arange(cols) / stride, last)
+    low = np.floor(position).astype(np.intp)
+    part = position - low
+    next_one = np.minimum(low + 1, last)
+    return np.asarray(values[:, low] * (1 - part) + values[:, next_one] * part)
+
+
+def _between(rows: NDArray[np.float64], low: slice, part: float) -> NDArray[np.float64]:
+    """Values between each row and the next one, of which the last is its own."""
+    below = rows[low]
+    if not part:
+        return below
+    above = np.concatenate([rows[1:], rows[-1:]])[low]
+    return np.asarray(below * (1 - part) + above * part)
 
 
 def standing_cells(
@@ -62,23 +157,30 @@ def _moves(reach: int) -> Iterator[tuple[int, int]]:
         yield from sorted(moves, key=lambda move: math.hypot(*move))
 
 
-def interpolate(
-    values: NDArray[np.float64], shape: tuple[int, int], stride: int
-) -> NDArray[np.float64]:
-    """Interpolate lattice values (h, w) bilinearly at all cells (H, W); the last ones extend."""
-    for axis, size in enumerate(shape):
-        last = values.shape[axis] - 1
-        position = np.minimum(np.arange(size) / stride, last)
-        low = np.floor(position).astype(np.intp)
-        part = position - low
-        part = part[:, None] if axis == 0 else part[None, :]
-        below = np.take(values, low, axis)
-        above = np.take(values, np.minimum(low + 1, last), axis)
-        values = below * (1 - part) + above * part
-    return values
+def corners_of(
+    row: float, col: float, known: NDArray[np.bool_], lacking: NDArray[np.bool_]
+) -> dict[tuple[int, int], float]:
+    """The known points that a position on a lattice is read from bilinearly, with their weights.
+
+    Points around a lacking one take its weight, as in `filled`.
+    """
+    found: dict[tuple[int, int], float] = {}
+    for i, weight_row in _both_sides(row, known.shape[0]):
+        for j, weight_col in _both_sides(col, known.shape[1]):
+            weight = weight_row * weight_col
+            around = {(i, j): 1.0} if known[i, j] else {}
+            if lacking[i, j]:
+                top, left = max(i - 1, 0), max(j - 1, 0)
+                near = np.argwhere(known[top : i + 2, left : j + 2]) + np.array((top, left))
+                around = {(r, c): 0.5 ** (abs(r - i) + abs(c - j)) for r, c in near.tolist()}
+            total = sum(around.values())
+            for point, share in around.items():
+                if weight > 0:
+                    found[point] = found.get(point, 0.0) + weight * share / total
+    return found
 
 
-def neighbours(position: float, size: int) -> list[tuple[int, float]]:
+def _both_sides(position: float, size: int) -> list[tuple[int, float]]:
     """Lattice indices on either side of a position, with their bilinear weights."""
     position = min(max(position, 0.0), size - 1.0)
     low = math.floor(position)

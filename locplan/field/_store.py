@@ -46,6 +46,7 @@ def load_or_compute(
     grid: OccupancyGrid,
     config: FieldConfig | Estimator | None = None,
     *,
+    points: NDArray[np.bool_] | None = None,
     cache_dir: str | os.PathLike[str] | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
@@ -63,6 +64,9 @@ def load_or_compute(
         The map.
     config : FieldConfig or Estimator, optional
         Estimator and lattice; `Sad()` by default.
+    points : (h, w) array of bool, optional
+        Lattice points to evaluate, by default all; see `covariance_field`. The field has values at
+        these alone, whatever else is cached.
     cache_dir : path, optional
         Cache folder; by default LOCPLAN_CACHE of the environment, or else the user's. It may grow
         to LOCPLAN_CACHE_SIZE (5 GB); the least recently used fields are removed first.
@@ -82,16 +86,19 @@ def load_or_compute(
     check_grid(grid)
     config = config_of(config)
     limit = cache.cache_limit()
-    path = field_path(grid, config, cache_dir)
-    found = _Found.at(path, grid, config)
+    wanted, in_part = tiles.wanted_points(grid, config, points), points is not None
+    path = field_path(grid, config, cache_dir, in_part=in_part)
+    found = _Found.at(path, grid, config, wanted, in_part)
     if lacking := int(found.lacking.sum()):
         del found  # saves memory on a large map
         with _alone(path, lacking, progress) as writable:
-            found = _Found.at(path, grid, config)
+            found = _Found.at(path, grid, config, wanted, in_part)
             if found.complaint:
                 _warn(f"{found.complaint}; computed anew")
             _carry_over(found, path, grid, config)
-            chunks = tiles.finished_chunks(found.values, grid, config, threads, executor, progress)
+            chunks = tiles.finished_chunks(
+                found.values, grid, config, threads, executor, progress, wanted
+            )
             with closing(chunks):
                 cached = writable and _attempt(_open, path, found, grid, config)
                 for chunk in chunks:
@@ -101,14 +108,21 @@ def load_or_compute(
         if cached:
             cache.evict(path.parent, limit, path)
     cache.mark_used(path)
+    if in_part:
+        for array in found.values.values():
+            array[~wanted] = np.nan
     return CovarianceField.of(found.values, grid, config)
 
 
 def field_path(
-    grid: OccupancyGrid, config: FieldConfig, cache_dir: str | os.PathLike[str] | None = None
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    cache_dir: str | os.PathLike[str] | None = None,
+    *,
+    in_part: bool = False,
 ) -> Path:
-    """Path of a field in the cache, whether or not it is there."""
-    about = field_files.attributes(grid, config)
+    """Path of a field, or of some of its points, in the cache, whether or not it is there."""
+    about = field_files.attributes(grid, config, in_part=in_part)
     decisive = [about[name] for name in DECISIVE]
     key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
     return cache.cache_folder(cache_dir) / (key + field_files.SUFFIX)
@@ -121,19 +135,28 @@ class _Found:
     values: Values
     """Arrays of the field, NaN where they are not known."""
     lacking: NDArray[np.bool_]
-    """Lattice points that are still to be computed, (h, w)."""
+    """Lattice points that are wanted and still to be computed, (h, w)."""
     sound: bool
     """True if there is a group that chunks can be written to."""
     complaint: str
     """Damage that was found, or an empty text."""
+    in_part: bool
+    """True if only some points of the field are wanted."""
 
     @classmethod
-    def at(cls, path: Path, grid: OccupancyGrid, config: FieldConfig) -> _Found:
+    def at(
+        cls,
+        path: Path,
+        grid: OccupancyGrid,
+        config: FieldConfig,
+        wanted: NDArray[np.bool_],
+        in_part: bool,
+    ) -> _Found:
         values, complaint = None, ""
         if os.path.exists(path):  # False, too, where the folder cannot be searched
             try:
                 about = field_files.read_attributes(path)
-                expected = field_files.attributes(grid, config)
+                expected = field_files.attributes(grid, config, in_part=in_part)
                 if any(about.get(name) != expected[name] for name in DECISIVE):
                     raise FieldError(f"{path}: holds another field")
                 values, damaged = field_files.read_values(path, grid, config)
@@ -144,8 +167,8 @@ class _Found:
         sound = values is not None
         if values is None:
             values = tiles.nothing_known(grid, config)
-        lacking = tiles.missing_points(values, grid, config)
-        return cls(values, lacking, sound, complaint)
+        lacking = wanted & ~tiles.known_points(values)
+        return cls(values, lacking, sound, complaint, in_part)
 
 
 @contextmanager
@@ -161,7 +184,7 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
                 lock.acquire(timeout=_PATIENCE)
             except Timeout:
                 if progress:
-                    progress(int(lacking * cache.CacheEntry.read(path).share), lacking)
+                    progress(int(lacking * (cache.CacheEntry.read(path).share or 0.0)), lacking)
     except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
         lock = None
         _warn(f"the field is not cached: {path.parent} cannot be written ({_reason(error)})")
@@ -173,19 +196,16 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
 
 
 def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
-    """Fill in the values that cached fields of other states of this map have in common with it."""
-    expected = field_files.attributes(grid, config)
-    same = [
-        name for name in expected if name not in ("locplan", "map_digest", "map_name", "config")
-    ]
+    """Fill in the values that other cached fields of this map, or of another state of it, share."""
+    expected = _kind(field_files.attributes(grid, config))
     looked_at = 0
     for folder in cache.fields(path.parent):
-        lacking = tiles.missing_points(found.values, grid, config)
+        lacking = found.lacking & ~tiles.known_points(found.values)
         if looked_at == RELATIVES or not lacking.any():
             break
         with suppress(FieldError):  # damaged ones are skipped: this is only a shortcut
             about = field_files.read_attributes(folder)
-            if folder == path or any(about.get(name) != expected[name] for name in same):
+            if folder == path or _kind(about) != expected:
                 continue
             looked_at += 1
             before = field_files.read_grid(folder, about)
@@ -196,14 +216,21 @@ def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldCon
                     found.values[name][useful] = array[useful]
 
 
+def _kind(about: dict[str, Any]) -> dict[str, Any]:
+    """The attributes that fields must share for values of one to be values of the other."""
+    names = ("format", "engine", "map_shape", "resolution", "origin")
+    identity = {name: value for name, value in about["identity"].items() if name != "points"}
+    return {**{name: about.get(name) for name in names}, "identity": identity}
+
+
 def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Make the field's group if there is no sound one, and write the chunks carried over."""
     if not found.sound:
         with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
-            field_files.create(temporary, grid, config)
+            field_files.create(temporary, grid, config, in_part=found.in_part)
     for partial in path.rglob("*.partial"):  # left by a process that was killed while it wrote
         partial.unlink()
-    lacking = tiles.missing_points(found.values, grid, config)
+    lacking = found.lacking & ~tiles.known_points(found.values)
     edge = tiles.chunk_edge(config, grid.resolution)
     carried = tiles.chunks_of(found.lacking & ~lacking, edge)
     whole = [chunk for chunk in carried if not lacking[chunk.at].any()]

@@ -91,8 +91,29 @@ def known_points(values: Values) -> NDArray[np.bool_]:
 
 def missing_points(values: Values, grid: OccupancyGrid, config: FieldConfig) -> NDArray[np.bool_]:
     """Mask of the lattice points that a field needs and its arrays do not hold, (h, w)."""
-    wanted = evaluated_points(grid.free, stride_cells(config.stride, grid.resolution))
-    return wanted & ~known_points(values)
+    return wanted_points(grid, config) & ~known_points(values)
+
+
+def wanted_points(
+    grid: OccupancyGrid, config: FieldConfig, points: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """Mask of the lattice points that a field needs, of `points` where only these are asked for.
+
+    Raises
+    ------
+    ConfigError
+        If `points` is not a mask of the lattice.
+    """
+    needed = evaluated_points(grid.free, stride_cells(config.stride, grid.resolution))
+    if points is None:
+        return needed
+    points = np.asarray(points)
+    if points.shape != needed.shape or points.dtype != bool:
+        raise ConfigError(
+            f"points must be an array of bool of the lattice's shape {needed.shape}, not"
+            f" {points.dtype} {points.shape}"
+        )
+    return points & needed
 
 
 def finished_chunks(
@@ -102,7 +123,7 @@ def finished_chunks(
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
-    wanted: NDArray[np.bool_] | None = None,
+    wanted: NDArray[np.bool_],
 ) -> Generator[Chunk]:
     """Compute the missing values, and yield each chunk when it is finished.
 
@@ -111,11 +132,10 @@ def finished_chunks(
     tiles that it has begun.
 
     `values` are filled in place, covariances in the world frame; NaN marks what is missing.
-    `wanted` (h, w) marks the lattice points to compute; by default all that a field needs.
+    `wanted` (h, w) marks the lattice points to compute.
     """
     threads = check_threads(threads)
-    needed = missing_points(values, grid, config)
-    missing = needed if wanted is None else wanted & ~known_points(values)
+    missing = wanted & ~known_points(values)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
     estimator = config.estimator
     if not total:

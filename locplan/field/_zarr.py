@@ -55,8 +55,11 @@ COVARIANCE: dict[str, Any] = {
 """Attributes of the array of covariances."""
 
 
-def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
-    """Attributes of a field's group, which describe the field."""
+def attributes(
+    grid: OccupancyGrid, config: FieldConfig, *, in_part: bool = False
+) -> dict[str, Any]:
+    """Attributes of a field's group, which describe the field, all of it or some of its points."""
+    part = {"points": "some"} if in_part else {}
     return {
         "format": FORMAT,
         "engine": tiles.ENGINE,
@@ -70,6 +73,7 @@ def attributes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, Any]:
             "estimator": config.estimator.identity(),
             "stride_cells": stride_cells(config.stride, grid.resolution),
             "headings": config.headings,
+            **part,
         },
         "config": config.to_json(),
     }
@@ -128,7 +132,9 @@ def may_be_replaced(folder: Path, *, force: bool = False) -> bool:
     return True
 
 
-def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
+def create(
+    folder: Path, grid: OccupancyGrid, config: FieldConfig, *, in_part: bool = False
+) -> None:
     """Create a field's group with the map, the coordinates and arrays without values."""
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -136,7 +142,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
     edge, stride = _edge(grid, config), stride_cells(config.stride, grid.resolution)
     chunks = sum(1 for _ in tiles.chunks_of(evaluated_points(grid.free, stride), edge))
-    about = attributes(grid, config) | {"chunks": chunks}
+    about = attributes(grid, config, in_part=in_part) | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
     described = {"covariance": COVARIANCE}

@@ -1,0 +1,73 @@
+"""A field that is fine near the paths that are planned on it, and coarse elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs import Path
+from locplan.field import CovarianceField, FieldConfig
+from locplan.field._lattice import every_second, points_near
+from locplan.field._tiles import wanted_points
+from locplan.maps import OccupancyGrid
+
+NEAR = 1.0
+"""Distance from a path within which the field is made fine [m]."""
+CLOSE = 0.3
+"""Distance from a path within which it must be fine, or the field is computed once more [m]."""
+ROUNDS = 4
+"""Greatest number of fields; paths of the last one may leave what is fine."""
+
+T = TypeVar("T")
+
+
+def planned_near_paths(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    field_of: Callable[[NDArray[np.bool_]], CovarianceField],
+    planned: Callable[[CovarianceField], T],
+    paths_of: Callable[[T], Iterable[Path]],
+) -> tuple[CovarianceField, T]:
+    """Plan on every second lattice point, then on all points near the paths, until they stay there.
+
+    A map's first path so takes about a quarter of the time that its whole field takes.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig
+        Settings of the field.
+    field_of : callable
+        It returns the field with the values of some lattice points, given as a mask (h, w).
+    planned : callable
+        It plans on a field.
+    paths_of : callable
+        The paths in what `planned` returned.
+
+    Returns
+    -------
+    CovarianceField and what was planned on it.
+    """
+    needed = wanted_points(grid, config)
+    points = every_second(needed)
+    for left in reversed(range(ROUNDS)):
+        field = field_of(points)
+        found = planned(field)
+        stride, resolution = field.stride, grid.resolution
+        cells = _cells_along(paths_of(found), grid, max(resolution, stride * resolution / 2))
+        close = points_near(needed, stride, cells, CLOSE / resolution)
+        if not (close & ~points).any() or not left:
+            break
+        points = points | points_near(needed, stride, cells, NEAR / resolution)
+    return field, found
+
+
+def _cells_along(paths: Iterable[Path], grid: OccupancyGrid, spacing: float) -> NDArray[np.float64]:
+    """Positions every `spacing` metres along paths [cells from the first cell's centre], (n, 2)."""
+    along = [path.resampled(spacing).xy for path in paths]
+    xy = np.concatenate([*along, np.empty((0, 2))])
+    return np.stack(grid.world_to_grid(*xy.T), axis=1) - 0.5
