@@ -110,7 +110,18 @@ def choose(
     folder = reports.CHOICE.into(output, force=force) if output else None
     costmap = blank
     if planners.plan(blank, start, goal).path is not None:
-        costmap = costs.costmap(grid, computing.field(grid, config))
+        with computing.of(config) as compute:
+            if options.is_fine_near_paths(config):
+                costmap = core.costmap_near_candidates(
+                    grid,
+                    config,
+                    (start, goal),
+                    choosing.longest,
+                    lambda points: compute(grid, points),
+                    lambda field: costs.costmap(grid, field),
+                )
+            else:
+                costmap = costs.costmap(grid, compute(grid))
     candidates: dict[str, AnyCandidate] = {**paths}
     candidates.update((name, name) for name in chosen_planners)
     if choosing.front and costmap is not blank:

@@ -130,4 +130,7 @@ def about_field(field: CovarianceField) -> str:
     made = f"{field.config.estimator.summary}{several}"
     share = field.saturated_share
     remedy = f"\n{field.config.estimator.remedy}" if share > SATURATED else ""
-    return f"{made}; {share:.0%} of the map saturated{remedy}"
+    spacing = field.stride * field.grid.resolution
+    apart = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
+    near_paths = apart if field.lacking.any() else ""
+    return f"{made}{near_paths}; {share:.0%} of the map saturated{remedy}"

@@ -33,7 +33,7 @@ def planned_near_paths(
 ) -> tuple[CovarianceField, T]:
     """Plan on every second lattice point, then on all points near the paths, until they stay there.
 
-    A map's first path so takes about a quarter of the time that its whole field takes.
+    On a real map of 0.05 m about two fifths of the points are evaluated for a path across it.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,9 @@ from locplan._util.checks import number, one_of, positive
 from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar, Scan, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Lidar, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.planners import Position, check_ends, plan
+from locplan.planners import Position, check_ends, plan, planned_near_paths
 from locplan.planners._alternatives import LONGEST, alternatives
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import Poses, poses_along
@@ -73,7 +73,8 @@ def choose(
         The robot's lidar, its filter, and the disturbances; see `Simulator`. The choice is worth
         as much as they are those of your robot. The lidar is by default that of the costmap.
     costs : Costmap, optional
-        Costmap of a field of this map, to plan on; by default that of `Scan` for the lidar.
+        Costmap of a field of this map, to plan on; by default that of `Scan` for the lidar, whose
+        spacing is 0.2 m near the candidates and 0.4 m elsewhere.
     robot_radius : float
         Radius of the robot where no costmap is given [m].
     candidates : sequence or mapping
@@ -134,8 +135,15 @@ def choose(
     if costs is None and plan(here, begin, end).path is None:
         costs = here  # no field is worth its time
     if costs is None:
-        field = load_or_compute(grid, Scan(lidar), threads=threads)
-        costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
+        config = FieldConfig(Scan(lidar))
+        costs = costmap_near_candidates(
+            grid,
+            config,
+            (begin, end),
+            longest,
+            lambda points: load_or_compute(grid, config, points=points, threads=threads),
+            lambda field: Costmap.from_field(grid, field, robot_radius=robot_radius),
+        )
     elif costs.grid.digest != grid.digest:
         raise ConfigError("the costmap is that of another map")
     own = own_paths(costs, begin, end, candidates)
@@ -158,6 +166,29 @@ def choose(
     best = selected(scores + prices, lost, minimise)[0] if made else 0
     settings = simulator.lidar, simulator.amcl, simulator.disturbances
     return Choice(costs, begin, end, made, best, minimise, price, *settings, drives, seed)
+
+
+def costmap_near_candidates(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    ends: tuple[Position, Position],
+    longest: float,
+    field_of: Callable[[NDArray[np.bool_]], CovarianceField],
+    costmap_of: Callable[[CovarianceField], Costmap],
+) -> Costmap:
+    """Costmap of a field that is fine near the alternatives, see `planned_near_paths`.
+
+    `ends` are start and goal; `field_of` gives the field at some lattice points.
+    """
+
+    def planned(field: CovarianceField) -> tuple[Costmap, dict[str, Path]]:
+        costs = costmap_of(field)
+        return costs, alternatives(costs, *ends, longest=longest)
+
+    _, (costs, _) = planned_near_paths(
+        grid, config, field_of, planned, lambda found: found[1].values()
+    )
+    return costs
 
 
 def check_request(
