@@ -6,15 +6,23 @@ from functools import partial
 import naive
 import numpy as np
 import pytest
-from conftest import corridor, drawn
+from conftest import corridor, drawn, random_rooms
 
 from locplan._kernels import rays
 from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.costs._degeneracy import HeadingLayers
 from locplan.errors import ConfigError, FieldError, PoseError
-from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field
-from locplan.maps import FREE, OccupancyGrid
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    Fisher,
+    Lidar,
+    Sad,
+    SearchWindow,
+    covariance_field,
+)
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 
 
 @pytest.fixture(scope="module")
@@ -308,3 +316,59 @@ def test_an_array_that_was_given_is_neither_locked_nor_followed():
         given[0, 0] += 1.0
         assert (costs.u == given[1, 1]).sum() >= 5
         assert costs.u.max() < given.max()
+
+
+@pytest.fixture(scope="module", params=["sad", "fisher"])
+def edited(request) -> tuple[CovarianceField, list[CovarianceField]]:
+    """A field of rooms, and those of maps with an edit each: inside, at an edge, and none."""
+    before = OccupancyGrid(random_rooms((230, 260), seed=4), 0.1)
+    seen = Sad(range=1.0) if request.param == "sad" else Fisher(Lidar(range=1.5, beams=40))
+    field = covariance_field(before, FieldConfig(seen, stride=0.3))
+    after = []
+    for rows, cols in ((slice(60, 63), slice(60, 66)), (slice(0, 2), slice(250, 260)), ((), ())):
+        cells = before.cells.copy()
+        cells[rows, cols] = np.where(cells[rows, cols] == FREE, OCCUPIED, FREE)
+        after.append(field.update(OccupancyGrid(cells, 0.1)))
+    return field, after
+
+
+@pytest.mark.parametrize("robot_radius", [0.0, 0.45])
+@pytest.mark.parametrize("law", ["logarithmic", "cube-root"])
+def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
+    field, after = edited
+    settings = {"weight": 3.0, "robot_radius": robot_radius, "law": law}
+    costs = Costmap.from_field(field.grid, field, **settings)
+    for each in after:
+        updated, new = costs.updated(each), Costmap.from_field(each.grid, each, **settings)
+        for name in ("density", "u", "e"):
+            np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
+            assert not getattr(updated, name).flags.writeable
+        assert updated.grid is each.grid
+        assert (updated.settings, updated.weight) == (new.settings, 3.0)
+
+
+def test_an_update_reads_a_window_only(edited, monkeypatch):
+    field, (inside, _, same) = edited
+    costs, sizes = Costmap.from_field(field.grid, field), []
+    from_field = Costmap.from_field
+
+    def counted(grid, *arguments, **options):
+        sizes.append(grid.cells.size)
+        return from_field(grid, *arguments, **options)
+
+    monkeypatch.setattr(Costmap, "from_field", counted)
+    costs.updated(inside)
+    costs.updated(same)
+    assert len(sizes) == 1
+    assert sizes[0] < 0.5 * field.grid.cells.size
+
+
+def test_a_costmap_is_updated_by_a_field_of_its_own_kind(edited):
+    field, _ = edited
+    costs = Costmap.from_field(field.grid, field)
+    with pytest.raises(ConfigError, match="own config only"):
+        Costmap.blank(field.grid).updated(field)
+    other = OccupancyGrid(field.grid.cells, 0.1, (1.0, 0.0, 0.0))
+    moved = CovarianceField.of(field.values, other, field.config)
+    with pytest.raises(FieldError, match="another origin"):
+        costs.updated(moved)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import instance, number, one_of, position
 from locplan._util.notebook import Pictured
 from locplan.costs._degeneracy import LAWS, CostSettings, HeadingLayers, degeneracy, sealed
+from locplan.costs._window import changed_window, part_around
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField
 from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, check_grid
@@ -132,8 +133,7 @@ class Costmap(Pictured):
         check_weight(weight)
         one_of("law", law, LAWS)
         one_of("headings", headings, ("mean", "worst"))
-        several = field.config.headings > 1
-        own = HeadingLayers(partial(degeneracy, field, criterion, law, None)) if several else None
+        settings = CostSettings(law, criterion, headings, field.config)
         u, e = degeneracy(field, criterion, law, headings)
         return cls(
             grid=grid,
@@ -142,8 +142,8 @@ class Costmap(Pictured):
             robot_radius=float(robot_radius),
             u=sealed(u),
             e=sealed(e),
-            of_heading=own,
-            settings=CostSettings(law, criterion, headings, field.config),
+            of_heading=_headings(field, settings),
+            settings=settings,
         )
 
     @classmethod
@@ -212,6 +212,37 @@ class Costmap(Pictured):
         density = _density_of(self.u, weight)
         density[np.isinf(self.density)] = np.inf
         return dataclasses.replace(self, density=sealed(density), weight=float(weight))
+
+    def updated(self, field: CovarianceField) -> Costmap:
+        """Costmap of an edited map, read anew only where the edit can have changed it.
+
+        It equals `from_field` of the edited map with the settings of this costmap.
+
+        Parameters
+        ----------
+        field : CovarianceField
+            The field of the edited map, such as `CovarianceField.update` gives.
+
+        Raises
+        ------
+        ConfigError
+            If the costmap has no field, or the new one has another config.
+        FieldError
+            If the new map has another shape, resolution or origin.
+        """
+        grid, settings = field.grid, self.settings
+        if settings is None or settings.config != field.config:
+            raise ConfigError("a costmap is updated by a field of its own config only")
+        same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
+        same |= {"weight": self.weight, "robot_radius": self.robot_radius}
+        arrays = {name: getattr(self, name) for name in LAYERS}
+        if window := changed_window(self.grid, field, self.robot_radius):
+            part, inside = part_around(field, window, self.robot_radius)
+            costs = Costmap.from_field(part.grid, part, **same)
+            for name, layer in arrays.items():
+                arrays[name] = layer.copy()
+                arrays[name][window] = getattr(costs, name)[inside]
+        return dataclasses.replace(self, grid=grid, of_heading=_headings(field, settings), **arrays)
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
         """Copy of the costmap with more cells blocked, given as a mask (H, W)."""
@@ -294,6 +325,13 @@ def check_costs(costs: object) -> None:
 def check_weight(weight: float) -> None:
     """Raise a ConfigError unless the weight is a number of at least 0."""
     number("weight", weight, 0, MAX_DENSITY)
+
+
+def _headings(field: CovarianceField, settings: CostSettings) -> HeadingLayers | None:
+    """Layers of the headings that a field has; None if they are alike."""
+    if field.config.headings == 1:
+        return None
+    return HeadingLayers(partial(degeneracy, field, settings.criterion, settings.law, None))
 
 
 def _density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:

@@ -120,7 +120,9 @@ class CovarianceField(Pictured):
 
         NaN where not evaluated.
         """
-        return scalar(self.covariance, "e")
+        e = np.full(self.covariance.shape[:-2], np.nan)
+        e[self.evaluated] = scalar(self.covariance[self.evaluated], "e")
+        return e
 
     def scalar(
         self, name: str, *, headings: Literal["mean", "worst"] | None = None, with_q: bool = False
@@ -146,7 +148,8 @@ class CovarianceField(Pictured):
             if headings == "mean":
                 as_it_is = covariance is self.covariance
                 covariance = self.mean_covariance if as_it_is else self._merged(covariance)
-            values = scalar(covariance, name)
+            known = name == "e" and covariance is self.covariance
+            values = self.e if known else scalar(covariance, name)
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
 
     @cached_property

@@ -11,6 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+BLOCK = 1 << 16
+"""Number of cells that are read at once: they and their neighbours fit a core's cache."""
+
 
 def stride_cells(stride: float, resolution: float) -> int:
     """Spacing in metres rounded to whole cells, at least one."""
@@ -70,7 +73,8 @@ def filled(
 ) -> NDArray[np.float64]:
     """Fill the lacking points of a lattice (h, w) with the mean of the known ones around them.
 
-    Where every second point is known this is their bilinear interpolation.
+    Where every second point is known this is their bilinear interpolation. Points with no known
+    one around stay NaN.
     """
     import cv2
 
@@ -79,7 +83,8 @@ def filled(
     summed = np.where(known, values, 0.0)
     summed = cv2.sepFilter2D(summed, -1, half, half, borderType=cv2.BORDER_CONSTANT)
     result = values.copy()
-    result[lacking] = np.asarray(summed)[lacking] / np.asarray(weight)[lacking]
+    with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where none is known around
+        result[lacking] = np.asarray(summed)[lacking] / np.asarray(weight)[lacking]
     return result
 
 
@@ -96,32 +101,35 @@ def read_on_map(
     value = _along_rows(np.where(known, values, 0.0), cols, stride)
     weight = _along_rows(known.astype(float), cols, stride)
     result = np.empty(free.shape)
+    block = max(1, BLOCK // (stride * cols))
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-        for phase in range(min(stride, rows)):
-            low = slice(0, len(range(phase, rows, stride)))
-            read, part = result[phase::stride], phase / stride
-            np.divide(_between(value, low, part), _between(weight, low, part), out=read)
-    result[~free] = np.nan
+        for first in range(0, -(-rows // stride), block):
+            some = slice(first * stride, min((first + block) * stride, rows))
+            read = _between_rows(value, first, block, stride)
+            read /= _between_rows(weight, first, block, stride)
+            result[some] = read[: some.stop - some.start]
+            result[some][~free[some]] = np.nan
     return result
 
 
 def _along_rows(values: NDArray[np.float64], cols: int, stride: int) -> NDArray[np.float64]:
     """Values (h, w) interpolated along each row at all columns, (h, cols)."""
-    last = values.shape[1] - 1
-    position = np.minimum(np.arange(cols) / stride, last)
-    low = np.floor(position).astype(np.intp)
-    part = position - low
+    last, col = values.shape[1] - 1, np.arange(cols)
+    low, part = np.minimum(col // stride, last), col % stride / stride
     next_one = np.minimum(low + 1, last)
     return np.asarray(values[:, low] * (1 - part) + values[:, next_one] * part)
 
 
-def _between(rows: NDArray[np.float64], low: slice, part: float) -> NDArray[np.float64]:
-    """Values between each row and the next one, of which the last is its own."""
-    below = rows[low]
-    if not part:
-        return below
-    above = np.concatenate([rows[1:], rows[-1:]])[low]
-    return np.asarray(below * (1 - part) + above * part)
+def _between_rows(
+    values: NDArray[np.float64], first: int, count: int, stride: int
+) -> NDArray[np.float64]:
+    """Rows from the lattice's row `first` on, `stride` for each of `count`, interpolated."""
+    below = values[first : first + count, None]
+    above = values[np.minimum(np.arange(first + 1, first + len(below) + 1), len(values) - 1), None]
+    part = (np.arange(stride) / stride)[:, None]
+    read = below * (1 - part)
+    read += above * part
+    return np.asarray(read.reshape(-1, values.shape[1]))
 
 
 def standing_cells(
