@@ -16,8 +16,8 @@ WIDTHS = 3, 9, 27, 81
 """Edge lengths of the windows that a normal is averaged over, one after the other [cells]."""
 REACH = 3 + 1 + sum(width // 2 for width in WIDTHS)
 """Distance from a cell within which the map decides its normal [cells]."""
-BAND = 1024
-"""Number of rows that are processed at once, which bounds the memory."""
+BAND = 1 << 20
+"""Number of cells that are processed at once, which bounds the memory."""
 STRAIGHT = 0.8
 """Least agreement of a straight surface's slopes on one axis: (l1 - l2) / (l1 + l2)."""
 TURN = math.radians(18)
@@ -37,10 +37,11 @@ def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     The components are (row, col), (H, W, 2), zero where a cell is not occupied or has no direction.
     A part of a map gives the same normals at `REACH` or more cells from its edges.
     """
-    rows = len(occupied)
+    rows, cols = occupied.shape
     normals = np.zeros((*occupied.shape, 2), np.float32)
-    for top in range(0, rows, BAND):
-        bottom, above = min(top + BAND, rows), max(0, top - REACH)
+    band = max(2 * REACH, BAND // cols)
+    for top in range(0, rows, band):
+        bottom, above = min(top + band, rows), max(0, top - REACH)
         part = _normals(occupied[above : min(rows, bottom + REACH)])
         normals[top:bottom] = part[top - above : bottom - above]
     return normals

@@ -180,12 +180,15 @@ class OccupancyGrid(Pictured):
         # On a lattice of half cells both the centres and the nearest edge or corner of a
         # square are lattice positions, so that the transform gives the distance exactly.
         rows, cols = self.shape
-        solid = np.zeros((2 * rows + 1, 2 * cols + 1), np.uint8)
-        solid[1::2, 1::2] = occupied
-        solid = cv2.dilate(solid, np.ones((3, 3), np.uint8))
-        half_cells = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        squared = np.rint(np.asarray(half_cells)[1::2, 1::2].astype(np.float64) ** 2)
-        return np.sqrt(squared) * (self.resolution / 2)
+        empty = np.ones((2 * rows + 1, 2 * cols + 1), np.uint8)
+        empty[1::2, 1::2] = ~occupied
+        empty = cv2.erode(empty, np.ones((3, 3), np.uint8), dst=empty)
+        half_cells = cv2.distanceTransform(empty, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        del empty  # saves memory on a large map, as does working in place
+        clearance = np.asarray(half_cells)[1::2, 1::2].astype(np.float64)
+        del half_cells
+        np.rint(np.square(clearance, out=clearance), out=clearance)
+        return np.multiply(np.sqrt(clearance, out=clearance), self.resolution / 2, out=clearance)
 
     def closer_than(self, distance: float) -> NDArray[np.bool_]:
         """Mask of the cells whose `clearance` is below a distance [m], (H, W).
