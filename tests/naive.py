@@ -72,6 +72,56 @@ def mismatch_counts(cells, row, col, radius, step, half_steps, angles):
     return result
 
 
+def keep_lines(cells, row, col, radius, step, half_steps, angles, sizes, limit, shift):
+    """Lines (theta, dx) with an offset in y whose bound by blocks is at most limit << shift.
+
+    That must hold for blocks of each size; `sizes` are lists of (row, col, edge) in the disc's box.
+    """
+    centre_row, centre_col = (cells.shape[0] - 1) / 2, (cells.shape[1] - 1) / 2
+    offsets, box = range(-half_steps, half_steps + 1), range(-radius, radius + 1)
+    reach = range(-radius - half_steps * step, radius + half_steps * step + 1)
+    around = np.array([[level_at(cells, row + u, col + v) for v in reach] for u in reach])
+    result = np.zeros((len(angles), len(offsets)), bool)
+    for k, theta in enumerate(angles):
+        cos, sin = math.cos(theta), math.sin(theta)
+        y, x = row - centre_row, col - centre_col
+        top = math.floor(sin * x + cos * y + centre_row + 0.5) - centre_row
+        left = math.floor(cos * x - sin * y + centre_col + 0.5) - centre_col
+        template = np.array(
+            [
+                [
+                    level_at(
+                        cells,
+                        math.floor(cos * (top + u) - sin * (left + v) + centre_row + 0.5),
+                        math.floor(sin * (top + u) + cos * (left + v) + centre_col + 0.5),
+                    )
+                    for v in box
+                ]
+                for u in box
+            ]
+        )
+        lines = np.ones(len(offsets), bool)
+        for blocks in sizes:
+            bounds = np.zeros((len(offsets), len(offsets)), np.int64)
+            for (first_row, first_col, edge), level in itertools.product(blocks, (254, 0)):
+                part = template[first_row : first_row + edge, first_col : first_col + edge]
+                here = np.count_nonzero(part == level)
+                for i, j in itertools.product(range(len(offsets)), repeat=2):
+                    low, near = first_row + j * step, first_col + i * step
+                    there = np.count_nonzero(around[low : low + edge, near : near + edge] == level)
+                    bounds[i, j] += abs(here - there) >> shift
+            lines &= bounds.min(axis=1) <= limit
+        result[k] = lines
+    return result
+
+
+def block_counts(plane, edge, row, col):
+    """Cells set in the square block that begins there; 0 if it ends beyond the plane."""
+    if row + edge > plane.shape[1] or col + edge > plane.shape[0]:
+        return 0
+    return sum(int(plane[col + i, row + j]) for i in range(edge) for j in range(edge))
+
+
 def cut_strips(cells, cos, sin, first_row, first_col, rows, cols):
     """Bytes of eight cells along a row of the turned map, (plane, col, row)."""
     centre_row, centre_col = (cells.shape[0] - 1) / 2, (cells.shape[1] - 1) / 2
@@ -114,13 +164,14 @@ def visible_part(cells, row, col, radius, theta, beams, behind):
     return result
 
 
-def weighted_covariance(counts, weight_of_count, offsets):
-    """Covariance of (dx, dy, theta) in steps about the weighted mean."""
+def weighted_covariance(counts, weight_of_count, kept):
+    """Covariance of (dx, dy, theta) in steps about the weighted mean, of the lines kept."""
+    offsets = len(counts)
     half, half_angles = (offsets - 1) // 2, (counts.shape[1] - 1) // 2
     poses, weights = [], []
     for i in range(offsets):
         for k in range(counts.shape[1]):
-            for j in range(offsets):
+            for j in range(offsets) if kept[k, i] else ():
                 poses.append((i - half, j - half, k - half_angles))
                 weights.append(weight_of_count[counts[i, k, j]])
     poses, weights = np.array(poses, float), np.array(weights) / math.fsum(weights)

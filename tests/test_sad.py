@@ -5,19 +5,38 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan._kernels import bitplanes, sad as kernel
+from locplan._kernels import bitplanes, sad as kernel, sight, templates
 from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
 from locplan.field._estimator import MapPart
 from locplan.field.estimators import _sad as sad
+from locplan.field.estimators._sad_tiles import Layout, template_radius
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import sad_distribution
+
+
+def mismatch_counts(layout, *, visible=False, kept=None):
+    """S / 127 at all cells of a layout, (n, dx, dy, theta); `kept` is (theta, n, dx)."""
+    offsets, headings = 2 * layout.window.half_steps + 1, layout.window.angles.size
+    kept = np.ones((headings, len(layout.part.rows), offsets), bool) if kept is None else kept
+    result = np.full((kept.shape[1], offsets, offsets, headings), -1)
+    for group in layout.groups():
+        tile = layout.tile(group)
+        counts = kernel.empty_counts(offsets, headings)
+        template = templates.empty_template(headings, tile.disc)
+        masks = np.empty((visible * headings, tile.disc.words.size), np.uint64)
+        for n, cell in enumerate(group):
+            if visible:
+                sight.see(layout.sight(group), n, layout.radius, tile.disc, masks)
+            kernel.mismatch_counts(tile, n, counts, template, masks, kept[:, cell])
+            found = counts.reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
+            result[cell] = np.where(kept[:, cell].T[:, None], found, -1)
+    return result
 
 
 def compare(cells, rows, cols, radius, window, *, visible=False):
     rows, cols = np.array(rows), np.array(cols)
     part = MapPart.whole(cells, rows, cols, window.resolution)
-    tile = sad.lay_out_tile(part, radius, window, visible=visible)
-    result = sad.LEVEL_STEP * kernel.tile_mismatch_counts(tile).transpose(0, 1, 3, 2)
+    result = sad.LEVEL_STEP * mismatch_counts(Layout.of(part, radius, window), visible=visible)
     for n in range(len(rows)):
         expected = sad_distribution(cells, rows[n], cols[n], radius, window, visible=visible)
         np.testing.assert_array_equal(result[n], expected)
@@ -83,39 +102,50 @@ def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
     window = Sad().window.on(grid.resolution)
     free = np.argwhere(grid.free)
     chosen = free[np.random.default_rng(0).integers(len(free), size=3)]
-    radius = sad.template_radius(6.0, window, grid.shape)
+    radius = template_radius(6.0, window, grid.shape)
     compare(grid.cells, *chosen.T, radius, window)
     compare(grid.cells, *chosen[:1].T, radius, window, visible=True)
+
+
+def weighted_covariance(counts, weight_of_count, kept):
+    """Covariance of counts (dx, theta, dy rounded up) by the kernel."""
+    result = np.empty((3, 3))
+    kernel.write_covariance(counts.reshape(-1), weight_of_count, len(counts), kept, result)
+    return result
 
 
 def test_weighted_covariance_equals_the_plain_loops():
     rng = np.random.default_rng(4)
     counts = rng.integers(0, 50, (5, 3, 24))
     weights = np.exp(-np.arange(50) / 7.0)
-    np.testing.assert_allclose(
-        kernel.weighted_covariance(counts, weights, 5),
-        naive.weighted_covariance(counts, weights, 5),
-        rtol=1e-12,
-    )
+    for kept in (np.ones((3, 5), bool), rng.random((3, 5)) < 0.6):
+        np.testing.assert_allclose(
+            weighted_covariance(counts, weights, kept),
+            naive.weighted_covariance(counts, weights, kept),
+            rtol=1e-12,
+        )
 
 
 def test_covariance_vanishes_where_all_weights_but_the_centre_do():
-    counts = np.ones((5, 3, 24), np.int64)
+    counts, kept = np.ones((5, 3, 24), np.int64), np.ones((3, 5), bool)
     counts[2, 1, 2] = 0
-    covariance = kernel.weighted_covariance(counts, np.array([1.0, 0.0]), 5)
+    covariance = weighted_covariance(counts, np.array([1.0, 0.0]), kept)
     assert (covariance == 0).all()
-    tiny = kernel.weighted_covariance(counts, np.array([1.0, 1e-200]), 5)
+    tiny = np.array([1.0, 1e-200])
     np.testing.assert_allclose(
-        tiny, naive.weighted_covariance(counts, [1.0, 1e-200], 5), rtol=1e-12, atol=1e-300
+        weighted_covariance(counts, tiny, kept),
+        naive.weighted_covariance(counts, tiny, kept),
+        rtol=1e-12,
+        atol=1e-300,
     )
 
 
 def test_disc_sums_equal_the_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane, 1 - plane])
-    result = bitplanes.disc_sums(octets, 6, 3, 10, 11)
-    np.testing.assert_array_equal(result[0], naive.disc_sums(plane, 6, 3, 10, 11))
-    np.testing.assert_array_equal(result[1], naive.disc_sums(1 - plane, 6, 3, 10, 11))
+    result = bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, 8)
+    np.testing.assert_array_equal(result[0], naive.disc_sums(plane[2:, 3:], 6, 3, 10, 8))
+    np.testing.assert_array_equal(result[1], naive.disc_sums(1 - plane[2:, 3:], 6, 3, 10, 8))
 
 
 def test_covariance_is_the_papers_formula_on_the_reference():
@@ -146,7 +176,7 @@ def test_covariance_is_the_papers_formula_on_the_reference():
 def test_a_disc_larger_than_the_map_gives_the_same_as_one_just_large_enough():
     cells = random_rooms((21, 30), seed=6)
     at = MapPart.whole(cells, np.array([10]), np.array([12]), 0.05)
-    assert sad.template_radius(4.75, Sad().window.on(0.05), cells.shape) == 95
+    assert template_radius(4.75, Sad().window.on(0.05), cells.shape) == 95
     compared = [Sad(range=reach).covariances(at)["covariance"] for reach in (50.0, 4.75)]
     np.testing.assert_allclose(compared[0], compared[1], rtol=1e-12)
 

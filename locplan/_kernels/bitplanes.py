@@ -7,7 +7,6 @@ indices of the whole map's lattice, also beyond its edges, where everything is u
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,9 +85,9 @@ def cut_strips(
 
 @njit(nogil=True, cache=True)
 def lay_out_window(
-    levels: NDArray[np.uint8],
-    row0: int,
-    col0: int,
+    octets: NDArray[np.uint8],
+    top: int,
+    left: int,
     first_row: int,
     first_col: int,
     row_span: int,
@@ -97,34 +96,34 @@ def lay_out_window(
     diameter: int,
     step: int,
     sum_unit: int,
+    unit: int,
     lanes: int,
 ) -> Window:
     """Window around a tile whose discs start up to `row_span` and `col_span` cells further on.
 
-    `sum_unit` divides the step and the distances of the tile's cells. `diameter` is the disc's,
-    rounded up to whole squares, and `lanes` the number of offsets in y read from any position.
+    `octets` are the map's strips, (plane, col, row); those at (left, top) are of `first_row` and
+    `first_col`. `sum_unit` divides the step and the distances of the tile's cells, and `unit` is
+    what it has in common with a square's edge. `diameter` is the disc's, rounded up to whole
+    squares, and `lanes` the number of offsets in y read from any position.
     """
-    unit = math.gcd(sum_unit, SQUARE)
     rows, cols = (row_span + diameter) // unit + 1, (col_span + diameter) // unit + 1
-    still = np.ones(1), np.zeros(1), np.full(1, first_row), np.full(1, first_col)
-    octets = cut_strips(
-        levels, row0, col0, 0.0, 0.0, *still, rows * unit + SQUARE, cols * unit + SQUARE
-    ).octets[0]
     step_units = step // unit
     lanes += -(-rows // step_units)
     words = np.zeros((PLANES, cols, step_units, lanes), np.uint64)
     below = np.zeros((PLANES, cols, step_units, lanes), np.int64)
     for plane in range(PLANES):
         for q in range(cols):
-            strip = octets[plane, q * unit]
+            strip = octets[plane, left + q * unit]
             ones = 0
             for p in range(rows):
-                place = plane, q, p % step_units, p // step_units
-                words[place] = load_word(strip, p * unit)
-                below[place] = ones
-                for row in range(p * unit, (p + 1) * unit):
+                rest, lane, at = p % step_units, p // step_units, top + p * unit
+                words[plane, q, rest, lane] = load_word(strip, at)
+                below[plane, q, rest, lane] = ones
+                for row in range(at, at + unit):
                     ones += popcount(np.uint64(strip[row]))
-    sums = disc_sums(octets, radius, sum_unit, row_span // sum_unit + 1, col_span // sum_unit + 1)
+    sums = disc_sums(
+        octets, top, left, radius, sum_unit, row_span // sum_unit + 1, col_span // sum_unit + 1
+    )
     return Window(
         words.reshape(-1),
         below.reshape(-1),
@@ -140,19 +139,29 @@ def lay_out_window(
 
 @njit(nogil=True, cache=True)
 def disc_sums(
-    octets: NDArray[np.uint8], radius: int, unit: int, rows: int, cols: int
+    octets: NDArray[np.uint8], top: int, left: int, radius: int, unit: int, rows: int, cols: int
 ) -> NDArray[Any]:
-    """Cells set in the disc around every `unit`-th cell from `radius` on, (plane, col, row)."""
+    """Cells set in the disc around every `unit`-th cell from (left, top) + `radius` on.
+
+    The result is (plane, col, row).
+    """
     sums = np.zeros((PLANES, cols, rows), np.int64)
-    below = np.zeros((octets.shape[1], octets.shape[2] + 1), np.int32)
+    width, height = 2 * radius + 1 + (cols - 1) * unit, 2 * radius + 1 + (rows - 1) * unit
+    below = np.empty((width, height + 1), np.int32)
+    halves = np.empty(2 * radius + 1, np.int64)
+    for u in range(2 * radius + 1):
+        halves[u] = int(np.sqrt(float(radius * radius - (u - radius) * (u - radius))))
     for plane in range(PLANES):
-        for i in range(octets.shape[1]):
-            for j in range(octets.shape[2]):
-                below[i, j + 1] = below[i, j] + (octets[plane, i, j] & 1)
+        for i in range(width):
+            ones = 0
+            below[i, 0] = 0
+            for j in range(height):
+                ones += octets[plane, left + i, top + j] & 1
+                below[i, j + 1] = ones
         for q in range(cols):
-            for du in range(-radius, radius + 1):
-                half = int(np.sqrt(radius * radius - du * du))
-                line = below[radius + q * unit + du]
+            for u in range(2 * radius + 1):
+                half = halves[u]
+                line = below[q * unit + u]
                 for p in range(rows):
                     centre = radius + p * unit
                     sums[plane, q, p] += line[centre + half + 1] - line[centre - half]

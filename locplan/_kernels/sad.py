@@ -21,8 +21,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._kernels.bitplanes import PLANES, SQUARE, Strips, Window
+from locplan._kernels.sight import see
 from locplan._kernels.simd import LANES, add_difference, add_matches, add_to, store_negative, zeros
-from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates, see
+from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates
 
 STOP, DONE = 0, 1
 GROUP = 3 * LANES
@@ -39,10 +40,6 @@ class Tile(NamedTuple):
     turned_rows: NDArray[np.int64]  # (n, heading) rows of the cells in the turned maps
     turned_cols: NDArray[np.int64]
     disc: Disc
-    sight: Sight  # rays for templates of what is visible, else without headings
-    levels: NDArray[np.uint8]  # the part of the map that the rays see
-    level_rows: NDArray[np.int64]  # (n,) rows of the cells in `levels`
-    level_cols: NDArray[np.int64]
     radius: int
     step: int
     half_steps: int
@@ -55,14 +52,13 @@ def mismatch_counts(
     counts: NDArray[np.int64],
     template: Template,
     masks: NDArray[np.uint64],
+    kept: NDArray[np.bool_],
 ) -> None:
     """Write S / 127 at the tile's n-th cell into ``counts`` (dx, theta, dy rounded up), flat.
 
-    `template` and `masks` are scratch space.
+    Only the lines that are `kept`, (theta, dx), are written. `masks` (heading, square) are the
+    visible cells; if it is empty the whole disc counts. `template` is scratch space.
     """
-    if len(masks):
-        row, col = tile.level_rows[n], tile.level_cols[n]
-        see(tile.levels, row, col, tile.radius, tile.sight, tile.disc, masks)
     window, turned, disc = tile.window, tile.turned, tile.disc
     row, col, radius = tile.rows[n], tile.cols[n], tile.radius
     step, half_steps = tile.step, tile.half_steps
@@ -79,8 +75,11 @@ def mismatch_counts(
         row_addresses[i] = (p % step_units) * window.lanes + p // step_units
     strip_rows = turned.octets.shape[3]
     plane_octets = turned.octets.shape[2] * strip_rows
-    corners = np.empty(headings, np.int64)
+    corners, wanted = np.empty(headings, np.int64), np.empty(headings, np.bool_)
     for k in range(headings):
+        wanted[k] = False
+        for i in range(offsets):
+            wanted[k] |= kept[k, i]
         top = turned_rows[k] - radius - turned.first_rows[k]
         left = turned_cols[k] - radius - turned.first_cols[k]
         corners[k] = k * PLANES * plane_octets + left * strip_rows + top
@@ -92,6 +91,7 @@ def mismatch_counts(
         plane_octets,
         disc,
         masks,
+        wanted,
         row_addresses,
         square_units * col_words,
         plane_stride,
@@ -113,6 +113,8 @@ def mismatch_counts(
             free_sums[v] = window.disc_sums[0, place[0], place[1]]
             occupied_sums[v] = window.disc_sums[1, place[0], place[1]]
         for k in range(headings):
+            if not kept[k, i]:
+                continue
             line = (i * headings + k) * line_size
             for group in range(0, line_size, GROUP):
                 at = base + group
@@ -144,82 +146,89 @@ def mismatch_counts(
 
 
 @njit(nogil=True, cache=True)
-def weighted_covariance(
-    counts: NDArray[np.int64], weight_of_count: NDArray[np.float64], offsets: int
-) -> NDArray[Any]:
-    """Covariance of (dx, dy, theta) in steps of the lattice, about the weighted mean, (3, 3).
+def write_covariance(
+    counts: NDArray[np.int64],
+    weight_of_count: NDArray[np.float64],
+    offsets: int,
+    kept: NDArray[np.bool_],
+    covariance: NDArray[np.float64],
+) -> None:
+    """Write the covariance of (dx, dy, theta) about the weighted mean, (3, 3) [lattice steps].
+
+    `counts` are (dx, theta, dy rounded up), flat; lines that are not `kept` weigh nothing.
 
     Moments are taken about the zero lag, which no offset outweighs: its sums are exact where all
     weights are equal, and nothing cancels where all others vanish.
     """
-    half_steps, half_angles = (offsets - 1) // 2, (counts.shape[1] - 1) // 2
-    total = 0.0
-    first = np.zeros(3)
-    second = np.zeros((3, 3))
+    headings = len(kept)
+    half_steps, half_angles = (offsets - 1) // 2, (headings - 1) // 2
+    line_size = counts.size // (offsets * headings)
+    total = sum_x = sum_y = sum_t = 0.0
+    sum_xx = sum_xy = sum_xt = sum_yy = sum_yt = sum_tt = 0.0
     for i in range(offsets):
         x = float(i - half_steps)
-        for k in range(counts.shape[1]):
+        for k in range(headings):
+            if not kept[k, i]:
+                continue
             t = float(k - half_angles)
+            line = (i * headings + k) * line_size
             weight = weight_y = weight_yy = 0.0
             for v in range(offsets):
-                w = weight_of_count[counts[i, k, v]]
+                w = weight_of_count[counts[line + v]]
                 y = float(v - half_steps)
                 weight += w
                 weight_y += w * y
                 weight_yy += w * y * y
             total += weight
-            first[0] += weight * x
-            first[1] += weight_y
-            first[2] += weight * t
-            second[0, 0] += weight * x * x
-            second[0, 1] += weight_y * x
-            second[0, 2] += weight * x * t
-            second[1, 1] += weight_yy
-            second[1, 2] += weight_y * t
-            second[2, 2] += weight * t * t
-    covariance = np.empty((3, 3))
-    for i in range(3):
-        for j in range(i, 3):
-            covariance[i, j] = second[i, j] / total - (first[i] / total) * (first[j] / total)
-            covariance[j, i] = covariance[i, j]
-    return covariance
-
-
-@njit(nogil=True, cache=True)
-def tile_mismatch_counts(tile: Tile) -> NDArray[Any]:
-    """S / 127 at all cells of a tile, (n, dx, theta, dy)."""
-    offsets, headings = 2 * tile.half_steps + 1, tile.turned_rows.shape[1]
-    counts, template = empty_counts(offsets, headings), empty_template(headings, tile.disc)
-    masks = np.empty((tile.sight.beam.shape[0], tile.disc.words.size), np.uint64)
-    result = np.empty((tile.rows.size, offsets, headings, offsets), np.int64)
-    for n in range(tile.rows.size):
-        mismatch_counts(tile, n, counts, template, masks)
-        result[n] = counts.reshape(offsets, headings, -1)[:, :, :offsets]
-    return result
+            sum_x += weight * x
+            sum_y += weight_y
+            sum_t += weight * t
+            sum_xx += weight * x * x
+            sum_xy += weight_y * x
+            sum_xt += weight * x * t
+            sum_yy += weight_yy
+            sum_yt += weight_y * t
+            sum_tt += weight * t * t
+    mean_x, mean_y, mean_t = sum_x / total, sum_y / total, sum_t / total
+    covariance[0, 0] = sum_xx / total - mean_x * mean_x
+    covariance[1, 1] = sum_yy / total - mean_y * mean_y
+    covariance[2, 2] = sum_tt / total - mean_t * mean_t
+    covariance[0, 1] = covariance[1, 0] = sum_xy / total - mean_x * mean_y
+    covariance[0, 2] = covariance[2, 0] = sum_xt / total - mean_x * mean_t
+    covariance[1, 2] = covariance[2, 1] = sum_yt / total - mean_y * mean_t
 
 
 @njit(nogil=True, cache=True)
 def tile_covariances(
-    tile: Tile, weight_of_count: NDArray[np.float64], control: NDArray[np.int64]
-) -> NDArray[Any]:
-    """Weighted covariances in steps of the lattice at all cells of a tile, (n, 3, 3).
+    tile: Tile,
+    sight: Sight | None,
+    kept: NDArray[np.bool_],
+    weight_of_count: NDArray[np.float64],
+    control: NDArray[np.int64],
+    due: int,
+    result: NDArray[np.float64],
+) -> None:
+    """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [lattice steps].
 
-    ``control[DONE]`` counts the cells as they are done; once another thread sets
-    ``control[STOP]`` the rest is left out.
+    `kept` (theta, n, dx) marks the lines that count; a single cell's marks are those of all.
+    ``control[DONE]`` grows by `due` on the way; once another thread sets ``control[STOP]`` the
+    rest is left as it is.
     """
-    offsets, headings = 2 * tile.half_steps + 1, tile.turned_rows.shape[1]
+    cells, headings = tile.turned_rows.shape
+    offsets = 2 * tile.half_steps + 1
     counts, template = empty_counts(offsets, headings), empty_template(headings, tile.disc)
-    masks = np.empty((tile.sight.beam.shape[0], tile.disc.words.size), np.uint64)
-    result = np.full((tile.rows.size, 3, 3), np.nan)
-    for n in range(tile.rows.size):
+    masks = np.empty((0 if sight is None else headings, tile.disc.words.size), np.uint64)
+    done = control[DONE] if control.size > DONE else 0
+    for n in range(cells):
         if control[STOP]:
             break
-        mismatch_counts(tile, n, counts, template, masks)
-        result[n] = weighted_covariance(
-            counts.reshape(offsets, headings, -1), weight_of_count, offsets
-        )
-        control[DONE] += 1
-    return result
+        if sight is not None:
+            see(sight, n, tile.radius, tile.disc, masks)
+        lines = kept[:, n if kept.shape[1] > 1 else 0]
+        mismatch_counts(tile, n, counts, template, masks, lines)
+        write_covariance(counts, weight_of_count, offsets, lines, result[n])
+        if control.size > DONE:
+            control[DONE] = done + due * (n + 1) // cells
 
 
 @njit(nogil=True, cache=True)

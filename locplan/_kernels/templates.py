@@ -37,9 +37,12 @@ class Sight(NamedTuple):
 
     cos: NDArray[np.float64]  # (ray,)
     sin: NDArray[np.float64]
-    beam: NDArray[np.int32]  # (heading, square, bit); without headings the whole disc counts
+    beam: NDArray[np.int32]  # (heading, square, bit)
     distance: NDArray[np.int32]  # (square, bit): squared distance, in half cells
     behind: int  # cells seen behind the one that a ray hits
+    levels: NDArray[np.uint8]  # the part of the map that the rays see
+    rows: NDArray[np.int64]  # (n,) rows of the cells in `levels`
+    cols: NDArray[np.int64]
 
 
 class Template(NamedTuple):
@@ -100,11 +103,12 @@ def list_templates(
     plane_octets: int,
     disc: Disc,
     masks: NDArray[np.uint64],
+    wanted: NDArray[np.bool_],
     row_addresses: NDArray[np.int64],
     col_stride: int,
     plane_stride: int,
 ) -> None:
-    """List the squares and runs of all headings.
+    """List the squares and runs of the headings that are `wanted`.
 
     `masks` (heading, square) are the cells of the disc that count at each heading. If it is
     empty, all cells count, and T or N is listed, whichever is less work; otherwise both are.
@@ -120,12 +124,15 @@ def list_templates(
     chunks = -(-rows // BITS)
     partly = np.empty((PLANES, 2, cols * chunks), np.uint64)  # one bit per square of a column
     full = np.empty((PLANES, 2, cols * chunks), np.uint64)
+    work = np.empty(2, np.int64)
     square = run = 0
     for k in range(corners.size):
+        if not wanted[k]:
+            continue
         mask = masks[k] if masked else disc.words
 
         for plane in range(PLANES):
-            work = np.zeros(2, np.int64)
+            work[0] = work[1] = 0
             for side in range(2):
                 flip = ALL if side else np.uint64(0)
                 for chunk in range(cols * chunks):
@@ -179,35 +186,3 @@ def list_templates(
                 elif side == 0:
                     all_ones[k] += ones
             bounds[k, side, 1], bounds[k, side, 3] = square, run
-
-
-@njit(nogil=True, cache=True)
-def see(
-    levels: NDArray[np.uint8],
-    row: int,
-    col: int,
-    radius: int,
-    sight: Sight,
-    disc: Disc,
-    masks: NDArray[np.uint64],
-) -> None:
-    """Write the cells of the disc seen from a cell of `levels`, turned to each heading, as bits."""
-    reach = np.empty(sight.cos.size, np.int64)
-    for b in range(reach.size):
-        first = 2 * radius
-        for step in range(1, 2 * radius + 1):
-            i = row + int(np.floor(sight.sin[b] * (step / 2) + 0.5))
-            j = col + int(np.floor(sight.cos[b] * (step / 2) + 0.5))
-            inside = 0 <= i < levels.shape[0] and 0 <= j < levels.shape[1]
-            if (i != row or j != col) and not (inside and levels[i, j] == 254):
-                first = step
-                break
-        reach[b] = (first + 1 + 2 * sight.behind) ** 2
-    for k in range(masks.shape[0]):
-        for n in range(disc.words.size):
-            word = np.uint64(0)
-            if disc.words[n] != 0:
-                for bit in range(SQUARE * SQUARE):
-                    seen = sight.distance[n, bit] <= reach[sight.beam[k, n, bit]]
-                    word |= np.uint64(seen) << np.uint64(bit)
-            masks[k, n] = word & disc.words[n]

@@ -22,7 +22,7 @@ from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._lattice import evaluated_points, standing_cells, stride_cells
 from locplan.maps import OccupancyGrid
 
-ENGINE = 2
+ENGINE = 3
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
 """Edge length of a tile, whose covariances share one layout of the map [lattice points]."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -19,7 +18,9 @@ from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._lidar import Lidar, checked_range
 from locplan.field._search_window import OffsetLattice, SearchWindow
-from locplan.field._template import BEHIND, beam_count, beam_of_cell, disc, map_centre
+from locplan.field._template import disc
+from locplan.field.estimators._sad_blocks import kept_lines
+from locplan.field.estimators._sad_tiles import Due, Layout, template_radius
 from locplan.maps import FREE, OCCUPIED
 
 LEVEL_STEP = 127
@@ -28,6 +29,16 @@ PAPER_RANGE = 6.0
 """Radius of the paper's template disc [m]."""
 TAU = {"disc": 0.57, "visible": 0.23}
 """Scale of the exponential weights that ranks places best, for each template [m^2]."""
+
+
+LONG_RANGE = 10.0
+"""Range from which on offsets are rejected by the bound of `locplan._kernels.bounds` [m]."""
+LONG_RANGE_CELLS = 60
+"""Least range in cells for that: smaller discs hold too few blocks."""
+LEAST_NATS = 40.0
+"""Offsets that are left out weigh less than exp(-LEAST_NATS) of the zero lag."""
+NEGLIGIBLE = 1e-12
+"""Greatest share of a covariance that may be left out [m^2, rad^2]."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -156,17 +167,56 @@ class Sad(Estimator):
 
     def covariances(self, part: MapPart) -> Values:
         """Weighted covariance of the offsets about their mean, times k (Eq. 8)."""
-        from locplan._kernels import sad
-
         window = self.window.on(part.resolution)
         radius = template_radius(self.range, window, part.map_shape)
         greatest = 2 * np.count_nonzero(disc(radius)) * LEVEL_STEP
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
-        tile = lay_out_tile(part, radius, window, visible=self.template == "visible")
-        in_steps = sad.tile_covariances(tile, weights, part.control)
+        in_steps = self._in_steps(Layout.of(part, radius, window), weights)
         covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
+
+    def _in_steps(self, layout: Layout, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped."""
+        from locplan._kernels import sad
+
+        part, window, groups = layout.part, layout.window, layout.groups()
+        cells, headings = len(part.rows), window.angles.size
+        every = np.ones((headings, 1, 2 * window.half_steps + 1), bool)
+        negligible = self.negligible(part.resolution)
+        kept, due = [every] * len(groups), Due(cells, cells)
+        if negligible is not None:  # half of the progress is for the bound
+            kept = kept_lines(layout, groups, negligible, Due(cells - cells // 2, cells * headings))
+            due = Due(cells // 2, cells)
+        result = np.full((cells, 3, 3), np.nan)
+        for group, lines in zip(groups, kept, strict=True):
+            found = np.full((group.size, 3, 3), np.nan)
+            tile = layout.tile(group)
+            sight = layout.sight(group) if self.template == "visible" else None
+            more = due.for_steps(group.size)
+            sad.tile_covariances(tile, sight, lines, weights, part.control, more, found)
+            result[group] = found
+        return result
+
+    def negligible(self, resolution: float) -> int | None:
+        """Mismatch S / 127 beyond which offsets are left out; None where none are.
+
+        Only long ranges gain by it. The moments of what is left out add up to no more than
+        `NEGLIGIBLE` of a covariance.
+        """
+        if (
+            isinstance(self.weights, InverseSquare)
+            or self.template != "disc"
+            or self.range < LONG_RANGE
+            or self.range < LONG_RANGE_CELLS * resolution
+        ):
+            return None
+        window = self.window.on(resolution)
+        turn = window.rotation_step * window.half_rotations
+        greatest = max(window.step * window.half_steps, turn)
+        moments = 2 * self.noise_level * window.size * greatest**2
+        nats = max(LEAST_NATS, math.log(moments / NEGLIGIBLE))
+        return math.floor(nats * self.tau * 2 / resolution**2)
 
     def offset_weights(self, mismatch: NDArray[Any], resolution: float) -> NDArray[np.float64]:
         """Weight of offsets with the sums of absolute differences `mismatch` (Eq. 9).
@@ -210,95 +260,3 @@ class Sad(Estimator):
 
         thinnest = math.gcd(self.window.on(resolution).step_cells, SQUARE)
         return thinnest // math.gcd(thinnest, stride)
-
-
-def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, int]) -> int:
-    """Radius of the disc in whole cells, at least one, for a range of `reach` metres.
-
-    Cells that are further away than the map is long are unknown at every offset and add no
-    mismatch, so that a larger disc gives the same sums.
-    """
-    whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
-    return max(1, min(math.floor(reach / window.resolution + 1e-9), whole_map))
-
-
-def lay_out_tile(part: MapPart, radius: int, window: OffsetLattice, *, visible: bool) -> Any:
-    """Lay out the map and its turned copies for the kernel, for all cells of a tile at once."""
-    from locplan._kernels import bitplanes, sad, templates
-
-    levels = np.array(part.levels, order="C")  # one type of array, for kernels compiled once
-    rows, cols, corner = part.rows, part.cols, part.corner
-    step, half_steps, reach = window.step_cells, window.half_steps, window.reach
-    disc_squares = templates.disc_squares(disc(radius))
-    diameter = disc_squares.rows * bitplanes.SQUARE
-    centre_row, centre_col = map_centre(part.map_shape)
-    cos, sin = np.cos(window.angles), np.sin(window.angles)
-
-    # The templates: the turned maps around the cells' turned and rounded places.
-    dy, dx = (rows - centre_row)[:, None], (cols - centre_col)[:, None]
-    turned_rows = np.floor(sin * dx + cos * dy + centre_row + 0.5).astype(np.int64)
-    turned_cols = np.floor(cos * dx - sin * dy + centre_col + 0.5).astype(np.int64)
-    turned = bitplanes.cut_strips(
-        levels,
-        *corner,
-        centre_row,
-        centre_col,
-        cos,
-        sin,
-        turned_rows.min(axis=0) - radius,
-        turned_cols.min(axis=0) - radius,
-        int(np.ptp(turned_rows, axis=0).max()) + diameter,
-        int(np.ptp(turned_cols, axis=0).max()) + diameter,
-    )
-
-    # The map: the rows and columns that a square starts at, of any cell and any offset.
-    spacing = int(np.gcd.reduce(np.concatenate([rows - rows[0], cols - cols[0], [step]])))
-    around = bitplanes.lay_out_window(
-        levels,
-        *corner,
-        int(rows.min()) - radius - reach,
-        int(cols.min()) - radius - reach,
-        int(np.ptp(rows)) + 2 * reach,
-        int(np.ptp(cols)) + 2 * reach,
-        radius,
-        diameter,
-        step,
-        spacing,
-        -(-(2 * half_steps + 1) // sad.GROUP) * sad.GROUP,
-    )
-    return sad.Tile(
-        window=around,
-        turned=turned,
-        rows=rows,
-        cols=cols,
-        turned_rows=turned_rows,
-        turned_cols=turned_cols,
-        disc=disc_squares,
-        sight=_sight(radius, window if visible else None),
-        levels=levels,
-        level_rows=rows - corner[0],
-        level_cols=cols - corner[1],
-        radius=radius,
-        step=step,
-        half_steps=half_steps,
-    )
-
-
-@lru_cache(maxsize=4)
-def _sight(radius: int, window: OffsetLattice | None) -> Any:
-    """Rays of the visible templates; no rays without a window."""
-    from locplan._kernels import templates
-
-    if window is None:
-        none = np.empty(0), np.empty(0), np.empty((0, 0, 0), np.int32), np.empty((0, 0), np.int32)
-        return templates.Sight(*none, BEHIND)
-    angles = 2 * np.pi * np.arange(beam_count(radius)) / beam_count(radius)
-    offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
-    beams = [beam_of_cell(radius, theta).astype(np.int32) for theta in window.angles]
-    return templates.Sight(
-        cos=np.cos(angles),
-        sin=np.sin(angles),
-        beam=np.array([templates.by_squares(beam) for beam in beams]),
-        distance=templates.by_squares(offset[:, None] ** 2 + offset[None, :] ** 2),
-        behind=BEHIND,
-    )
