@@ -22,7 +22,7 @@ def kept(layout, negligible):
     result = np.zeros((layout.window.angles.size, cells, offsets), bool)
     lines = kept_lines(layout, groups, negligible, Due(cells, cells * layout.window.angles.size))
     for group, some in zip(groups, lines, strict=True):
-        result[:, group] = some
+        result[:, group.cells] = some
     return result
 
 
@@ -180,7 +180,7 @@ def test_counts_of_blocks_equal_the_plain_loops():
     table = np.full((2, 51, 48), 77, np.uint16)
     bounds.sum_up(octets, table)
     counts = np.full((2, 12, 3, 6), 99, np.uint16)
-    bounds.count_blocks(table, 5, 2, 16, 2, 3, counts)
+    bounds.count_blocks(table, 5, 2, 16, 2, counts)
     for q, rest, p in np.ndindex(12, 3, 6):
         at = 5 + 2 * (3 * p + rest), 2 + 2 * q
         assert counts[0, q, rest, p] == naive.block_counts(plane, 16, *at)
@@ -193,7 +193,7 @@ def test_sums_of_more_than_sixteen_bits_wrap_around():
     bounds.sum_up(octets, table)
     assert table[0, 300, 300] == 90000 % 2**16
     counts = np.empty((2, 1, 1, 40), np.uint16)
-    bounds.count_blocks(table, 0, 200, 64, 8, 1, counts)
+    bounds.count_blocks(table, 0, 200, 64, 8, counts)
     assert counts[0, 0, 0, :30].tolist() == [64 * 64] * 30
 
 

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from conftest import random_rooms
 
-from locplan._kernels import bitplanes, sad as kernel, sight, templates
+from locplan._kernels import bitplanes, sad as kernel
 from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
 from locplan.field._estimator import MapPart
+from locplan.field._template import disc
 from locplan.field.estimators import _sad as sad
 from locplan.field.estimators._sad_tiles import Layout, template_radius
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
@@ -19,16 +20,17 @@ def mismatch_counts(layout, *, visible=False, kept=None):
     offsets, headings = 2 * layout.window.half_steps + 1, layout.window.angles.size
     kept = np.ones((headings, len(layout.part.rows), offsets), bool) if kept is None else kept
     result = np.full((kept.shape[1], offsets, offsets, headings), -1)
+    weights = np.ones(2 * np.count_nonzero(disc(layout.radius)) + 1)
     for group in layout.groups():
-        tile = layout.tile(group)
-        counts = kernel.empty_counts(offsets, headings)
-        template = templates.empty_template(headings, tile.disc)
-        masks = np.empty((visible * headings, tile.disc.words.size), np.uint64)
-        for n, cell in enumerate(group):
-            if visible:
-                sight.see(layout.sight(group), n, layout.radius, tile.disc, masks)
-            kernel.mismatch_counts(tile, n, counts, template, masks, kept[:, cell])
-            found = counts.reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
+        tile, unused = layout.tile(group), (np.zeros(1, np.int64), 0, np.empty((1, 3, 3)))
+        for n, cell in enumerate(group.cells):
+            per_cell = ("corners", "rests", "places", "sum_places")
+            one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
+            sees = layout.sight(group) if visible else None
+            seen = sees and sees._replace(rows=sees.rows[n : n + 1], cols=sees.cols[n : n + 1])
+            scratch = kernel.empty_scratch(offsets, headings, layout.disc, masked=visible)
+            kernel.tile_covariances(one, seen, kept[:, [cell]], weights, *scratch, *unused)
+            found = scratch[0].reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
             result[cell] = np.where(kept[:, cell].T[:, None], found, -1)
     return result
 
@@ -143,7 +145,10 @@ def test_covariance_vanishes_where_all_weights_but_the_centre_do():
 def test_disc_sums_equal_the_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane, 1 - plane])
-    result = bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, 8)
+    result, below = np.full((2, 8, 12), -1), np.empty((34, 41), np.int32)
+    bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, below, result)
+    assert (result[:, :, 10:] == -1).all()
+    result = result[:, :, :10]
     np.testing.assert_array_equal(result[0], naive.disc_sums(plane[2:, 3:], 6, 3, 10, 8))
     np.testing.assert_array_equal(result[1], naive.disc_sums(1 - plane[2:, 3:], 6, 3, 10, 8))
 
@@ -216,8 +221,9 @@ def test_strips_equal_the_plain_loops():
     cells = random_rooms((23, 31), seed=10)
     angles = np.array([0.0, 0.4, -2.0])
     cos, sin, firsts = np.cos(angles), np.sin(angles), np.array([-3, 2, 5])
-    strips = bitplanes.cut_strips(cells, 0, 0, 11.0, 15.0, cos, sin, firsts, firsts + 1, 20, 25)
+    strips = np.full((3, 2, 25, 20), 77, np.uint8)
+    bitplanes.cut_strips(cells, 0, 0, 11.0, 15.0, cos, sin, firsts, firsts + 1, strips)
     for k in range(3):
         first = firsts[k], firsts[k] + 1
         expected = naive.cut_strips(cells, cos[k], sin[k], *first, 20, 25)
-        np.testing.assert_array_equal(strips.octets[k], expected)
+        np.testing.assert_array_equal(strips[k], expected)

@@ -7,8 +7,6 @@ indices of the whole map's lattice, also beyond its edges, where everything is u
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -22,28 +20,6 @@ ALL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 """Word of a square in which all cells are set."""
 
 
-class Strips(NamedTuple):
-    """Strips of the map turned by some headings, cut out where the cells of a tile look."""
-
-    octets: NDArray[np.uint8]  # (heading, plane, col, row)
-    first_rows: NDArray[np.int64]  # (heading,)
-    first_cols: NDArray[np.int64]
-
-
-class Window(NamedTuple):
-    """The map around a tile, laid out so that the offsets in y of a square are contiguous."""
-
-    words: NDArray[np.uint64]  # (plane, col, row mod step, row div step), flat
-    below: NDArray[np.int64]  # laid out like words: cells set in the strip's rows below the square
-    disc_sums: NDArray[np.int64]  # (plane, col, row): cells set within the disc there
-    first_row: int  # rows and columns of words are counted in `unit` cells from here
-    first_col: int
-    unit: int
-    lanes: int  # number of rows with the same remainder
-    plane_stride: int  # number of words in a plane
-    sum_unit: int  # disc_sums start `radius` cells further in and are this many cells apart
-
-
 @njit(nogil=True, cache=True)
 def cut_strips(
     levels: NDArray[np.uint8],
@@ -55,17 +31,17 @@ def cut_strips(
     sin: NDArray[np.float64],
     first_rows: NDArray[np.int64],
     first_cols: NDArray[np.int64],
-    rows: int,
-    cols: int,
-) -> Strips:
+    octets: NDArray[np.uint8],
+) -> None:
     """Turn the map by each heading about (centre_row, centre_col) and cut it into strips.
 
-    `levels` is a part of the map whose cell (0, 0) is (row0, col0) of the whole.
+    `levels` is a part of the map whose cell (0, 0) is (row0, col0) of the whole. The strips,
+    `octets` (heading, plane, col, row), are filled in from `first_rows` and `first_cols` on.
     """
-    octets = np.empty((cos.size, PLANES, cols, rows), np.uint8)
+    cols, rows = octets.shape[2], octets.shape[3]
     for k in range(cos.size):
-        free, occupied = octets[k]
         for i in range(cols - 1, -1, -1):
+            free, occupied = octets[k, 0, i], octets[k, 1, i]
             dx = first_cols[k] + i - centre_col
             for j in range(rows):
                 dy = first_rows[k] + j - centre_row
@@ -74,95 +50,75 @@ def cut_strips(
                 level = 127
                 if 0 <= row < levels.shape[0] and 0 <= col < levels.shape[1]:
                     level = levels[row, col]
-                free[i, j] = level == 254
-                occupied[i, j] = level == 0
+                free[j] = level == 254
+                occupied[j] = level == 0
             if i + 1 < cols:
+                more_free, more_occupied = octets[k, 0, i + 1], octets[k, 1, i + 1]
                 for j in range(rows):
-                    free[i, j] |= free[i + 1, j] << 1
-                    occupied[i, j] |= occupied[i + 1, j] << 1
-    return Strips(octets, first_rows, first_cols)
+                    free[j] |= more_free[j] << 1
+                    occupied[j] |= more_occupied[j] << 1
 
 
 @njit(nogil=True, cache=True)
-def lay_out_window(
+def lay_out_words(
     octets: NDArray[np.uint8],
     top: int,
     left: int,
-    first_row: int,
-    first_col: int,
-    row_span: int,
-    col_span: int,
-    radius: int,
-    diameter: int,
-    step: int,
-    sum_unit: int,
+    rows: int,
     unit: int,
-    lanes: int,
-) -> Window:
-    """Window around a tile whose discs start up to `row_span` and `col_span` cells further on.
+    words: NDArray[np.uint64],
+    below: NDArray[np.int64],
+) -> None:
+    """Lay the map out so that the squares at neighbouring offsets in y are contiguous.
 
-    `octets` are the map's strips, (plane, col, row); those at (left, top) are of `first_row` and
-    `first_col`. `sum_unit` divides the step and the distances of the tile's cells, and `unit` is
-    what it has in common with a square's edge. `diameter` is the disc's, rounded up to whole
-    squares, and `lanes` the number of offsets in y read from any position.
+    `octets` are the map's strips, (plane, col, row), of which every `unit`-th column and `rows`
+    such rows are taken from (left, top) on. `words` and `below`, (plane, col, row mod step, row
+    div step), are filled in: the word of the square there, and the cells set in its strip's rows
+    below.
     """
-    rows, cols = (row_span + diameter) // unit + 1, (col_span + diameter) // unit + 1
-    step_units = step // unit
-    lanes += -(-rows // step_units)
-    words = np.zeros((PLANES, cols, step_units, lanes), np.uint64)
-    below = np.zeros((PLANES, cols, step_units, lanes), np.int64)
+    step = words.shape[2]
     for plane in range(PLANES):
-        for q in range(cols):
+        for q in range(words.shape[1]):
             strip = octets[plane, left + q * unit]
             ones = 0
             for p in range(rows):
-                rest, lane, at = p % step_units, p // step_units, top + p * unit
-                words[plane, q, rest, lane] = load_word(strip, at)
-                below[plane, q, rest, lane] = ones
+                at = top + p * unit
+                words[plane, q, p % step, p // step] = load_word(strip, at)
+                below[plane, q, p % step, p // step] = ones
                 for row in range(at, at + unit):
                     ones += popcount(np.uint64(strip[row]))
-    sums = disc_sums(
-        octets, top, left, radius, sum_unit, row_span // sum_unit + 1, col_span // sum_unit + 1
-    )
-    return Window(
-        words.reshape(-1),
-        below.reshape(-1),
-        sums,
-        first_row,
-        first_col,
-        unit,
-        lanes,
-        cols * step_units * lanes,
-        sum_unit,
-    )
 
 
 @njit(nogil=True, cache=True)
 def disc_sums(
-    octets: NDArray[np.uint8], top: int, left: int, radius: int, unit: int, rows: int, cols: int
-) -> NDArray[Any]:
-    """Cells set in the disc around every `unit`-th cell from (left, top) + `radius` on.
+    octets: NDArray[np.uint8],
+    top: int,
+    left: int,
+    radius: int,
+    unit: int,
+    rows: int,
+    below: NDArray[np.int32],
+    sums: NDArray[np.int64],
+) -> None:
+    """Fill in the cells set in discs, (plane, col, row), of the first rows.
 
-    The result is (plane, col, row).
+    The discs' centres are every `unit`-th cell, and begin `radius` further on than (left, top).
+    `below` (col, row + 1) is scratch space for all columns and rows that they reach.
     """
-    sums = np.zeros((PLANES, cols, rows), np.int64)
-    width, height = 2 * radius + 1 + (cols - 1) * unit, 2 * radius + 1 + (rows - 1) * unit
-    below = np.empty((width, height + 1), np.int32)
-    halves = np.empty(2 * radius + 1, np.int64)
-    for u in range(2 * radius + 1):
-        halves[u] = int(np.sqrt(float(radius * radius - (u - radius) * (u - radius))))
+    diameter = 2 * radius + 1
     for plane in range(PLANES):
-        for i in range(width):
+        for i in range(below.shape[0]):
             ones = 0
             below[i, 0] = 0
-            for j in range(height):
+            for j in range(below.shape[1] - 1):
                 ones += octets[plane, left + i, top + j] & 1
                 below[i, j + 1] = ones
-        for q in range(cols):
-            for u in range(2 * radius + 1):
-                half = halves[u]
+        for q in range(sums.shape[1]):
+            for p in range(rows):
+                sums[plane, q, p] = 0
+            for u in range(diameter):
+                half = int(np.sqrt(float(radius * radius - (u - radius) * (u - radius))))
                 line = below[q * unit + u]
                 for p in range(rows):
                     centre = radius + p * unit
                     sums[plane, q, p] += line[centre + half + 1] - line[centre - half]
-    return sums

@@ -65,7 +65,6 @@ def count_blocks(
     left: int,
     edge: int,
     unit: int,
-    step_units: int,
     counts: NDArray[np.uint16],
 ) -> None:
     """Fill in the cells set in each block, (plane, col, row mod step, row div step).
@@ -73,6 +72,7 @@ def count_blocks(
     Blocks begin at every `unit`-th row and column of the table from (left, top) on; those that end
     beyond it are 0.
     """
+    step_units = counts.shape[2]
     for plane in range(PLANES):
         for q in range(counts.shape[1]):
             near = left + q * unit

@@ -14,13 +14,12 @@ lanes of the vectors.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.bitplanes import PLANES, SQUARE, Strips, Window
 from locplan._kernels.sight import see
 from locplan._kernels.simd import LANES, add_difference, add_matches, add_to, store_negative, zeros
 from locplan._kernels.templates import Disc, Sight, Template, empty_template, list_templates
@@ -31,118 +30,29 @@ GROUP = 3 * LANES
 
 
 class Tile(NamedTuple):
-    """Cells whose covariances share one layout of the map."""
+    """Cells whose covariances share one layout of the map.
 
-    window: Window
-    turned: Strips  # strips of the map at each heading
-    rows: NDArray[np.int64]  # (n,) rows of the cells
-    cols: NDArray[np.int64]
-    turned_rows: NDArray[np.int64]  # (n, heading) rows of the cells in the turned maps
-    turned_cols: NDArray[np.int64]
-    disc: Disc
-    radius: int
-    step: int
-    half_steps: int
-
-
-@njit(nogil=True, cache=True)
-def mismatch_counts(
-    tile: Tile,
-    n: int,
-    counts: NDArray[np.int64],
-    template: Template,
-    masks: NDArray[np.uint64],
-    kept: NDArray[np.bool_],
-) -> None:
-    """Write S / 127 at the tile's n-th cell into ``counts`` (dx, theta, dy rounded up), flat.
-
-    Only the lines that are `kept`, (theta, dx), are written. `masks` (heading, square) are the
-    visible cells; if it is empty the whole disc counts. `template` is scratch space.
+    A cell's *place* is that of its disc's first square, or of its disc sum, at the first offset.
     """
-    window, turned, disc = tile.window, tile.turned, tile.disc
-    row, col, radius = tile.rows[n], tile.cols[n], tile.radius
-    step, half_steps = tile.step, tile.half_steps
-    turned_rows, turned_cols = tile.turned_rows[n], tile.turned_cols[n]
-    headings, offsets = turned_rows.size, 2 * half_steps + 1
-    step_units = step // window.unit
-    col_words, plane_stride = step_units * window.lanes, window.plane_stride
-    square_units = SQUARE // window.unit
-    p0 = (row - radius - half_steps * step - window.first_row) // window.unit
-    q0 = (col - radius - half_steps * step - window.first_col) // window.unit
-    row_addresses = np.empty(disc.rows + 1, np.int64)
-    for i in range(row_addresses.size):
-        p = p0 + i * square_units
-        row_addresses[i] = (p % step_units) * window.lanes + p // step_units
-    strip_rows = turned.octets.shape[3]
-    plane_octets = turned.octets.shape[2] * strip_rows
-    corners, wanted = np.empty(headings, np.int64), np.empty(headings, np.bool_)
-    for k in range(headings):
-        wanted[k] = False
-        for i in range(offsets):
-            wanted[k] |= kept[k, i]
-        top = turned_rows[k] - radius - turned.first_rows[k]
-        left = turned_cols[k] - radius - turned.first_cols[k]
-        corners[k] = k * PLANES * plane_octets + left * strip_rows + top
-    list_templates(
-        template,
-        turned.octets.reshape(-1),
-        corners,
-        strip_rows,
-        plane_octets,
-        disc,
-        masks,
-        wanted,
-        row_addresses,
-        square_units * col_words,
-        plane_stride,
-    )
 
-    words, below = window.words, window.below
-    squares, addresses, run_starts, run_ends, bounds, ones, signs = template
-    sum_row = p0 * window.unit // window.sum_unit
-    sum_col = q0 * window.unit // window.sum_unit
-    sum_step = step // window.sum_unit
-    # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
-    factor = 1 if len(masks) else 2
-    line_size = counts.size // (offsets * headings)
-    free_sums, occupied_sums = np.empty(offsets, np.int64), np.empty(offsets, np.int64)
-    for i in range(offsets):
-        base = (q0 + i * step_units) * col_words
-        for v in range(offsets):
-            place = sum_col + i * sum_step, sum_row + v * sum_step
-            free_sums[v] = window.disc_sums[0, place[0], place[1]]
-            occupied_sums[v] = window.disc_sums[1, place[0], place[1]]
-        for k in range(headings):
-            if not kept[k, i]:
-                continue
-            line = (i * headings + k) * line_size
-            for group in range(0, line_size, GROUP):
-                at = base + group
-                for side in range(2):
-                    a = b = c = zeros()
-                    for n in range(bounds[k, side, 0], bounds[k, side, 1]):
-                        word, here = squares[n], at + addresses[n]
-                        a = add_matches(a, word, words, here)
-                        b = add_matches(b, word, words, here + 8)
-                        c = add_matches(c, word, words, here + 16)
-                    for n in range(bounds[k, side, 2], bounds[k, side, 3]):
-                        here, there = at + run_starts[n], at + run_ends[n]
-                        a = add_difference(a, below, there, here)
-                        b = add_difference(b, below, there + 8, here + 8)
-                        c = add_difference(c, below, there + 16, here + 16)
-                    to = line + group
-                    if side == 0:
-                        store_negative(a, counts, to)
-                        store_negative(b, counts, to + 8)
-                        store_negative(c, counts, to + 16)
-                    else:
-                        add_to(counts, to, a)
-                        add_to(counts, to + 8, b)
-                        add_to(counts, to + 16, c)
-            free_sign, occupied_sign, cells = signs[k, 0], signs[k, 1], ones[k]
-            for v in range(np.uint64(offsets)):
-                differing = free_sign * free_sums[v] + occupied_sign * occupied_sums[v] + cells
-                counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
+    words: NDArray[np.uint64]  # (plane, col, row mod step, row div step), flat: the map's squares
+    below: NDArray[np.int64]  # laid out like words: cells set in the strip's rows below
+    disc_sums: NDArray[np.int64]  # (plane, col, row mod step, row div step), flat
+    octets: NDArray[np.uint8]  # (heading, plane, col, row), flat: strips of the turned maps
+    corners: NDArray[np.int64]  # (n, heading) places of the cells in octets
+    rests: NDArray[np.int64]  # (n,) rows of the cells mod step
+    places: NDArray[np.int64]  # (n,) places of the cells in words
+    sum_places: NDArray[np.int64]  # (n,) places of the cells in disc_sums
+    row_places: NDArray[np.int64]  # (row mod step, row of squares): further on in words
+    strip_rows: int  # number of octets from a column to the next
+    strip_plane: int
+    square_col: int  # number of words from a square to the next in its row
+    line: int  # number of words from an offset in x to the next
+    plane: int
+    sum_line: int
+    sum_plane: int
+    offsets: int  # number of offsets in x, and also in y
+    disc: Disc
 
 
 @njit(nogil=True, cache=True)
@@ -204,6 +114,9 @@ def tile_covariances(
     sight: Sight | None,
     kept: NDArray[np.bool_],
     weight_of_count: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    template: Template,
+    masks: NDArray[np.uint64],
     control: NDArray[np.int64],
     due: int,
     result: NDArray[np.float64],
@@ -211,27 +124,83 @@ def tile_covariances(
     """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [lattice steps].
 
     `kept` (theta, n, dx) marks the lines that count; a single cell's marks are those of all.
-    ``control[DONE]`` grows by `due` on the way; once another thread sets ``control[STOP]`` the
-    rest is left as it is.
+    `counts`, `template` and `masks` are scratch space: S / 127 (dx, theta, dy rounded up) of the
+    kept lines, flat, and what is compared at the last cell. Without a `sight` there are no masks,
+    and the whole disc counts. ``control[DONE]`` grows by `due` on the way; once another thread
+    sets ``control[STOP]`` the rest is left as it is.
     """
-    cells, headings = tile.turned_rows.shape
-    offsets = 2 * tile.half_steps + 1
-    counts, template = empty_counts(offsets, headings), empty_template(headings, tile.disc)
-    masks = np.empty((0 if sight is None else headings, tile.disc.words.size), np.uint64)
+    # One function, since LLVM optimises a function anew within each one that calls it.
+    words, below, disc_sums = tile.words, tile.below, tile.disc_sums
+    cells, headings, offsets = len(tile.rests), len(kept), tile.offsets
     done = control[DONE] if control.size > DONE else 0
-    for n in range(cells):
+    squares, addresses, run_starts, run_ends, bounds, ones, signs, _, _ = template
+    # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
+    factor = 1 if len(masks) else 2
+    line_size = counts.size // (offsets * headings)
+    for cell in range(cells):
         if control[STOP]:
             break
         if sight is not None:
-            see(sight, n, tile.radius, tile.disc, masks)
-        lines = kept[:, n if kept.shape[1] > 1 else 0]
-        mismatch_counts(tile, n, counts, template, masks, lines)
-        write_covariance(counts, weight_of_count, offsets, lines, result[n])
+            see(sight, cell, tile.disc, masks)
+        lines = kept[:, cell if kept.shape[1] > 1 else 0]
+        list_templates(
+            template,
+            tile.octets,
+            tile.corners[cell],
+            tile.strip_rows,
+            tile.strip_plane,
+            tile.disc,
+            masks,
+            lines,
+            tile.row_places[tile.rests[cell]],
+            tile.square_col,
+            tile.plane,
+        )
+        for i in range(offsets):
+            base = tile.places[cell] + i * tile.line
+            free = np.uint64(tile.sum_places[cell] + i * tile.sum_line)
+            occupied = free + np.uint64(tile.sum_plane)
+            for k in range(headings):
+                if not lines[k, i]:
+                    continue
+                line = (i * headings + k) * line_size
+                for group in range(0, line_size, GROUP):
+                    at = base + group
+                    for side in range(2):
+                        a = b = c = zeros()
+                        for n in range(bounds[k, side, 0], bounds[k, side, 1]):
+                            word, here = squares[n], at + addresses[n]
+                            a = add_matches(a, word, words, here)
+                            b = add_matches(b, word, words, here + 8)
+                            c = add_matches(c, word, words, here + 16)
+                        for n in range(bounds[k, side, 2], bounds[k, side, 3]):
+                            here, there = at + run_starts[n], at + run_ends[n]
+                            a = add_difference(a, below, there, here)
+                            b = add_difference(b, below, there + 8, here + 8)
+                            c = add_difference(c, below, there + 16, here + 16)
+                        to = line + group
+                        if side == 0:
+                            store_negative(a, counts, to)
+                            store_negative(b, counts, to + 8)
+                            store_negative(c, counts, to + 16)
+                        else:
+                            add_to(counts, to, a)
+                            add_to(counts, to + 8, b)
+                            add_to(counts, to + 16, c)
+                free_sign, occupied_sign, total = signs[k, 0], signs[k, 1], ones[k]
+                for v in range(np.uint64(offsets)):
+                    differing = free_sign * disc_sums[free + v] + total
+                    differing += occupied_sign * disc_sums[occupied + v]
+                    counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
+        write_covariance(counts, weight_of_count, offsets, lines, result[cell])
         if control.size > DONE:
-            control[DONE] = done + due * (n + 1) // cells
+            control[DONE] = done + due * (cell + 1) // cells
 
 
-@njit(nogil=True, cache=True)
-def empty_counts(offsets: int, headings: int) -> NDArray[Any]:
-    """Room for the counts of one cell, (dx, theta, dy rounded up to whole groups), flat."""
-    return np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)
+def empty_scratch(
+    offsets: int, headings: int, disc: Disc, *, masked: bool
+) -> tuple[NDArray[np.int64], Template, NDArray[np.uint64]]:
+    """Room for the counts of one cell, its templates, and its masks if there are any."""
+    counts = np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)
+    masks = np.empty((headings if masked else 0, disc.words.size), np.uint64)
+    return counts, empty_template(headings, disc), masks

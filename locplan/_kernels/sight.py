@@ -11,9 +11,10 @@ from locplan._kernels.templates import Disc, Sight
 
 
 @njit(nogil=True, cache=True)
-def see(sight: Sight, n: int, radius: int, disc: Disc, masks: NDArray[np.uint64]) -> None:
+def see(sight: Sight, n: int, disc: Disc, masks: NDArray[np.uint64]) -> None:
     """Write the cells of the disc seen from the n-th cell, turned to each heading, as bits."""
-    levels, row, col = sight.levels, sight.rows[n], sight.cols[n]
+    radius, levels = sight.radius, sight.levels
+    row, col = sight.rows[n], sight.cols[n]
     reach = np.empty(sight.cos.size, np.int64)
     for b in range(reach.size):
         first = 2 * radius

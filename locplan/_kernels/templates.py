@@ -40,6 +40,7 @@ class Sight(NamedTuple):
     beam: NDArray[np.int32]  # (heading, square, bit)
     distance: NDArray[np.int32]  # (square, bit): squared distance, in half cells
     behind: int  # cells seen behind the one that a ray hits
+    radius: int  # of the disc
     levels: NDArray[np.uint8]  # the part of the map that the rays see
     rows: NDArray[np.int64]  # (n,) rows of the cells in `levels`
     cols: NDArray[np.int64]
@@ -58,6 +59,8 @@ class Template(NamedTuple):
     bounds: NDArray[np.uint64]  # (heading, by T or by N, squares from, to, runs from, to)
     ones: NDArray[np.int64]  # (heading,): |T| of both planes together
     signs: NDArray[np.int64]  # (heading, plane): 1 where T is listed, -1 where N is, 0 both
+    partly: NDArray[np.uint64]  # (plane, side, chunk) scratch: a bit for each square of a column
+    full: NDArray[np.uint64]
 
 
 def disc_squares(mask: NDArray[np.bool_]) -> Disc:
@@ -79,10 +82,10 @@ def by_squares(values: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(squares).reshape(rows * cols, SQUARE * SQUARE)
 
 
-@njit(nogil=True, cache=True)
 def empty_template(headings: int, disc: Disc) -> Template:
     """Room for the templates of one cell."""
     room = 2 * headings * PLANES * disc.words.size + 1
+    chunks = disc.cols * -(-disc.rows // BITS)
     return Template(
         np.empty(room, np.uint64),
         np.empty(room, np.int64),
@@ -91,6 +94,8 @@ def empty_template(headings: int, disc: Disc) -> Template:
         np.empty((headings, 2, 4), np.uint64),
         np.empty(headings, np.int64),
         np.empty((headings, PLANES), np.int64),
+        np.empty((PLANES, 2, chunks), np.uint64),
+        np.empty((PLANES, 2, chunks), np.uint64),
     )
 
 
@@ -103,12 +108,12 @@ def list_templates(
     plane_octets: int,
     disc: Disc,
     masks: NDArray[np.uint64],
-    wanted: NDArray[np.bool_],
+    kept: NDArray[np.bool_],
     row_addresses: NDArray[np.int64],
     col_stride: int,
     plane_stride: int,
 ) -> None:
-    """List the squares and runs of the headings that are `wanted`.
+    """List the squares and runs of the headings of which a line is `kept`, (theta, dx).
 
     `masks` (heading, square) are the cells of the disc that count at each heading. If it is
     empty, all cells count, and T or N is listed, whichever is less work; otherwise both are.
@@ -119,21 +124,22 @@ def list_templates(
     plus `plane_stride` for the second plane.
     """
     # All in one function with local names: numba counts references to arrays passed on.
-    squares, addresses, run_starts, run_ends, bounds, all_ones, signs = template
+    squares, addresses, run_starts, run_ends, bounds, all_ones, signs, partly, full = template
     cols, rows, masked = disc.cols, disc.rows, len(masks) > 0
     chunks = -(-rows // BITS)
-    partly = np.empty((PLANES, 2, cols * chunks), np.uint64)  # one bit per square of a column
-    full = np.empty((PLANES, 2, cols * chunks), np.uint64)
-    work = np.empty(2, np.int64)
     square = run = 0
     for k in range(corners.size):
-        if not wanted[k]:
+        wanted = False
+        for i in range(kept.shape[1]):
+            wanted |= kept[k, i]
+        if not wanted:
             continue
         mask = masks[k] if masked else disc.words
 
         for plane in range(PLANES):
-            work[0] = work[1] = 0
+            less_work = 0  # by T than by N
             for side in range(2):
+                work = 0
                 flip = ALL if side else np.uint64(0)
                 for chunk in range(cols * chunks):
                     j, first = chunk // chunks, chunk % chunks * BITS
@@ -145,9 +151,10 @@ def list_templates(
                         some |= set_lanes(octets, here, flip, mask, place) << shift
                         whole |= full_lanes(octets, here, flip, mask, place) << shift
                     partly[plane, side, chunk], full[plane, side, chunk] = some & ~whole, whole
-                    work[side] += popcount(some & ~whole)
-                    work[side] += RUN_COST * popcount(whole & ~(whole << np.uint64(1)))
-            signs[k, plane] = 0 if masked else 1 if work[0] <= work[1] else -1
+                    work += popcount(some & ~whole)
+                    work += RUN_COST * popcount(whole & ~(whole << np.uint64(1)))
+                less_work += work if side else -work
+            signs[k, plane] = 0 if masked else 1 if less_work >= 0 else -1
 
         all_ones[k] = 0
         for side in range(2):

@@ -180,22 +180,29 @@ class Sad(Estimator):
         """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped."""
         from locplan._kernels import sad
 
-        part, window, groups = layout.part, layout.window, layout.groups()
-        cells, headings = len(part.rows), window.angles.size
-        every = np.ones((headings, 1, 2 * window.half_steps + 1), bool)
+        part, groups, visible = layout.part, layout.groups(), self.template == "visible"
+        cells, headings = len(part.rows), layout.window.angles.size
+        every = np.ones((headings, 1, layout.offsets), bool)
         negligible = self.negligible(part.resolution)
         kept, due = [every] * len(groups), Due(cells, cells)
         if negligible is not None:  # half of the progress is for the bound
             kept = kept_lines(layout, groups, negligible, Due(cells - cells // 2, cells * headings))
             due = Due(cells // 2, cells)
+        scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
         result = np.full((cells, 3, 3), np.nan)
         for group, lines in zip(groups, kept, strict=True):
-            found = np.full((group.size, 3, 3), np.nan)
-            tile = layout.tile(group)
-            sight = layout.sight(group) if self.template == "visible" else None
-            more = due.for_steps(group.size)
-            sad.tile_covariances(tile, sight, lines, weights, part.control, more, found)
-            result[group] = found
+            found = np.full((group.cells.size, 3, 3), np.nan)
+            sad.tile_covariances(
+                layout.tile(group),
+                layout.sight(group) if visible else None,
+                lines,
+                weights,
+                *scratch,
+                part.control,
+                due.for_steps(group.cells.size),
+                found,
+            )
+            result[group.cells] = found
         return result
 
     def negligible(self, resolution: float) -> int | None:

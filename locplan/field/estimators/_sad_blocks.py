@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field.estimators._sad_tiles import Due, Layout
+from locplan.field.estimators._sad_tiles import Due, Group, Layout
 
 EDGES = (64, 32)
 """Edges of the blocks, the large ones first [cells]."""
@@ -55,7 +55,7 @@ def scaled(greatest: int) -> tuple[int, int]:
 
 def kept_lines(
     layout: Layout,
-    groups: list[NDArray[np.intp]],
+    groups: list[Group],
     negligible: int,
     due: Due,
 ) -> list[NDArray[np.bool_]]:
@@ -65,59 +65,50 @@ def kept_lines(
     """
     from locplan._kernels import bounds
 
-    window, control = layout.window, layout.part.control
-    offsets, headings = 2 * window.half_steps + 1, window.angles.size
+    control, headings = layout.part.control, layout.window.angles.size
     limit, shift = scaled(negligible)
-    kept = [np.ones((headings, group.size, offsets), bool) for group in groups]
+    kept = [np.ones((headings, group.cells.size, layout.offsets), bool) for group in groups]
     still = np.empty((2, *(size + 1 for size in layout.still.shape[1:])), np.uint16)
     bounds.sum_up(layout.still, still)
-    turned = layout.turned.octets
-    table = np.empty((2, *(size + 1 for size in turned.shape[2:])), np.uint16)
+    table = np.empty((2, *(size + 1 for size in layout.turned.shape[2:])), np.uint16)
     laid_out = [_lay_out(layout, group, still, table.shape[2]) for group in groups]
-    rows, cols = layout.turned_at
     for k in range(headings):
-        bounds.sum_up(turned[k], table)
-        corners = (cols[:, k] - layout.radius - layout.turned.first_cols[k]) * table.shape[2]
-        corners += rows[:, k] - layout.radius - layout.turned.first_rows[k]
+        bounds.sum_up(layout.turned[k], table)
+        corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
         for group, (blocks, rests, addresses), lines in zip(groups, laid_out, kept, strict=True):
             bounds.keep_lines(
                 blocks,
                 table,
-                corners[group],
+                corners[group.cells],
                 rests,
                 addresses,
                 limit,
                 shift,
                 lines[k],
                 control,
-                due.for_steps(group.size),
+                due.for_steps(group.cells.size),
             )
     return kept
 
 
 def _lay_out(
-    layout: Layout, group: NDArray[np.intp], still: NDArray[np.uint16], table_rows: int
+    layout: Layout, group: Group, still: NDArray[np.uint16], table_rows: int
 ) -> tuple[Any, NDArray[np.int64], NDArray[np.int64]]:
     """The blocks around a group of cells; rows mod step and places at which the cells begin."""
-    from locplan._kernels import bitplanes, bounds
+    from locplan._kernels import bounds
     from locplan._kernels.simd import SHORTS
 
     edges = SMALL_EDGES if layout.radius < SMALL else EDGES
     places = [disc_blocks(layout.radius, edge) for edge in edges]
-    top, left, row_span, col_span = layout.place(group)
-    unit = math.gcd(layout.spacing(group), bitplanes.SQUARE)
+    unit, more = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
     step_units = layout.window.step_cells // unit
-    within = 2 * layout.radius + 1 - min(edges)
-    rows, cols = ((span + max(0, within)) // unit + 1 for span in (row_span, col_span))
-    offsets = 2 * layout.window.half_steps + 1
-    lanes = -(-rows // step_units) + -(-offsets // SHORTS) * SHORTS
+    rows, cols = (span + more // unit for span in group.spans(unit, layout.window.reach))
+    lanes = -(-rows // step_units) + -(-layout.offsets // SHORTS) * SHORTS
     counts = np.empty((len(edges), 2, cols, step_units, lanes), np.uint16)
     col_stride, plane_stride = step_units * lanes, cols * step_units * lanes
     addresses, corners, rest = [], [], np.arange(step_units)[:, None]
     for n, (edge, (block_rows, block_cols)) in enumerate(zip(edges, places, strict=True)):
-        bounds.count_blocks(
-            still, top - layout.first[0], left - layout.first[1], edge, unit, step_units, counts[n]
-        )
+        bounds.count_blocks(still, group.top, group.left, edge, unit, counts[n])
         p, q = rest + block_rows // unit, block_cols // unit
         address = p % step_units * lanes + p // step_units + q * col_stride
         addresses.append(address + n * 2 * plane_stride)
@@ -131,7 +122,5 @@ def _lay_out(
         line_stride=step_units * col_stride,
         plane_stride=plane_stride,
     )
-    reach = layout.radius + layout.window.reach
-    p = (layout.part.rows[group] - reach - top) // unit
-    q = (layout.part.cols[group] - reach - left) // unit
+    p, q = group.rows // unit, group.cols // unit
     return blocks, p % step_units, q * col_stride + p // step_units

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,33 +43,66 @@ class Due:
         return self.cells * self.done // self.steps - before
 
 
+class Group(NamedTuple):
+    """Cells whose covariances share one layout of the map."""
+
+    cells: NDArray[np.intp]
+    """Indices of the cells in their part of the map, (n,)."""
+    rows: NDArray[np.int64]
+    """Rows of the cells, from the first one's on, (n,)."""
+    cols: NDArray[np.int64]
+    """Columns of the cells, from the first one's on, (n,)."""
+    top: int
+    """Row of the layout's strips at which the discs of the first row begin, at any offset."""
+    left: int
+    """Column of the layout's strips at which the discs of the first column begin."""
+    spacing: int
+    """Greatest common divisor of the cells' distances and the step of the offsets [cells]."""
+
+    @property
+    def unit(self) -> int:
+        """What the spacing has in common with a square's edge [cells]."""
+        from locplan._kernels.bitplanes import SQUARE
+
+        return math.gcd(self.spacing, SQUARE)
+
+    def spans(self, unit: int, reach: int) -> tuple[int, int]:
+        """Number of rows and columns, `unit` cells apart, of the cells and `reach` around them."""
+        rows, cols = int(self.rows.max()), int(self.cols.max())
+        return (rows + 2 * reach) // unit + 1, (cols + 2 * reach) // unit + 1
+
+
 @dataclass(frozen=True, eq=False)
 class Layout:
     """The map around some cells and its turned copies, as the kernels read them."""
 
     part: MapPart
     """The cells, and the part of the map that they depend on."""
+    levels: NDArray[np.uint8]
+    """Levels of the part, one type of array, so that kernels are compiled once."""
     window: OffsetLattice
     """Offsets at which the template is compared."""
     radius: int
     """Radius of the template disc [cells]."""
+    disc: Any
+    """The disc in squares."""
     first: tuple[int, int]
     """Row and column of the whole map at which `still` begins."""
     still: NDArray[np.uint8]
     """Strips of the map, (plane, col, row)."""
-    turned: Any
-    """Strips of the map turned by each heading."""
-    turned_at: tuple[NDArray[np.int64], NDArray[np.int64]]
-    """Rows and columns of the cells in the turned maps, (n, heading)."""
-    disc: Any
-    """The disc in squares."""
+    turned: NDArray[np.uint8]
+    """Strips of the map turned by each heading, (heading, plane, col, row)."""
+    tops: NDArray[np.int64]
+    """Rows of `turned` at which the cells' discs begin, (n, heading)."""
+    lefts: NDArray[np.int64]
+    """Columns of `turned` at which the cells' discs begin, (n, heading)."""
 
     @classmethod
     def of(cls, part: MapPart, radius: int, window: OffsetLattice) -> Layout:
         """Lay out the map and its turned copies."""
         from locplan._kernels import bitplanes, templates
 
-        levels = np.array(part.levels, order="C")  # one type of array, for kernels compiled once
+        levels = np.array(part.levels, order="C")
         squares = templates.disc_squares(disc(radius))
         diameter = squares.rows * bitplanes.SQUARE
         centre_row, centre_col = map_centre(part.map_shape)
@@ -79,113 +112,131 @@ class Layout:
         dy, dx = (part.rows - centre_row)[:, None], (part.cols - centre_col)[:, None]
         rows = np.floor(sin * dx + cos * dy + centre_row + 0.5).astype(np.int64)
         cols = np.floor(cos * dx - sin * dy + centre_col + 0.5).astype(np.int64)
-        turned = bitplanes.cut_strips(
-            levels,
-            *part.corner,
-            centre_row,
-            centre_col,
-            cos,
-            sin,
-            rows.min(axis=0) - radius,
-            cols.min(axis=0) - radius,
-            int(np.ptp(rows, axis=0).max()) + diameter,
-            int(np.ptp(cols, axis=0).max()) + diameter,
+        first_rows, first_cols = rows.min(axis=0), cols.min(axis=0)
+        tops, lefts = rows - first_rows, cols - first_cols
+        spans = int(lefts.max()) + diameter, int(tops.max()) + diameter
+        turned = np.empty((window.angles.size, bitplanes.PLANES, *spans), np.uint8)
+        middle = centre_row, centre_col
+        first_rows, first_cols = first_rows - radius, first_cols - radius
+        bitplanes.cut_strips(
+            levels, *part.corner, *middle, cos, sin, first_rows, first_cols, turned
         )
 
         # The map: the rows and columns of the discs of any cell at any offset, in whole squares.
         around = radius + window.reach
         first = int(part.rows.min()) - around, int(part.cols.min()) - around
         more = diameter + 2 * window.reach + 2 * bitplanes.SQUARE
-        still = bitplanes.cut_strips(
-            levels,
-            *part.corner,
-            0.0,
-            0.0,
-            np.ones(1),
-            np.zeros(1),
-            *(np.array([each]) for each in first),
-            *(int(np.ptp(each)) + more for each in (part.rows, part.cols)),
-        )
-        return cls(
-            part,
-            window,
-            radius,
-            (first[0], first[1]),
-            still.octets[0],
-            turned,
-            (rows, cols),
-            squares,
-        )
+        spans = int(np.ptp(part.cols)) + more, int(np.ptp(part.rows)) + more
+        still = np.empty((1, bitplanes.PLANES, *spans), np.uint8)
+        no_turn = np.ones(1), np.zeros(1), np.array(first[:1]), np.array(first[1:])
+        bitplanes.cut_strips(levels, *part.corner, 0.0, 0.0, *no_turn, still)
+        return cls(part, levels, window, radius, squares, first, still[0], turned, tops, lefts)
 
     @property
-    def units(self) -> int:
-        """Greatest spacing of rows and columns to which a layout of the map can be thinned."""
+    def offsets(self) -> int:
+        """Number of offsets in x, and also in y."""
+        return 2 * self.window.half_steps + 1
+
+    def groups(self) -> list[Group]:
+        """The cells in groups that share a layout of the map, which is thin where they can.
+
+        It has every row and column at which a square may begin, of any cell at any offset. Cells
+        are in one group if they leave over the same when divided by what the step of the offsets
+        has in common with a square's edge.
+        """
         from locplan._kernels.bitplanes import SQUARE
 
-        return math.gcd(self.window.step_cells, SQUARE)
+        unit = math.gcd(self.window.step_cells, SQUARE)
+        over = self.part.rows % unit * unit + self.part.cols % unit
+        return [self._group(np.flatnonzero(over == each)) for each in np.unique(over)]
 
-    def groups(self) -> list[NDArray[np.intp]]:
-        """Indices of the cells by what they leave over when divided by `units`."""
-        over = self.part.rows % self.units * self.units + self.part.cols % self.units
-        return [np.flatnonzero(over == each) for each in np.unique(over)]
-
-    def place(self, group: NDArray[np.intp]) -> tuple[int, int, int, int]:
-        """Row and column of the whole map at which a group's discs begin, and their spans."""
-        rows, cols, reach = self.part.rows[group], self.part.cols[group], self.window.reach
-        return (
-            int(rows.min()) - self.radius - reach,
-            int(cols.min()) - self.radius - reach,
-            int(np.ptp(rows)) + 2 * reach,
-            int(np.ptp(cols)) + 2 * reach,
+    def _group(self, cells: NDArray[np.intp]) -> Group:
+        around, step = self.radius + self.window.reach, self.window.step_cells
+        rows, cols = self.part.rows[cells], self.part.cols[cells]
+        top, left = int(rows.min()), int(cols.min())
+        rows, cols = rows - top, cols - left
+        return Group(
+            cells=cells,
+            rows=rows,
+            cols=cols,
+            top=top - around - self.first[0],
+            left=left - around - self.first[1],
+            spacing=math.gcd(step, int(np.gcd.reduce(rows)), int(np.gcd.reduce(cols))),
         )
 
-    def spacing(self, group: NDArray[np.intp]) -> int:
-        """Greatest common divisor of a group's distances and the offsets' [cells]."""
-        rows, cols = self.part.rows[group], self.part.cols[group]
-        apart = np.concatenate([rows - rows[0], cols - cols[0], [self.window.step_cells]])
-        return int(np.gcd.reduce(apart))
-
-    def tile(self, group: NDArray[np.intp]) -> Any:
+    def tile(self, group: Group) -> Any:
         """The tile of a group of cells."""
         from locplan._kernels import bitplanes, sad
 
-        top, left, row_span, col_span = self.place(group)
-        spacing = self.spacing(group)
-        around = bitplanes.lay_out_window(
-            self.still,
-            top - self.first[0],
-            left - self.first[1],
-            top,
-            left,
-            row_span,
-            col_span,
-            self.radius,
-            self.disc.rows * bitplanes.SQUARE,
-            self.window.step_cells,
-            spacing,
-            math.gcd(spacing, bitplanes.SQUARE),
-            -(-(2 * self.window.half_steps + 1) // sad.GROUP) * sad.GROUP,
-        )
+        unit = group.unit
+        step_units, square_units = self.window.step_cells // unit, bitplanes.SQUARE // unit
+        diameter = self.disc.rows * bitplanes.SQUARE
+        rows, cols = (span + diameter // unit for span in group.spans(unit, self.window.reach))
+        lanes = -(-rows // step_units) + -(-self.offsets // sad.GROUP) * sad.GROUP
+        words = np.zeros((bitplanes.PLANES, cols, step_units, lanes), np.uint64)
+        below = np.zeros(words.shape, np.int64)
+        bitplanes.lay_out_words(self.still, group.top, group.left, rows, unit, words, below)
+        col_words, p = step_units * lanes, group.rows // unit
+        further = np.arange(step_units)[:, None] + square_units * np.arange(self.disc.rows + 1)
+
+        sums = self._disc_sums(group)
+        sum_steps, sum_lanes = sums.shape[2:]
+        sum_row, sum_col = group.rows // group.spacing, group.cols // group.spacing
+        sum_places = (sum_col * sum_steps + sum_row % sum_steps) * sum_lanes + sum_row // sum_steps
+
+        strip_rows, strip_plane = self.turned.shape[3], self.turned[0, 0].size
+        heading = bitplanes.PLANES * strip_plane * np.arange(self.window.angles.size)
         return sad.Tile(
-            window=around,
-            turned=self.turned,
-            rows=self.part.rows[group],
-            cols=self.part.cols[group],
-            turned_rows=self.turned_at[0][group],
-            turned_cols=self.turned_at[1][group],
+            words=words.reshape(-1),
+            below=below.reshape(-1),
+            disc_sums=sums.reshape(-1),
+            octets=self.turned.reshape(-1),
+            corners=heading + self.lefts[group.cells] * strip_rows + self.tops[group.cells],
+            rests=p % step_units,
+            places=group.cols // unit * col_words + p // step_units,
+            sum_places=sum_places,
+            row_places=further % step_units * lanes + further // step_units,
+            strip_rows=strip_rows,
+            strip_plane=strip_plane,
+            square_col=square_units * col_words,
+            line=step_units * col_words,
+            plane=cols * col_words,
+            sum_line=sum_steps * sum_steps * sum_lanes,
+            sum_plane=sums[0].size,
+            offsets=self.offsets,
             disc=self.disc,
-            radius=self.radius,
-            step=self.window.step_cells,
-            half_steps=self.window.half_steps,
         )
 
-    def sight(self, group: NDArray[np.intp]) -> Any:
+    def _disc_sums(self, group: Group) -> NDArray[np.int64]:
+        """Disc sums of a group of cells at all offsets, (plane, col, row mod step, row div step).
+
+        Their rows and columns are as far apart as the cells are.
+        """
+        from locplan._kernels import bitplanes
+
+        spacing, diameter = group.spacing, 2 * self.radius + 1
+        rows, cols = group.spans(spacing, self.window.reach)
+        steps = self.window.step_cells // spacing
+        sums = np.zeros((bitplanes.PLANES, cols, -(-rows // steps) * steps), np.int64)
+        reached = diameter + (cols - 1) * spacing, diameter + (rows - 1) * spacing + 1
+        bitplanes.disc_sums(
+            self.still,
+            group.top,
+            group.left,
+            self.radius,
+            spacing,
+            rows,
+            np.empty(reached, np.int32),
+            sums,
+        )
+        return sums.reshape(bitplanes.PLANES, cols, -1, steps).swapaxes(2, 3)
+
+    def sight(self, group: Group) -> Any:
         """Rays of the visible templates of a group of cells."""
-        rays = _rays(self.radius, self.window)
-        return rays._replace(
-            levels=np.array(self.part.levels, order="C"),
-            rows=self.part.rows[group] - self.part.corner[0],
-            cols=self.part.cols[group] - self.part.corner[1],
+        return _rays(self.radius, self.window)._replace(
+            levels=self.levels,
+            rows=self.part.rows[group.cells] - self.part.corner[0],
+            cols=self.part.cols[group.cells] - self.part.corner[1],
         )
 
 
@@ -204,6 +255,7 @@ def _rays(radius: int, window: OffsetLattice) -> Any:
         beam=np.array([by_squares(beam) for beam in beams]),
         distance=by_squares(offset[:, None] ** 2 + offset[None, :] ** 2),
         behind=BEHIND,
+        radius=radius,
         levels=np.empty((0, 0), np.uint8),
         rows=nowhere,
         cols=nowhere,
