@@ -13,8 +13,13 @@ from locplan.field import (
     SCALARS,
     CovarianceField,
     FieldConfig,
+    Fisher,
+    Fused,
+    Lidar,
     Sad,
+    Scan,
     SearchWindow,
+    _tiles as tiles,
     covariance_field,
     log_euclidean_mean,
     position_axes,
@@ -274,6 +279,32 @@ def test_an_interrupted_field_takes_its_tiles_back_from_the_executor(rooms, monk
     interrupted = len(calls)
     covariance_field(rooms, QUICK)
     assert interrupted < (len(calls) - interrupted) / 2
+
+
+LIDAR = Lidar(range=20.0, beams=360, field_of_view_deg=180.0)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        Sad(),
+        Sad(range=20.0),
+        Sad(range=20.0, template="visible"),
+        Sad.paper(range=30.0),
+        Sad(window=SearchWindow(half_width=6.0, step=0.05)),
+        Fisher(LIDAR),
+        Scan(LIDAR),
+        Fused.of(LIDAR),
+    ],
+)
+@pytest.mark.parametrize("resolution", [0.02, 0.05, 0.5])
+@pytest.mark.parametrize("stride", [0.02, 0.2])
+def test_tiles_are_bounded_by_what_they_cost(estimator, resolution, stride):
+    config = FieldConfig(estimator, stride=stride)
+    edge = tiles.chunk_edge(config, resolution)
+    seconds = config.headings * estimator.seconds(resolution)
+    assert edge**2 * seconds <= tiles.TILE_SECONDS or edge == 1
+    assert (edge + 1) ** 2 * seconds > tiles.TILE_SECONDS or edge == tiles.TILE
 
 
 def test_without_rotation_the_covariance_is_positional(rooms):

@@ -210,13 +210,6 @@ def test_cells_left_out_when_stopped_are_nan():
     assert control.tolist() == [1, 0]
 
 
-@pytest.mark.parametrize(
-    ("resolution", "stride", "apart"), [(0.05, 4, 1), (0.05, 1, 4), (0.05, 2, 2), (0.03, 1, 1)]
-)
-def test_points_share_a_tile_where_their_layout_is_thinnest(resolution, stride, apart):
-    assert Sad().points_apart(resolution, stride) == apart
-
-
 def test_strips_equal_the_plain_loops():
     cells = random_rooms((23, 31), seed=10)
     angles = np.array([0.0, 0.4, -2.0])

@@ -3,6 +3,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +203,31 @@ def test_whoever_waits_goes_on_where_a_killed_process_was(grid, tmp_path, comput
     assert seen[0] == (True, 0)
     assert len(computed) == 3
     np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
+
+
+@pytest.mark.parametrize("finished", [2, 99])
+def test_fields_in_other_chunks_are_read_and_completed(
+    grid, tmp_path, computed, monkeypatch, finished
+):
+    def interrupt(done, total):
+        if len(computed) > finished:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, suppress(KeyboardInterrupt):
+        patch.setattr(tiles, "TILE", 16)
+        store.load_or_compute(grid, QUICK, cache_dir=tmp_path, threads=1, progress=interrupt)
+    path = store.field_path(grid, QUICK, tmp_path)
+    known = tiles.known_points(field_files.read_values(path, grid, QUICK)[0])
+    computed.clear()
+    field = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert 0 < known.sum() == field.evaluated.sum() - sum(computed)
+    assert bool(computed) == (finished == 2)
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
+    computed.clear()
+    again = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert not computed
+    np.testing.assert_array_equal(again.covariance, field.covariance)
+    assert cache.CacheEntry.read(path).share == 1.0
 
 
 DAMAGES = {

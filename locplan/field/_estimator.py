@@ -163,9 +163,12 @@ class Estimator(Settings, ABC):
         """Memory that a tile takes, or else what `prepare` makes for all tiles to share [bytes]."""
         return 0.0
 
-    def points_apart(self, resolution: float, stride: int) -> int:
-        """Spacing of the lattice points, `stride` cells apart, that best share a tile."""
-        return 1
+    def seconds(self, resolution: float) -> float:
+        """Rough time that one thread takes for a place and a heading, rather too long [s].
+
+        It sets the size of the tiles, which are finished and stored as a whole.
+        """
+        return 1e-3
 
     def identity(self) -> dict[str, object]:
         """Settings that decide the values of a field, fit for JSON."""

@@ -152,7 +152,7 @@ class _Found:
         wanted: NDArray[np.bool_],
         in_part: bool,
     ) -> _Found:
-        values, complaint = None, ""
+        values, complaint, sound = None, "", False
         if os.path.exists(path):  # False, too, where the folder cannot be searched
             try:
                 about = field_files.read_attributes(path)
@@ -160,11 +160,11 @@ class _Found:
                 if any(about.get(name) != expected[name] for name in DECISIVE):
                     raise FieldError(f"{path}: holds another field")
                 values, damaged = field_files.read_values(path, grid, config)
+                sound = field_files.has_todays_chunks(path, grid, config)
                 if damaged:
                     complaint = f"{path}: damaged chunks: {damaged}"
             except FieldError as error:
                 complaint = str(error)
-        sound = values is not None
         if values is None:
             values = tiles.nothing_known(grid, config)
         lacking = wanted & ~tiles.known_points(values)
@@ -232,7 +232,8 @@ def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -
         partial.unlink()
     lacking = found.lacking & ~tiles.known_points(found.values)
     edge = tiles.chunk_edge(config, grid.resolution)
-    carried = tiles.chunks_of(found.lacking & ~lacking, edge)
+    unwritten = found.lacking & ~lacking if found.sound else tiles.known_points(found.values)
+    carried = tiles.chunks_of(unwritten, edge)
     whole = [chunk for chunk in carried if not lacking[chunk.at].any()]
     field_files.write_chunks(path, found.values, whole)
 

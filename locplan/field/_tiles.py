@@ -25,7 +25,9 @@ from locplan.maps import OccupancyGrid
 ENGINE = 3
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
-"""Edge length of a tile, whose covariances share one layout of the map [lattice points]."""
+"""Greatest edge length of a tile, which is computed and stored as a whole [lattice points]."""
+TILE_SECONDS = 2.0
+"""Work of one thread after which a tile is finished at the latest, roughly [s]."""
 MAX_TILE_BYTES = 2e9
 """Greatest memory that the computation of one tile may take [bytes]."""
 IN_FLIGHT = 256
@@ -125,9 +127,9 @@ def finished_chunks(
     progress: ProgressCallback | None,
     wanted: NDArray[np.bool_],
 ) -> Generator[Chunk]:
-    """Compute the missing values, and yield each chunk when it is finished.
+    """Compute the missing values, and yield each chunk of the lattice when it is finished.
 
-    The values depend neither on the tiles nor on where they are computed. Threads of this process
+    The values depend neither on the chunks nor on where they are computed. Threads of this process
     count their cells as they go and stop at once when the caller does; an executor finishes the
     tiles that it has begun.
 
@@ -142,8 +144,7 @@ def finished_chunks(
         return
     running: dict[_Tile, tuple[Chunk, _Points, NDArray[np.int64]]] = {}
     done: SimpleQueue[_Tile] = SimpleQueue()
-    pending: dict[Chunk, int] = {}
-    waiting = _tiles(missing, pending, config, grid.resolution)
+    waiting = _tiles(missing, chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     taken = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
@@ -168,9 +169,7 @@ def finished_chunks(
                     turned = yaw and name == "covariance"
                     values[name][points] = rotated(array, yaw) if turned else array
                 finished += len(points[0])
-                pending[chunk] -= 1
-                if not pending[chunk]:
-                    yield chunk
+                yield chunk
             if progress:
                 progress(finished + sum(int(c[1]) for *_, c in running.values()), total)
     finally:
@@ -191,9 +190,14 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
-    """Edge length of the square chunks that are finished as a whole [lattice points]."""
-    edge, apart = _tile_edge(config, resolution)
-    return edge * apart
+    """Edge length of the square tiles that are finished and stored as a whole [lattice points].
+
+    It follows from what the estimator says that a point costs, and not from the machine or the
+    map, so that a computation can be continued elsewhere.
+    """
+    points = TILE_SECONDS / (config.headings * config.estimator.seconds(resolution))
+    on_map = TILE_CELLS // stride_cells(config.stride, resolution)
+    return max(1, min(TILE, on_map, math.isqrt(int(min(points, TILE**2)))))
 
 
 def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
@@ -227,28 +231,11 @@ def untouched_points(
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 
 
-def _tile_edge(config: FieldConfig, resolution: float) -> tuple[int, int]:
-    """Number of a tile's points along its edge, and their spacing [lattice points]."""
-    stride = stride_cells(config.stride, resolution)
-    apart = config.estimator.points_apart(resolution, stride)
-    return min(TILE, max(1, TILE_CELLS // (stride * apart))), apart
-
-
-def _tiles(
-    points: NDArray[np.bool_], pending: dict[Chunk, int], config: FieldConfig, resolution: float
-) -> Iterator[tuple[Chunk, _Points]]:
-    """Yield each tile's chunk and lattice points; count each chunk's tiles in `pending`."""
-    edge, apart = _tile_edge(config, resolution)
-    for chunk in chunks_of(points, edge * apart):
-        tiles = []
-        for row in range(apart):
-            for col in range(apart):
-                i, j = np.nonzero(points[chunk.at][row::apart, col::apart])
-                if i.size:
-                    tiles.append((i * apart + row + chunk.top, j * apart + col + chunk.left))
-        pending[chunk] = len(tiles)
-        for tile in tiles:
-            yield chunk, tile
+def _tiles(missing: NDArray[np.bool_], edge: int) -> Iterator[tuple[Chunk, _Points]]:
+    """Yield each chunk and its missing lattice points."""
+    for chunk in chunks_of(missing, edge):
+        i, j = np.nonzero(missing[chunk.at])
+        yield chunk, (i + chunk.top, j + chunk.left)
 
 
 def _part(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:

@@ -221,10 +221,10 @@ def count_chunks(folder: Path) -> int:
 
 def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple[Values, int]:
     """Read a field's arrays, NaN where a chunk is absent or damaged, and count damaged chunks."""
-    shapes, edge = tiles.field_shapes(grid, config), _edge(grid, config)
+    shapes = tiles.field_shapes(grid, config)
     values, damaged = {}, 0
     for name, shape in shapes.items():
-        values[name], lost = _read_array(folder, name, shape, edge)
+        values[name], lost = _read_array(folder, name, shape)
         damaged += lost
     for name in shapes:  # a place is known if all its values are
         lost_here = np.isnan(values[name]).reshape(*shapes[name][:2], -1)[:, :, 0]
@@ -232,23 +232,33 @@ def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple
     return values, damaged
 
 
-def _read_array(
-    folder: Path, name: str, shape: tuple[int, ...], edge: int
-) -> tuple[NDArray[np.float64], int]:
+def has_todays_chunks(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> bool:
+    """Return whether a field's chunks are as large as they would be if it were computed now."""
+    return bool(_opened(folder, "covariance").chunks[0] == _edge(grid, config))
+
+
+def _opened(folder: Path, name: str) -> Any:
     import zarr
 
     try:
         array: Any = zarr.open_array(folder / name, mode="r")
-        found = array.shape, array.chunks[:2], array.dtype
+        rows, cols = array.chunks[:2]
     except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
         raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
-    if found != (shape, (edge, edge), np.float64):
+    if rows != cols or array.dtype != np.float64:
+        raise FieldError(f"{folder}: does not fit its own map and config")
+    return array
+
+
+def _read_array(folder: Path, name: str, shape: tuple[int, ...]) -> tuple[NDArray[np.float64], int]:
+    array = _opened(folder, name)
+    if array.shape != shape:
         raise FieldError(f"{folder}: does not fit its own map and config")
     try:
         return np.asarray(array[:]), 0
     except Exception:  # find out which chunks are damaged
         values, damaged = np.full(shape, np.nan), 0
-        for chunk in tiles.chunks_of(np.ones(shape[:2], bool), edge):
+        for chunk in tiles.chunks_of(np.ones(shape[:2], bool), array.chunks[0]):
             try:
                 values[chunk.at] = array[chunk.at]
             except Exception:

@@ -101,6 +101,10 @@ class Fisher(LidarEstimator):
         occupied = levels == OCCUPIED
         return Scene(empty_squares(occupied), surface_normals(occupied))
 
+    def seconds(self, resolution: float) -> float:
+        """Time in proportion to the beams, and a little for the inverse."""
+        return 1e-5 + 1e-7 * self.beams_compared
+
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         reach = reach_of_beams(self.lidar, resolution) + REACH
         return min(reach, math.ceil(math.hypot(*map_shape)))

@@ -124,5 +124,8 @@ class Fused(Estimator):
         both = self.fisher, self.scan
         return max(each.halo(resolution, map_shape) for each in both)
 
+    def seconds(self, resolution: float) -> float:
+        return self.fisher.seconds(resolution) + self.scan.seconds(resolution)
+
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
         return sum(each.memory(resolution, map_shape) for each in (self.fisher, self.scan))

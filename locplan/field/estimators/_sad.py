@@ -253,17 +253,18 @@ class Sad(Estimator):
         radius, turns = template_radius(self.range, window, map_shape), window.angles.size
         turned = min(TILE_CELLS, max(map_shape)) * math.sqrt(2) + 2.0 * radius
         still = min(TILE_CELLS, max(map_shape)) + 2.0 * (radius + window.reach)
-        words = 32 / math.gcd(window.step_cells, SQUARE) ** 2 + 6
+        words = 32 / math.gcd(window.step_cells, SQUARE) ** 2 + 8
+        strips = 2.0 * turns
+        if self.negligible(resolution) is not None:  # sums of one heading, and of the blocks
+            strips, words = strips + 4, words + 12
         sight = 20 if self.template == "visible" else 4
-        return 2 * turns * turned**2 + words * still**2 + (sight * turns + 16 * math.pi) * radius**2
+        return strips * turned**2 + words * still**2 + (sight * turns + 16 * math.pi) * radius**2
 
-    def points_apart(self, resolution: float, stride: int) -> int:
-        """Spacing of the lattice points, `stride` cells apart, that best share a tile.
-
-        Where cells and offsets fall on a common lattice of more than one cell the layout of the
-        map is thinner, and on a fine lattice only then fits into the processor's caches.
-        """
-        from locplan._kernels.bitplanes import SQUARE
-
-        thinnest = math.gcd(self.window.on(resolution).step_cells, SQUARE)
-        return thinnest // math.gcd(thinnest, stride)
+    def seconds(self, resolution: float) -> float:
+        """Time in proportion to the offsets and, but for rejected ones, to the disc's cells."""
+        compared = self.window.on(resolution).size * math.pi * (self.range / resolution) ** 2
+        if self.template == "visible":
+            return 6e-12 * compared
+        if self.negligible(resolution) is None:
+            return 1e-12 * compared
+        return 5e-8 * self.window.on(resolution).size + 5e-14 * compared

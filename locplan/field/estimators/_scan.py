@@ -104,6 +104,10 @@ class Scan(LidarEstimator):
         reach = reach_of_beams(self.lidar, resolution) + moved + offsets + around
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
+    def seconds(self, resolution: float) -> float:
+        """Time in proportion to the beams, and to the offsets at which each is scored."""
+        return self.beams_compared * (1e-7 + 1e-10 * self.lattice(resolution).size)
+
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
         """Memory of the likelihood field of the whole map and its surroundings."""
         from locplan._kernels.likelihood import likelihood_reach
