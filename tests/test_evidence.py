@@ -16,6 +16,7 @@ import locplan
 from locplan import FieldConfig, LocplanError, simulation
 from locplan.errors import CalibrationError
 from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, Scan, SearchWindow
+from locplan.field._at_points import covariances_at
 from locplan.maps import environments
 from locplan.simulation import (
     Amcl,
@@ -28,7 +29,6 @@ from locplan.simulation import (
 from locplan.simulation._predictors import (
     Predictor,
     configs,
-    covariances_at,
     occupied_in_range,
     predictions,
 )

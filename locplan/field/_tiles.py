@@ -144,7 +144,7 @@ def finished_chunks(
         return
     running: dict[_Tile, tuple[Chunk, _Points, NDArray[np.int64]]] = {}
     done: SimpleQueue[_Tile] = SimpleQueue()
-    waiting = _tiles(missing, chunk_edge(config, grid.resolution))
+    waiting = tiles_of(missing, chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     taken = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
@@ -153,7 +153,7 @@ def finished_chunks(
     try:
         while True:
             for chunk, points in islice(waiting, IN_FLIGHT - len(running)):
-                part = _part(grid, config, points, prepared)
+                part = part_of(grid, config, points, prepared)
                 with _one_line_errors(executor):
                     tile = pool.submit(compute, ENGINE, estimator, part)
                 running[tile] = chunk, points, part.control
@@ -231,14 +231,14 @@ def untouched_points(
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 
 
-def _tiles(missing: NDArray[np.bool_], edge: int) -> Iterator[tuple[Chunk, _Points]]:
+def tiles_of(missing: NDArray[np.bool_], edge: int) -> Iterator[tuple[Chunk, _Points]]:
     """Yield each chunk and its missing lattice points."""
     for chunk in chunks_of(missing, edge):
         i, j = np.nonzero(missing[chunk.at])
         yield chunk, (i + chunk.top, j + chunk.left)
 
 
-def _part(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
+def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
     """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
     stride = stride_cells(config.stride, grid.resolution)
     rows, cols = (index * stride for index in points)

@@ -17,9 +17,9 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import Estimator, Exponential, FieldConfig, Sad
+from locplan.field._at_points import covariances_at
 from locplan.field._config import config_of
 from locplan.simulation._places import ErrorKind, Places
-from locplan.simulation._predictors import covariances_at
 from locplan.simulation._ranking import spearman
 
 Array = NDArray[np.float64]
@@ -222,7 +222,8 @@ def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
 
 def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
-    plain = _changed(config, noise_level=1.0)
+    # Places lie on the lattice of the default stride.
+    plain = dataclasses.replace(_changed(config, noise_level=1.0), stride=FieldConfig.stride)
     found = [
         covariances_at(each.grid, plain, each.points, threads=threads)[:, :2, :2]
         - _added_q(each, config)

@@ -9,16 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import (
-    CovarianceField,
-    FieldConfig,
-    Fisher,
-    Lidar,
-    Sad,
-    Scan,
-    _tiles as tiles,
-    scalar,
-)
+from locplan.field import FieldConfig, Fisher, Lidar, Sad, Scan, scalar
+from locplan.field._at_points import covariances_at
 from locplan.field._lattice import stride_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
 
@@ -84,36 +76,6 @@ def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
     return {name: FieldConfig(estimator) for name, estimator in estimators.items()}
 
 
-def covariances_at(
-    grid: OccupancyGrid,
-    config: FieldConfig,
-    points: NDArray[np.int64],
-    *,
-    threads: int | None = None,
-) -> Array:
-    """Covariances at points of the lattice of the default stride, (n, d, d).
-
-    The config's own stride is ignored. Several headings give the covariance of their mean
-    information.
-
-    Parameters
-    ----------
-    grid, config
-        The map, and the field's settings.
-    points : (n, 2) array
-        Rows and columns on the lattice of the default stride.
-    threads : int, optional
-        Number of threads; all cores by default.
-    """
-    config = dataclasses.replace(config, stride=FieldConfig.stride)
-    values = tiles.nothing_known(grid, config)
-    wanted = np.zeros(values["covariance"].shape[:2], bool)
-    wanted[tuple(points.T)] = True
-    for _ in tiles.finished_chunks(values, grid, config, threads, None, None, wanted):
-        pass
-    return np.asarray(CovarianceField.of(values, grid, config).mean_covariance[tuple(points.T)])
-
-
 def predictions(
     grid: OccupancyGrid,
     fields: Mapping[str, FieldConfig],
@@ -123,7 +85,8 @@ def predictions(
 ) -> dict[Predictor, Array]:
     """Values of each predictor at points of the lattice of the default stride, (n,).
 
-    "fisher+scan" is the geometric mean of both.
+    The configs' own strides are ignored. Several headings give the value of their mean
+    information. "fisher+scan" is the geometric mean of both.
 
     Parameters
     ----------
@@ -131,11 +94,14 @@ def predictions(
         The map.
     fields : mapping of str to FieldConfig
         Settings of the fields by name, as returned by `configs`.
-    points, threads
-        See `covariances_at`.
+    points : (n, 2) array
+        Rows and columns on the lattice of the default stride.
+    threads : int, optional
+        Number of threads; all cores by default.
     """
     found: dict[Predictor, Array] = {}
     for name, config in fields.items():
+        config = dataclasses.replace(config, stride=FieldConfig.stride)
         covariance = covariances_at(grid, config, points, threads=threads)
         for each in SCALARS:
             found[Predictor(name, each)] = scalar(covariance, each)
