@@ -59,7 +59,7 @@ def evaluate(
             [load_map(file) for file in find_maps(*maps)],
             **simulated,
             **given_of(at),
-            disc=config.estimator.reach,
+            disc=min(config.estimator.reach, evaluation.LARGEST_DISC),
             robot_radius=radius_of(robot_radius),
             threads=threads,
             progress=progress,

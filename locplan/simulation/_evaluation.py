@@ -210,6 +210,12 @@ class Evaluation:
         return ["x_m", "y_m", *SIZES, *headings, *(each.column for each in self.predictions[0])]
 
 
+LARGEST_DISC = 30.0
+"""Greatest radius of the templates of "sad" that the command takes of a lidar [m].
+
+Their memory grows with its square: 0.3 GB a thread at 0.05 m a cell."""
+
+
 def evaluate(
     grids: Sequence[OccupancyGrid] | OccupancyGrid,
     *,
