@@ -3,7 +3,7 @@ from ._any_angle import AnyAngle as AnyAngle
 from ._budget import BudgetPlanner as BudgetPlanner
 from ._cost_to_go import CostToGo as CostToGo, plan_field as plan_field
 from ._function import FunctionPlanner as FunctionPlanner, Guarded as Guarded
-from ._grid import GridPlanner as GridPlanner
+from ._grid import AStar as AStar, Dijkstra as Dijkstra, GridPlanner as GridPlanner
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._near_paths import planned_near_paths as planned_near_paths
 from ._pareto import ParetoFront as ParetoFront, pareto_front as pareto_front

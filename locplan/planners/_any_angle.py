@@ -67,7 +67,7 @@ class AnyAngle:
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan between two world positions [m] in free cells; the path has exactly these ends."""
         cutting = self.allow_corner_cutting
-        cells = cheapest_cells(costs, start, goal, cutting)
+        cells, _ = cheapest_cells(costs, start, goal, cutting)
         if cells is None:
             return Found()
         on_grid = through_centres(costs, cells, start, goal, trim=True)

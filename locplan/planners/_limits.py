@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import positive
-from locplan.costs import Costmap, Footprint
+from locplan.costs import Costmap, Footprint, Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
 from locplan.planners._budget import rounded_up
@@ -89,19 +89,22 @@ class Limited(Wrapper):
 
     def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan each leg from one stop to the next separately."""
-        legs = []
+        legs: list[Path] = []
+        expanded: int | None = 0
         for number, ends in enumerate(itertools.pairwise(stops), 1):
             found = self.planner.solve(costs, *ends)
             if not self.via:
                 return found
+            if expanded is not None:
+                expanded = None if found.expanded is None else expanded + found.expanded
             if found.path is None:
                 if number == len(stops) - 1:
                     return found
                 because = f": {found.note}" if found.note else ""
                 note = f"no path leads to waypoint {number}{because}"
-                return dataclasses.replace(found, note=note)
+                return dataclasses.replace(found, note=note, expanded=expanded)
             legs.append(found.path)
-        return Found(joined(legs))
+        return Found(joined(legs), expanded=expanded)
 
 
 def _least_max_e(

@@ -34,6 +34,8 @@ class Found:
     """Least length that a path within the budget can have [m]."""
     feasible_from: float | None = None
     """Least limit with which there is a path, in the limit's unit, if it is infeasible."""
+    expanded: int | None = None
+    """Number of cells that a search over the grid expanded, over all legs."""
     solve_time: float | None = None
     """Time spent planning, where the planner measures that itself [s]."""
 

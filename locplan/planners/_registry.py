@@ -49,6 +49,8 @@ class Entry:
 
 PLANNERS: dict[str, Entry] = {
     "grid": Entry("locplan.planners._grid:GridPlanner"),
+    "astar": Entry("locplan.planners._grid:AStar"),
+    "dijkstra": Entry("locplan.planners._grid:Dijkstra"),
     "any-angle": Entry("locplan.planners._any_angle:AnyAngle"),
     **{
         name: Entry(

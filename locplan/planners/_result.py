@@ -46,6 +46,8 @@ class Plan(Pictured):
     """Least `budget` or `max_e` with which there is a path, if it is infeasible."""
     minimises: bool = True
     """True if the planner seeks the least J; some of OMPL's stop at the first path they find."""
+    expanded: int | None = None
+    """Number of cells that a grid planner's search expanded, over all legs; None for others."""
     history: tuple[tuple[float, float], ...] = ()
     """Time since a sampling planner began [s] and its best J [m], whenever that fell; there is
     none over waypoints."""
@@ -88,6 +90,7 @@ def finished(
         solve_time=elapsed,
         bound=found.bound,
         feasible_from=found.feasible_from,
+        expanded=found.expanded,
         history=found.history,
         note=note,
         costs=costs,

@@ -29,7 +29,7 @@ _METRICS = (
 """Rows of a table of plans: label, field of `PathMetrics`, unit and format."""
 _PLAIN = (
     *("status", "planner", "start", "goal", "via", "solve_time", "max_e", "budget", "footprint"),
-    *("bound", "feasible_from", "minimises", "history", "note"),
+    *("bound", "feasible_from", "minimises", "expanded", "history", "note"),
 )
 """Fields of a plan that are written as they are."""
 

@@ -157,9 +157,6 @@ def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
 
 def prepare() -> None:
     """Compile the kernels, so that no time limit is spent on that."""
-    from locplan._kernels.search import bordered_half, costs_by_heap
-
-    costs_by_heap(bordered_half(np.ones((1, 1)), 1), 3, 4, 4, False)
     costs = dataclasses.replace(blank_costs(2, 3), u=np.ones((2, 3)))
     problem = Problem.between(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
     search = Search(problem, problem.to_go(1, 0)[0], problem.to_go(0, 1)[0], max_labels=100)

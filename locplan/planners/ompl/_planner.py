@@ -127,7 +127,7 @@ class Ompl:
             return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
         known: list[Path] = []
         if self.from_grid:
-            cells = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
+            cells, _ = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
             assert cells is not None
             known = [through_centres(costs, cells, start, goal, trim=True)]
         limits, ahead = self.limits, known[0].xy if known else None
