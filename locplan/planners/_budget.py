@@ -13,7 +13,7 @@ from locplan._util.checks import number
 from locplan.costs import Costmap
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
-from locplan.planners._trade_offs import GAIN, Problem, Search, check_caps, prepare
+from locplan.planners._trade_offs import GAIN, OutOfTime, Problem, Search, check_caps, prepare
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,14 @@ class BudgetPlanner:
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan between two world positions [m]; a costmap without a field is a ConfigError."""
         began = time.perf_counter()
-        problem = Problem.between(costs, start, goal, self.objective, self.allow_corner_cutting)
-        second_to_go, frugal = problem.to_go(0, 1)
+        cutting, until = self.allow_corner_cutting, began + self.time_limit
+        problem = Problem.between(costs, start, goal, self.objective, cutting, until)
+        try:
+            second_to_go, frugal = problem.to_go(0, 1)
+            first_to_go, short = problem.to_go(1, 0)
+        except OutOfTime:
+            note = f"the bounds of the search take longer than {self.time_limit:g} s on this map"
+            return Found(status="timeout", note=note)
         if frugal is None:
             return Found()
         allowed = (self.budget - problem.ends[1]) * problem.per_integral
@@ -65,7 +71,6 @@ class BudgetPlanner:
                 f" the least is {rounded_up(needed)}"
             )
             return Found(status="infeasible", feasible_from=needed, note=note)
-        first_to_go, short = problem.to_go(1, 0)
         assert short is not None  # because there is a frugal one
         bounds = _lagrangian(problem, first_to_go, short, frugal, within)
         lower = bounds.upper
@@ -73,7 +78,7 @@ class BudgetPlanner:
             search = Search(
                 problem, first_to_go, second_to_go, self.max_labels, within, bounds.joint
             )
-            found, to_come = search.run(1, began + self.time_limit)
+            found, to_come = search.run(1, until)
             if found.size:
                 path = through_centres(costs, search.cells_of(int(found[0])), start, goal)
                 return Found(path, bound=path.length)
@@ -113,11 +118,15 @@ def _lagrangian(
     if beyond_second <= within:
         return _Bounds(short, beyond_first, beyond_first, (first_to_go, 0.0, np.inf))
     best, (best_first, best_second) = frugal, problem.measured(frugal)
+    lower, joint = beyond_first, (first_to_go, 0.0, np.inf)
     while True:
         multiplier = (best_first - beyond_first) / (beyond_second - best_second)
-        both_to_go, cells = problem.to_go(1, multiplier)
+        try:
+            both_to_go, cells = problem.to_go(1, multiplier)
+        except OutOfTime:
+            return _Bounds(best, best_first, lower, joint)
         assert cells is not None
-        lower = both_to_go[problem.source] - multiplier * within
+        lower = max(lower, both_to_go[problem.source] - multiplier * within)
         first, second = problem.measured(cells)
         line = beyond_first + multiplier * beyond_second
         closer = line - (first + multiplier * second) > GAIN * line

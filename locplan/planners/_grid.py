@@ -12,8 +12,15 @@ from locplan.costs import Costmap, Path, path_metrics
 from locplan.planners._protocol import Found, Position
 
 
-GUIDED_CONTRAST = 1.4
-"""Greatest contrast, the mean density of free cells over the least one, at which A* is taken."""
+GUIDED_CONTRAST = 12.0
+"""Greatest contrast, the mean density of free cells over the least one, at which A* is taken.
+
+Time of A* over that of Dijkstra's algorithm, 4 random queries on each of 24 real maps, u smooth or
+rising with the distance from walls: 0.44 and 0.35 at contrast 1 (30 and 18 % of the expansions),
+0.54 at about 1.4, 0.75 and 0.69 at 2.6, 0.89 and 0.72 at about 4; 0.98 in the first, above 12 in
+single maps up to 1.05. From corner to corner through rooms, where nearly all cells are expanded,
+it is 0.49 at contrast 1, 0.84 at 1.2, and 1.06 to 1.09 from 1.5 on.
+"""
 
 
 @dataclass(frozen=True)

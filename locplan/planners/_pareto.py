@@ -14,12 +14,14 @@ from locplan._util.notebook import Pictured
 from locplan.costs import Costmap, check_costs
 from locplan.errors import ConfigError
 from locplan.planners._grid import cells_of, through_centres
-from locplan.planners._protocol import Found, Position
+from locplan.planners._protocol import Found, Position, Status
 from locplan.planners._result import Plan, finished
-from locplan.planners._trade_offs import GAIN, Problem, Search, check_caps, prepare
+from locplan.planners._trade_offs import GAIN, OutOfTime, Problem, Search, check_caps, prepare
 
 SUPPORTED = 24
 """Number of paths of least weighted sums that complete a front whose search was cut short."""
+COMPLETION = 0.25
+"""Greatest share of the time limit that is kept for them."""
 MAX_POINTS = 100_000
 """Greatest number of points of a front."""
 SAME_DISTANCE = 1e-9
@@ -46,7 +48,8 @@ class ParetoFront(Pictured):
     """Integral of u [m] or e [m^2 rad m] along each path, (n,)."""
     epsilon: float
     """A path of the front is at most 1 + epsilon times as long and uncertain as any grid path.
-    Epsilon is 0 and the front exact, unless time or labels ran out."""
+    Epsilon is 0 and the front exact, unless time or labels ran out; it is infinite if the time did
+    not suffice for a single path."""
     labels: int
     """Number of partial paths that were kept."""
     solve_time: float
@@ -55,6 +58,8 @@ class ParetoFront(Pictured):
     _drawn_by: ClassVar[str] = "locplan.plotting:front_figure"
 
     def __repr__(self) -> str:
+        if self.status == "timeout":
+            return f"ParetoFront(no path was found within the time limit, {self.solve_time:.3g} s)"
         if not len(self):
             return "ParetoFront(no path joins start and goal)"
         exact = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%}"
@@ -69,8 +74,16 @@ class ParetoFront(Pictured):
     def __len__(self) -> int:
         return len(self.length)
 
+    @property
+    def status(self) -> Status:
+        """The status is "solved", or says why there is no path: "unreachable", or "timeout"."""
+        if len(self):
+            return "solved"
+        return "timeout" if math.isinf(self.epsilon) else "unreachable"
+
     def plan(self, index: int) -> Plan:
         """One of the paths as a plan, with its metrics."""
+        self._check_paths()
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = through_centres(self.costs, self._cells[index], self.start, self.goal)
@@ -92,8 +105,7 @@ class ParetoFront(Pictured):
         variable it is that of Satopaa et al., "Finding a 'kneedle' in a haystack", ICDCS Workshops
         (2011), doi 10.1109/ICDCSW.2011.20.
         """
-        if not len(self):
-            raise ConfigError("an empty front has no knee: the goal is unreachable")
+        self._check_paths()
         spans = self.length[-1] - self.length[0], self.integral[0] - self.integral[-1]
         if not min(spans) > 0:
             return 0
@@ -102,6 +114,13 @@ class ParetoFront(Pictured):
         below = saved - longer
         # The first of those that rounding alone sets apart.
         return int(np.argmax(below > below.max() - SAME_DISTANCE))
+
+    def _check_paths(self) -> None:
+        """Raise a ConfigError if there is no path."""
+        if self.status == "timeout":
+            raise ConfigError("the front is empty: no path was found in time; raise time_limit")
+        if self.status == "unreachable":
+            raise ConfigError("the front is empty: the goal is unreachable")
 
 
 def pareto_front(
@@ -118,7 +137,9 @@ def pareto_front(
 
     A path leads from the start to the centre of its cell, over centres, and to the goal. Where
     time or labels run out, paths of least weighted sums complete the front, and `epsilon` says
-    how good it is for certain.
+    how good it is for certain. Before the exact search come two searches over all cells, for the
+    front's ends; if the time does not suffice for these, the front is empty, with the status
+    "timeout".
 
     Parameters
     ----------
@@ -131,14 +152,15 @@ def pareto_front(
     allow_corner_cutting : bool
         True lets a diagonal step pass the corner of a blocked cell.
     time_limit : float
-        Time for the exact search [s].
+        Time for all searches together [s]; of it, at most a quarter is kept for completing the
+        front. It may be exceeded by a tenth of a second.
     max_labels : int
         Greatest number of partial paths that are kept; each takes 48 bytes.
 
     Returns
     -------
     ParetoFront
-        The front, empty if the goal is unreachable. Its lengths and integrals are those of the
+        The front, empty if the goal is unreachable or time ran out at once. Its lengths and integrals are those of the
         plans' metrics. Paths that lower the integral by no more than 1e-9 of the layer's greatest
         value times the length of the path of least integral are left out, which is also how far
         a path may exceed a budget.
@@ -154,14 +176,22 @@ def pareto_front(
     check_caps(objective, time_limit, max_labels)
     prepare()
     began = time.perf_counter()
-    problem = Problem.between(costs, start, goal, objective, allow_corner_cutting)
-    second_to_go, frugal = problem.to_go(0, 1)
-    first_to_go, short = problem.to_go(1, 0)
+    until = began + time_limit
+    problem = Problem.between(costs, start, goal, objective, allow_corner_cutting, until)
+    searching = time.perf_counter()
     points: list[Point] = []
     epsilon, labels = 0.0, 0
+    short = frugal = None
+    try:
+        second_to_go, frugal = problem.to_go(0, 1)
+        first_to_go, short = problem.to_go(1, 0)
+    except OutOfTime:
+        epsilon = math.inf
     if short is not None and frugal is not None:
         search = Search(problem, first_to_go, second_to_go, max_labels=max_labels)
-        found, to_come = search.run(MAX_POINTS, began + time_limit)
+        completing = SUPPORTED * (time.perf_counter() - searching) / 2
+        completing = min(completing, COMPLETION * time_limit)
+        found, to_come = search.run(MAX_POINTS, until - completing)
         labels = search.labels
         for label, first, second in zip(found, *search.costs_of(found), strict=True):
             points.append((float(first), float(second), search.cells_of(int(label))))
@@ -233,13 +263,16 @@ def _weighted_sums(
     points.append((*left, cells_of(short, problem.columns)))
     points.append((*right, cells_of(frugal, problem.columns)))
     gaps = [(left, right)]
-    while gaps and len(bounds) < SUPPORTED:
+    while gaps and len(bounds) < SUPPORTED and not (bounds and time.perf_counter() > problem.until):
         gaps.sort(key=lambda gap: (gap[1][0] - gap[0][0]) * (gap[0][1] - gap[1][1]))
         left, right = gaps.pop()
         if not (right[0] > left[0] and left[1] > right[1]):
             continue
         multiplier = (right[0] - left[0]) / (left[1] - right[1])
-        to_go, flat = problem.to_go(1, multiplier)
+        try:
+            to_go, flat = problem.to_go(1, multiplier)
+        except OutOfTime:
+            break
         assert flat is not None
         bounds.append((multiplier, float(to_go[problem.source])))
         middle = problem.measured(flat)

@@ -92,7 +92,8 @@ def front_summary(front: ParetoFront) -> dict[str, Any]:
         "start": list(front.start),
         "goal": list(front.goal),
         "objective": front.objective,
-        "epsilon": front.epsilon,
+        "status": front.status,
+        "epsilon": finite({"epsilon": front.epsilon})["epsilon"],
         "labels": front.labels,
         "solve_time_s": front.solve_time,
         "knee": front.knee if len(front) else None,
@@ -103,6 +104,8 @@ def front_summary(front: ParetoFront) -> dict[str, Any]:
 
 def front_table(front: ParetoFront, e_unit: str) -> str:
     """Up to twelve points of a front with what each metre more saves, the knee marked."""
+    if front.status == "timeout":
+        return f"timeout: no path was found within {front.solve_time:.2f} s; raise the time limit"
     if not len(front):
         return "unreachable: no path leads to the goal"
     unit = "m" if front.objective == "u" else f"{e_unit} m"

@@ -37,6 +37,10 @@ STRETCH = 200_000
 """Number of expansions between two looks at the clock."""
 
 
+class OutOfTime(Exception):
+    """A search over the grid was given up at its time limit."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Two costs on the bordered grid, in whole units as `locplan._kernels.pareto` wants them.
@@ -46,10 +50,8 @@ class Problem:
 
     costs: Costmap
     """The costmap that is searched."""
-    length_half: NDArray[np.float64]
-    """Half the density of the first cost, the length."""
     half: NDArray[np.float64]
-    """Half the density of the second cost, u or e."""
+    """Half the density of the second cost, u or e; that of the first, the length, is constant."""
     layer: NDArray[np.floating]
     """The second cost's density as the costmap has it, (H, W)."""
     source: int
@@ -64,21 +66,32 @@ class Problem:
     """Both costs of the ways from the ends to their cells' centres: [m], and the integral."""
     allow_corner_cutting: bool
     """True lets a diagonal step pass the corner of a blocked cell."""
+    until: float = np.inf
+    """Time of `time.perf_counter` at which searches over the grid are given up [s]."""
 
     @classmethod
     def between(
-        cls, costs: Costmap, start: Position, goal: Position, objective: str, cutting: bool
+        cls,
+        costs: Costmap,
+        start: Position,
+        goal: Position,
+        objective: str,
+        cutting: bool,
+        until: float = np.inf,
     ) -> Problem:
         """The problem of a costmap between two positions; without a field it is a ConfigError."""
         from locplan._kernels.pareto import SCALE
-        from locplan._kernels.search import bordered_half
 
         layer = costs.e if objective == "e" else costs.u
         free = np.isfinite(costs.density)
         if not np.isfinite(layer[free]).all():
             raise ConfigError(f"a costmap without a field has no {objective} to trade length for")
-        greatest = float(layer[free].max()) or 1.0
-        whole = 2 * np.rint(np.where(free, layer, 0.0) * (SCALE / greatest / 2))
+        greatest = float(np.max(layer, where=free, initial=0.0)) or 1.0
+        rows, columns = free.shape
+        half = np.full((rows + 2, columns + 2), np.inf)
+        inner = half[1:-1, 1:-1]
+        np.multiply(layer, SCALE / greatest / 2, out=inner, where=free, dtype=np.float64)
+        np.rint(inner, out=inner)
         source, target = bordered_ends(costs, start, goal)
         ends_length = ends_integral = 0.0
         for xy in (start, goal):
@@ -88,8 +101,7 @@ class Problem:
             ends_integral += apart * float(layer[cell])
         return cls(
             costs=costs,
-            length_half=bordered_half(np.where(free, float(SCALE), np.inf), 1),
-            half=bordered_half(np.where(free, whole, np.inf), 1),
+            half=half.reshape(-1),
             layer=layer,
             source=source,
             target=target,
@@ -97,6 +109,7 @@ class Problem:
             per_integral=SCALE / (costs.grid.resolution * greatest),
             ends=(ends_length, ends_integral),
             allow_corner_cutting=cutting,
+            until=until,
         )
 
     @property
@@ -107,19 +120,26 @@ class Problem:
     def to_go(self, length: float, integral: float) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """Least weighted sums of both costs to the goal, and the start's path over flat indices.
 
-        No sum is overstated, but that of the integral alone, by the ties.
+        No sum is overstated, but that of the integral alone, by the ties. Once `until` is over, it
+        is `OutOfTime`.
         """
-        from locplan._kernels.search import shortest_costs, trace
+        from locplan._kernels.pareto import SCALE
+        from locplan._kernels.search import scale_of, search, trace
 
-        half = (length or TIE) * self.length_half
-        if integral:
-            half = half + integral * self.half
-        cutting = self.allow_corner_cutting
-        cost = shortest_costs(half, self.columns, self.target, -1, cutting)
+        half = self.half * (integral or 1.0)
+        if not integral:
+            half[np.isfinite(half)] = 0.0
+        half += (length or TIE) * SCALE / 2
+        way = half, self.columns, self.target, -1, self.allow_corner_cutting
+        cost, _, finished = search(*way, scale_of(half), until=self.until)
+        if not finished:
+            raise OutOfTime
+        np.abs(cost, out=cost)
         if not np.isfinite(cost[self.source]):
             return cost, None
-        flat = trace(half, self.columns, cost, self.source, cutting)
-        return cost * (1 - ROUNDING), flat[::-1]
+        flat = trace(half, self.columns, cost, self.source, self.allow_corner_cutting)
+        cost *= 1 - ROUNDING
+        return cost, flat[::-1]
 
     def measured(self, flat: NDArray[np.int64]) -> tuple[float, float]:
         """Both costs of a path over cells, given by flat indices, in whole units."""
