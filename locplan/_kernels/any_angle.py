@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from locplan._kernels.buckets import bucket_scale, enqueue
 from locplan._kernels.rays import segment_cost
-from locplan._kernels.search import bucket_scale, enqueue
 
 TIE = 1e-13
 """Relative difference up to which costs count as equal."""

@@ -37,6 +37,8 @@ TIE = 1e-10
 """Share by which rounding may set paths of one cost apart."""
 AHEAD = 2
 """Number of cells by which memory is fetched ahead; from 1 to 8 the times are alike."""
+ROOM = 4096
+"""Number of cells for which there is room at first, in the queue and in its batch."""
 STRETCH = 1 << 20
 """Number of expansions between two looks at the clock."""
 _UNUSED, _USED, _WAITING, _LOWEST, _EXPANDED, _LEFT = range(6)
@@ -164,9 +166,9 @@ def search(
     queue = Queue(
         state=np.array([-1, 1, 1, lowest, 0, 0]),
         heads=np.full(buckets, -1, np.int32),
-        cells=np.full(4096, start, np.uint32),
-        following=np.full(4096, -1, np.int32),
-        batch=np.empty(4096, np.uint32),
+        cells=np.full(ROOM, start, np.uint32),
+        following=np.full(ROOM, -1, np.int32),
+        batch=np.empty(ROOM, np.uint32),
     )
     queue.heads[lowest % buckets] = 0
     while True:
@@ -266,9 +268,10 @@ def expand(
                 reached = here + (own + half[other])
             if not reached < abs(cost[other]):
                 continue
-            if diagonal and not corner_cutting:
-                if half[beside] == np.inf or half[straight] == np.inf:
-                    continue
+            if diagonal and not (
+                corner_cutting or (half[beside] < np.inf and half[straight] < np.inf)
+            ):
+                continue
             total = reached
             if rate > 0:
                 vertical, horizontal = MOVES[n]
@@ -357,38 +360,3 @@ def trace(
                     least, before = through, other
         cells.append(before)
     return np.array(cells[::-1])
-
-
-@njit(nogil=True, cache=True)
-def bucket_scale(half: NDArray[np.float64], longest: float) -> tuple[float, int]:
-    """Buckets per cost, and their number, a power of two (0: too many), for steps to `longest`."""
-    cheapest, costliest = np.inf, 0.0
-    for value in half:
-        if value < np.inf:
-            cheapest, costliest = min(cheapest, 2 * value), max(costliest, 2 * value)
-    if cheapest * MAX_BUCKETS <= longest * costliest:
-        return 0.0, 0
-    buckets = 2
-    while buckets < longest * costliest / cheapest + 2:
-        buckets *= 2
-    return 1.0 / cheapest, buckets
-
-
-@njit(inline="always")
-def enqueue(
-    cell: int,
-    bucket: int,
-    heads: NDArray[Any],
-    cells: NDArray[Any],
-    following: NDArray[Any],
-    pool: NDArray[Any],
-) -> None:
-    """Put a cell into a bucket."""
-    entry = pool[_UNUSED]
-    if entry >= 0:
-        pool[_UNUSED] = following[entry]
-    else:
-        entry = pool[_USED]
-        pool[_USED] += 1
-    cells[entry], following[entry], heads[bucket] = cell, heads[bucket], entry
-    pool[_WAITING] += 1

@@ -34,7 +34,7 @@ class Search:
     objective: Literal["u", "e"] = "u"
     """The second objective is the degenerate metres (u), or the integral of e."""
     time_limit: float = 30.0
-    """The exact search stops after this time [s]; 30 by default."""
+    """The search ends after this time [s], exact or not; 30 by default."""
     max_labels: int = 20_000_000
     """The number of partial paths kept, of 48 bytes each, is 20 million by default."""
 

@@ -33,7 +33,8 @@ class PlannerOptions:
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
     planner: Annotated[str | None, Parameter(choices=names())] = None
-    """The planner is any-angle by default, grid with a budget; those with capitals are OMPL's."""
+    """The planner is any-angle by default, grid with a budget; grid searches with astar or
+    dijkstra, whichever is quicker on the map; those with capitals are OMPL's."""
     accuracy: Literal["normal", "high"] | None = None
     """The accuracy of any-angle's paths is normal by default."""
     space: Literal["R2", "SE2", "Dubins", "ReedsShepp"] | None = None

@@ -105,6 +105,7 @@ class Journal:
                 tuple((_number(at), _number(cost)) for at, cost in about["history"]),
                 tuple((_number(x), _number(y)) for x, y in about["xy"]),
                 _text(about["note"]),
+                _count(about.get("expanded")),
             )
             return (run.task, _text(about["digest"])), run
         except (ValueError, KeyError, TypeError, AttributeError):
@@ -144,6 +145,12 @@ def _task(about: Mapping[str, Any]) -> Task:
     if not (is_number(task.weight) and is_whole(task.seed)):
         raise ValueError("a weight or a seed is no number")
     return task
+
+
+def _count(value: object) -> int | None:
+    if value is not None and not (is_whole(value) and value >= 0):
+        raise ValueError("a number of cells is none")
+    return value
 
 
 def _text(value: object, choices: Collection[str] | None = None) -> str:

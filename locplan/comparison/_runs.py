@@ -72,10 +72,13 @@ class Run:
     """The path's positions [m]."""
     note: str = ""
     """Why there is no path."""
+    expanded: int | None = None
+    """Number of cells that a grid planner expanded; None for other planners."""
 
     def row(self) -> dict[str, Any]:
         """The run as one flat record, for tables; unknown measures are NaN."""
         about = asdict(self.task) | {"status": self.status, "seconds": self.seconds}
         about |= {"wall_seconds": self.wall_seconds, "note": self.note}
+        about["expanded"] = float("nan") if self.expanded is None else self.expanded
         measures = (name for name in MEASURES if name != "seconds")
         return about | {name: self.measures.get(name, float("nan")) for name in measures}

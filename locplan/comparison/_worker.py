@@ -88,7 +88,11 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
 def run_of(task: Task, result: Plan) -> Run:
     """A plan as a run; the caller measures the wall time and adds it."""
     seconds, path = float(result.solve_time), result.path
-    run = Run(task, str(result.status), seconds, seconds, note=str(result.note or ""))
+    run = Run(
+        *(task, str(result.status), seconds, seconds),
+        note=str(result.note or ""),
+        expanded=None if result.expanded is None else int(result.expanded),
+    )
     if path is None:
         return run
     names = (name for name in MEASURES if name not in ("seconds", "turning"))

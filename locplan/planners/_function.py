@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeAlias, get_args
 
 import numpy as np
 
-from locplan._util.checks import shown
+from locplan._util.checks import is_whole, shown
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
 from locplan.planners._protocol import Found, Position, Status, Wrapper
@@ -95,6 +95,10 @@ def _check_sound(found: object, costs: Costmap, start: Position, goal: Position)
         raise LocplanError(
             "the planner must return a locplan.Plan, Path or planners.Found with a status of"
             f" {', '.join(statuses)}, not {type(found).__name__}"
+        )
+    if found.expanded is not None and not is_whole(found.expanded):
+        raise LocplanError(
+            f"the planner's number of expanded cells must be whole, not {shown(found.expanded)}"
         )
     if found.path is None:
         if found.status == "solved":

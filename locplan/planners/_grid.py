@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.planners._protocol import Found, Position
 
-
 GUIDED_CONTRAST = 12.0
 """Greatest contrast, the mean density of free cells over the least one, at which A* is taken.
 

@@ -160,10 +160,10 @@ def pareto_front(
     Returns
     -------
     ParetoFront
-        The front, empty if the goal is unreachable or time ran out at once. Its lengths and integrals are those of the
-        plans' metrics. Paths that lower the integral by no more than 1e-9 of the layer's greatest
-        value times the length of the path of least integral are left out, which is also how far
-        a path may exceed a budget.
+        The front, empty if the goal is unreachable or time ran out at once. Its lengths and
+        integrals are those of the plans' metrics. Paths that lower the integral by no more than
+        1e-9 of the layer's greatest value times the length of the path of least integral are left
+        out, which is also how far a path may exceed a budget.
 
     Raises
     ------

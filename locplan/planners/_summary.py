@@ -67,6 +67,10 @@ def plans_table(plans: Mapping[str, Plan], field: CovarianceField) -> str:
     for number, label in enumerate(("mean position std", "max position std")):
         texts = ["–" if each is None else f"{factor * each[number]:.3g} {shown}" for each in along]
         rows.append([label, *texts])
+    expanded = [plan.expanded for plan in plans.values()]
+    if any(count is not None for count in expanded):
+        texts = ["–" if count is None else f"{count:,}" for count in expanded]
+        rows.append(["expanded cells", *texts])
     notes = [f"{label}: {plan.note}" for label, plan in plans.items() if plan.note]
     return "\n".join([table(["", *plans], rows), *notes])
 
