@@ -11,7 +11,7 @@ from conftest import SHARED_DATA
 from test_movingai import map_of, read_map, read_scenarios, scenario_files
 
 import locplan
-from locplan._kernels import search
+from locplan._kernels import scale as scales, search
 from locplan.comparison import compare
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
@@ -45,7 +45,7 @@ def searched(costs: Costmap, cutting: bool, *, guided=False, goal=True) -> searc
     """A search from the first cell, to the last one if there shall be a goal."""
     half, columns = search.bordered_half(costs.density, 1), costs.grid.shape[1] + 2
     ends = columns + 1, half.size - columns - 2 if goal else -1
-    return search.search(*(half, columns, *ends, cutting), search.scale_of(half), guided=guided)
+    return search.search(*(half, columns, *ends, cutting), scales.scale_of(half), guided=guided)
 
 
 def costs_from_corner(costs: Costmap, cutting: bool) -> np.ndarray:
@@ -84,7 +84,7 @@ def test_of_equal_paths_all_searches_take_the_same():
         density[rng.random(density.shape) < rng.uniform(0, 0.4)] = np.inf
         cells = rng.integers(20, size=(2, 2))
         density[tuple(cells.T)] = 1.0
-        half, scale = search.bordered_half(density, 1), search.Scale(1.0, 2.0, 1.5)
+        half, scale = search.bordered_half(density, 1), scales.Scale(1.0, 2.0, 1.5)
         source, goal = ((cells + 1) @ (22, 1)).tolist()
         found = [
             search.search(half, 22, source, goal, False, scale, guided=guided)
@@ -132,7 +132,7 @@ def test_scenarios_have_their_optimal_lengths(guided):
     for path in scenario_files()[::2]:
         density = read_map(map_of(path))
         half, columns = search.bordered_half(density, 1), density.shape[1] + 2
-        scale = search.scale_of(half)
+        scale = scales.scale_of(half)
         for start, goal, optimal in read_scenarios(path):
             source, target = ((row + 1) * columns + col + 1 for row, col in (start, goal))
             found = search.search(half, columns, source, target, False, scale, guided=guided)
@@ -174,7 +174,7 @@ def test_costs_do_not_depend_on_the_queue(change, guided, monkeypatch):
     expected = naive.shortest_costs(costs.density, (0, 0), False)
     plain = searched(costs, False, guided=guided)
     for name, value in change.items():
-        monkeypatch.setattr(search, name, value)
+        monkeypatch.setattr(scales if name == "WIDTH_TO_MEAN" else search, name, value)
     np.testing.assert_allclose(costs_from_corner(costs, False), expected, rtol=1e-12)
     again = searched(costs, False, guided=guided)
     last = -costs.grid.shape[1] - 4
@@ -194,7 +194,7 @@ def test_a_wall_that_costs_much_is_crossed(costly):
 def test_a_search_without_time_is_unfinished(monkeypatch):
     monkeypatch.setattr(search, "STRETCH", 10)
     half = search.bordered_half(np.ones((30, 30)), 1)
-    arguments = half, 32, 33, -1, False, search.scale_of(half)
+    arguments = half, 32, 33, -1, False, scales.scale_of(half)
     assert search.search(*arguments).finished
     short = search.search(*arguments, until=0.0)
     assert not short.finished

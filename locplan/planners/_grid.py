@@ -102,7 +102,8 @@ def cheapest_cells(
 
     With them comes the number of expansions. `guided` is that of `GridPlanner`.
     """
-    from locplan._kernels.search import bordered_half, scale_of, search, trace
+    from locplan._kernels.scale import scale_of
+    from locplan._kernels.search import bordered_half, search, trace
 
     half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
     source, target = bordered_ends(costs, start, goal)

@@ -124,7 +124,8 @@ class Problem:
         is `OutOfTime`.
         """
         from locplan._kernels.pareto import SCALE
-        from locplan._kernels.search import scale_of, search, trace
+        from locplan._kernels.scale import scale_of
+        from locplan._kernels.search import search, trace
 
         half = self.half * (integral or 1.0)
         if not integral:
