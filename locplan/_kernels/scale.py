@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 WIDTH_TO_MEAN, WIDTH_TO_MAX = 2.0**-10, 2.0**-26
 """Least width of a bucket, as shares of the mean and the greatest density: of a high contrast
-little lies below, and no search visits more than some millions of empty buckets. At 4000 x 4000
-cells the narrowest that holds 2^-10 of the mean is 1.3 times as fast as 2^-14 of it."""
+little lies below, and few empty buckets are visited. With 2^-14 of the mean in place of 2^-10, the
+search for the least integral of u takes 1.3 times as long at 4000 x 4000 cells."""
 
 
 class Scale(NamedTuple):

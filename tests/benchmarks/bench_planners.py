@@ -14,7 +14,8 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
 from test_movingai import map_of, read_all_scenarios, read_map, scenario_files
 
-from locplan._kernels.search import bordered_half, shortest_costs
+from locplan._kernels.scale import scale_of
+from locplan._kernels.search import bordered_half, search, shortest_costs
 from locplan.costs import Costmap
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import pareto_front, plan
@@ -102,6 +103,65 @@ def test_single_objective(benchmark, size):
         f"\n{size}^2: {seconds * 1e3:.0f} ms, {seconds / reached * 1e9:.0f} ns a cell reached;"
         f" scipy takes {scipy_seconds / seconds:.1f} times as long,"
         f" MCP_Geometric (corners cut) {skimage_seconds / cut_seconds:.1f} times"
+    )
+
+
+def cpu_of(call) -> float:
+    """CPU seconds of a call, without what its result is freed in."""
+    began = time.process_time()
+    result = call()
+    seconds = time.process_time() - began
+    del result
+    return seconds
+
+
+def test_large_maps_cost_no_more_a_cell(benchmark):
+    maps = {}
+    for size in (4000, 8000):
+        small = rooms(500)
+        maps[size] = np.kron(small, np.ones((size // 500, size // 500)))
+    turns = {size: [] for size in maps}
+
+    def all_sizes():
+        for size, density in maps.items():
+            columns, free = size + 2, np.isfinite(density).sum()
+
+            def solve(density=density, columns=columns, size=size):
+                half = bordered_half(density, 1)
+                return shortest_costs(half, columns, columns + 1, size * columns + size, False)
+
+            turns[size].append(cpu_of(solve) / free)
+
+    benchmark.pedantic(all_sizes, rounds=4, warmup_rounds=1)
+    least = {size: min(seconds[1:]) for size, seconds in turns.items()}
+    print(
+        f"\n{least[4000] * 1e9:.0f} ns a cell at 4000^2, {least[8000] * 1e9:.0f} at 8000^2:"
+        f" {least[8000] / least[4000]:.2f} times"
+    )
+
+
+@pytest.mark.parametrize("span", [0.0, 0.5, 2.0, 10.0])
+def test_astar_beside_dijkstra(benchmark, span):
+    density = rooms(1000)
+    density = np.where(np.isinf(density), np.inf, 1 + (np.minimum(density, 11) - 1) / 10 * span)
+    half, columns = bordered_half(density, 1), 1002
+    scale = scale_of(half)
+    free = np.argwhere(np.isfinite(density)) + 1
+    pairs = np.random.default_rng(0).choice(free, (8, 2)) @ (columns, 1)
+
+    def solve(guided):
+        ends = [(int(one), int(other)) for one, other in pairs]
+        return [search(half, columns, *pair, False, scale, guided=guided) for pair in ends]
+
+    by_dijkstra, expected = best_of(3, lambda: solve(False))
+    found = benchmark.pedantic(lambda: solve(True), rounds=3, warmup_rounds=1)
+    for one, other, (_, goal) in zip(found, expected, pairs, strict=True):
+        assert one.cost[goal] == other.cost[goal]
+    cells = [sum(one.expanded for one in made) for made in (found, expected)]
+    print(
+        f"\ncontrast {scale.mean / scale.cheapest:.2f}: A* takes"
+        f" {benchmark.stats.stats.min / by_dijkstra:.2f} of the time of Dijkstra's algorithm,"
+        f" {cells[0] / cells[1]:.2f} of its expansions"
     )
 
 
