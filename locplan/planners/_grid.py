@@ -68,7 +68,7 @@ class AStar(GridPlanner):
     >>> plan(costs, (0.5, 4.5), (8.5, 4.5), planner="astar").expanded
     21
     >>> plan(costs, (0.5, 4.5), (8.5, 4.5), planner="dijkstra").expanded
-    68
+    69
     """
 
     name: ClassVar[str] = "astar"
