@@ -267,4 +267,4 @@ class Sad(Estimator):
             return 6e-12 * compared
         if self.negligible(resolution) is None:
             return 1e-12 * compared
-        return 5e-8 * self.window.on(resolution).size + 5e-14 * compared
+        return 5e-8 * self.window.on(resolution).size + 1e-13 * compared
