@@ -48,6 +48,7 @@ def calibrate(
     Where that cannot be, the exit code is 3, the written file says so, and its use warns.
     """
     from locplan._util.progress import progress_bar
+    from locplan._util.working import working
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _calibration as calibration, _calibration_reports as reports
     from locplan.simulation._places import places_of
@@ -70,6 +71,7 @@ def calibrate(
         result = calibration.calibrate(
             measured, config, error=error, fit_tau=fit_tau, threads=threads, progress=progress
         )
-    written = reports.write_calibration(output, result)
+    with working("writing the results"):
+        written = reports.write_calibration(output, result)
     show(json, result.summary(), reports.calibration_table(result), *written)
     return 0 if result.in_metres else NOT_IN_METRES

@@ -84,6 +84,7 @@ def choose(
     """
     from locplan import planners
     from locplan._util.progress import progress_bar
+    from locplan._util.working import working
     from locplan.simulation._settings import lidar_of
     from locplan.simulation.choice import _choose as core, _reports as reports
     from locplan.simulation.choice._candidates import AnyCandidate, own_paths
@@ -145,6 +146,7 @@ def choose(
             progress=progress,
         )
     if folder:
-        reports.write_choice(folder, choice, not_simulated)
+        with working("writing the choice"):
+            reports.write_choice(folder, choice, not_simulated)
     about, table = reports.choice_summary(choice, not_simulated), reports.choice_table
     show(json, about, table(choice, not_simulated), output)

@@ -101,6 +101,7 @@ def compare(
     """Run planners side by side, and report which one is best, where and by how much."""
     from locplan import comparison
     from locplan._util.progress import progress_bar
+    from locplan._util.working import working
 
     if asked.random is not None and asked.queries is not None:
         raise ConfigError("--random and --queries exclude one another")
@@ -137,5 +138,6 @@ def compare(
             field_of=computing.field,
             progress=progress,
         )
-    written = result.save(output, force=force, command=shlex.join(["locplan", *sys.argv[1:]]))
+    with working("writing the report"):
+        written = result.save(output, force=force, command=shlex.join(["locplan", *sys.argv[1:]]))
     show(json, result.to_json(), result.table(), *written)

@@ -47,6 +47,7 @@ def evaluate(
 ) -> None:
     """Tell how well each field predicts where a robot is badly localized on your maps."""
     from locplan._util.progress import progress_bar
+    from locplan._util.working import working
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _evaluation as evaluation, _reports as reports
 
@@ -64,5 +65,6 @@ def evaluate(
             threads=threads,
             progress=progress,
         )
-    written = reports.write_evaluation(folder, result) if folder else []
+    with working("writing the results"):
+        written = reports.write_evaluation(folder, result) if folder else []
     show(json, result.summary(), reports.evaluation_table(result), *written)

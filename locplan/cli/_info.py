@@ -62,8 +62,10 @@ def info(
             shares = compare_lidars(about.grid, named, robot_radius=radius, progress=progress)
     if output:
         from locplan import plotting
+        from locplan._util.working import working
 
-        plotting.save_figure(plotting.info_figure(about), output)
+        with working("drawing"):
+            plotting.save_figure(plotting.info_figure(about), output)
     compared = {"lidars": [each.to_json() for each in shares]} if shares else {}
     tables = [about.table(), *([lidars_table(shares)] if shares else [])]
     show(json, {**about.to_json(), **compared}, "\n".join(tables), output)

@@ -60,6 +60,7 @@ def pareto(
     The knee is the path farthest below the chord between the front's ends, or else the shortest.
     """
     from locplan import planners
+    from locplan._util.working import working
     from locplan.export._plan_folders import FRONT, write_front
     from locplan.field._summary import about_field
     from locplan.planners._summary import front_summary, front_table
@@ -73,14 +74,16 @@ def pareto(
     planners.check_ends(costs.blank(grid), *ends)
     folder = FRONT.into(output, force=force) if output else None
     field = computing.field(grid, config)
-    front = planners.pareto_front(
-        costs.costmap(grid, field),
-        *ends,
-        objective=search.objective,
-        time_limit=search.time_limit,
-        max_labels=search.max_labels,
-    )
+    with working("searching the front"):
+        front = planners.pareto_front(
+            costs.costmap(grid, field),
+            *ends,
+            objective=search.objective,
+            time_limit=search.time_limit,
+            max_labels=search.max_labels,
+        )
     if folder:
-        write_front(folder, front, field)
+        with working("writing the front"):
+            write_front(folder, front, field)
     table = f"{front_table(front, field.e_unit)}\n{about_field(field)}"
     show(json, front_summary(front), table, output)

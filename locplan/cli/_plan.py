@@ -114,6 +114,7 @@ def plan(
     """
     from locplan import planners
     from locplan._util.progress import in_turn, progress_bar
+    from locplan._util.working import working
     from locplan.export._plan_folders import PLAN, write_plans
     from locplan.field._summary import about_field
     from locplan.planners._summary import plans_summary, plans_table
@@ -188,7 +189,8 @@ def plan(
             )
     said = found.text if found else f"nothing is recommended: {why_not}"
     if folder:
-        write_plans(folder, costmap, field, plans, found, said)
+        with working("writing the paths"):
+            write_plans(folder, costmap, field, plans, found, said)
     lines = [plans_table(plans, field), about_field(field)]
     if not costmap.has_weak_spots:
         lines.append("no weak spot for this lidar: u is 0 all over the map")

@@ -68,6 +68,7 @@ def plot(
     """Draw the map with its field, or how well a place matches its surroundings."""
     from locplan import paper, plotting
     from locplan._util.files import PICTURES, check_target
+    from locplan._util.working import working
     from locplan.field import SCALARS
     from locplan.paper.template_matching import along_axis, mismatch
     from locplan.plotting._captions import how
@@ -112,5 +113,6 @@ def plot(
             )
         else:
             drawn = plotting.field_figure(next(iter(fields.values())), scalar)
-    plotting.save_figure(drawn, output)
+    with working("drawing"):
+        plotting.save_figure(drawn, output)
     say_written(output)

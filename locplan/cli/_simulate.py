@@ -69,6 +69,7 @@ def simulate(
     """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m)."""
     from locplan import planners
     from locplan._util.progress import progress_bar
+    from locplan._util.working import working
     from locplan.costs import Costmap
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _reports as reports, _routes as routes, simulate as drive
@@ -114,7 +115,8 @@ def simulate(
     with computing.of(config) as compute:
         if driven.random is not None:
             every = [drive_at_random(costs.costmap(g, compute(g)), driven.random) for g in grids]
-            written = reports.write_routes(folder, every) if folder else []
+            with working("writing the results"):
+                written = reports.write_routes(folder, every) if folder else []
             show(json, reports.routes_summary(every), reports.routes_table(every), *written)
             return
         if not (start and goal):
@@ -137,5 +139,6 @@ def simulate(
             costs=costmap,
             progress=progress,
         )
-    written = reports.write_simulation(folder, result) if folder else []
+    with working("writing the results"):
+        written = reports.write_simulation(folder, result) if folder else []
     show(json, result.summary(), reports.simulation_table(result), *written)

@@ -83,6 +83,7 @@ def tune(
     This takes some three minutes on two cores, and more with more particles.
     """
     from locplan._util.progress import progress_bar
+    from locplan._util.working import working
     from locplan.simulation._nav2 import other_parameters
     from locplan.simulation.tuning import _files as files, _reports as reports
     from locplan.simulation.tuning._tune import tune as search
@@ -105,6 +106,7 @@ def tune(
             threads=threads,
             progress=progress,
         )
-    written = reports.write_tuning(folder, result, simulation.params) if folder else []
+    with working("writing the results"):
+        written = reports.write_tuning(folder, result, simulation.params) if folder else []
     about = {**result.summary(), "conclusion": reports.conclusion(result)}
     show(json, about, reports.tuning_table(result), *written)

@@ -12,6 +12,7 @@ from typing import Any
 from locplan._util.files import PICTURES, check_folder_target, check_target, make_folder
 from locplan._util.results import ResultFolder
 from locplan._util.tables import table
+from locplan._util.working import working
 from locplan.errors import LocplanError
 from locplan.field import SCALARS, CovarianceField
 from locplan.field._summary import FieldSummary, shown
@@ -44,17 +45,22 @@ class Job:
         """Load the map, compute its field, and write the files that are wanted."""
         field = compute(load_map(self.map_file))
         if self.output:
-            field.save(self.output, force=self.force)
+            with working(f"writing {self.output.name}"):
+                field.save(self.output, force=self.force)
         if self.picture:
-            from locplan import plotting
-
-            figure = plotting.field_figure(field)
-            if self.pictures:
-                with self.pictures.writing(others_stay=True) as folder:
-                    plotting.save_figure(figure, folder / self.picture.name)
-            else:
-                plotting.save_figure(figure, self.picture)
+            with working(f"drawing {self.picture.name}"):
+                self._draw(field, self.picture)
         return field
+
+    def _draw(self, field: CovarianceField, picture: Path) -> None:
+        from locplan import plotting
+
+        figure = plotting.field_figure(field)
+        if self.pictures:
+            with self.pictures.writing(others_stay=True) as folder:
+                plotting.save_figure(figure, folder / picture.name)
+        else:
+            plotting.save_figure(figure, picture)
 
 
 def jobs_for(
