@@ -4,9 +4,11 @@ import naive
 import numpy as np
 import pytest
 from conftest import random_rooms
+from numba import njit
 from test_sad import mismatch_counts
 
 from locplan._kernels import bounds, saturating
+from locplan._kernels.simd import zero_shorts
 from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
 from locplan.field._estimator import MapPart
 from locplan.field._template import disc
@@ -160,6 +162,27 @@ def test_limits_are_scaled_into_sixteen_bits():
         assert limit << shift <= greatest < (limit + 1) << shift
 
 
+@njit
+def lanes_of_distances(counts, values, shift, limit):
+    total = zero_shorts()
+    for value in values:
+        total = saturating.add_distances(total, counts, 3, value, shift)
+    return saturating.lanes_within(total, limit)
+
+
+@pytest.mark.parametrize("shift", [0, 3])
+@pytest.mark.parametrize("number", [1, 7, 40])
+def test_sums_of_distances_stay_at_the_greatest(shift, number):
+    rng = np.random.default_rng(number)
+    counts = rng.integers(0, 2**16, 40).astype(np.uint16)
+    values = rng.integers(0, 2**16, number).astype(np.uint16)
+    distances = np.abs(counts[3:35].astype(int) - values[:, None].astype(int)) >> shift
+    sums = np.minimum(distances.sum(axis=0), saturating.GREATEST)
+    for limit in (0, int(np.median(sums)) - 1, int(np.median(sums)), 65534):
+        found = lanes_of_distances(counts, values, shift, limit)
+        assert [found >> lane & 1 for lane in range(64)] == [*(sums <= limit), *[0] * 32]
+
+
 @pytest.mark.parametrize(("radius", "edge"), [(60, 16), (60, 32), (300, 64), (10, 64)])
 def test_blocks_lie_apart_within_the_disc(radius, edge):
     rows, cols = disc_blocks(radius, edge)
@@ -200,8 +223,9 @@ def test_sums_of_more_than_sixteen_bits_wrap_around():
 def test_cells_left_out_when_stopped_are_nan():
     cells = random_rooms((100, 100), seed=3)
     part = MapPart.whole(cells, np.array([50, 54]), np.array([30, 30]), 0.1)
-    stopped = Sad(range=10.0).covariances(replace(part, control=np.array([1, 0])))
-    assert np.isnan(stopped["covariance"]).all()
+    stopped = replace(part, control=np.array([1, 0]))
+    assert np.isnan(Sad(range=10.0).covariances(stopped)["covariance"]).all()
+    assert kept(Layout.of(stopped, 100, Sad().window.on(0.1)), 0).all()  # not asked at all
     control = np.zeros(2, np.int64)
     Sad(range=10.0).covariances(replace(part, control=control))
     assert control.tolist() == [0, 2]

@@ -30,11 +30,10 @@ def disc_blocks(radius: int, edge: int) -> tuple[NDArray[np.int64], NDArray[np.i
         found = []
         for left in range(start, 2 * radius + 2 - edge, edge):
             across = max(abs(left - radius), abs(left + edge - 1 - radius))
-            if across <= radius:
-                half = math.isqrt(radius**2 - across**2)
-                low = -(-(radius - half) // SQUARE) * SQUARE
-                number = (radius + half + 1 - low) // edge
-                found += [(low + n * edge, left) for n in range(number)]
+            half = math.isqrt(radius**2 - across**2)
+            low = -(-(radius - half) // SQUARE) * SQUARE
+            number = (radius + half + 1 - low) // edge
+            found += [(low + n * edge, left) for n in range(number)]
         return found
 
     best = max((columns(start) for start in range(0, edge, SQUARE)), key=len)
