@@ -136,6 +136,19 @@ def test_covariances_are_those_of_all_offsets(resolution, reach, tau):
         np.testing.assert_array_equal(estimator.covariances(alone)["covariance"][0], together[n])
 
 
+def test_levels_may_be_a_part_of_the_map():
+    cells = random_rooms((330, 340), seed=5, blocks=40)
+    estimator = Sad(range=10.0, window=SearchWindow(half_width=0.4, step=0.1))
+    reach = estimator.halo(0.1, cells.shape)
+    rows, cols = np.array([160, 164]), np.array([170, 158])
+    whole = MapPart.whole(cells, rows, cols, 0.1)
+    part = cells[160 - reach : 165 + reach, 158 - reach : 171 + reach]
+    assert part.size < cells.size
+    cut = replace(whole, levels=part, corner=(160 - reach, 158 - reach))
+    found, expected = (estimator.covariances(each)["covariance"] for each in (cut, whole))
+    np.testing.assert_array_equal(found, expected)
+
+
 def test_only_the_config_decides_whether_offsets_are_rejected():
     assert Sad(range=10.0).negligible(0.05) == int(40 * 0.57 * 2 / 0.05**2)
     for other in (
