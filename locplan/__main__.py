@@ -18,9 +18,15 @@ def main() -> None:
 
 
 def _work() -> None:
+    from locplan._util.lean import end_lean, start_lean
+
+    start_lean()
     from locplan.cli import main
 
-    main()
+    try:
+        main()
+    finally:
+        end_lean()
 
 
 if __name__ == "__main__":

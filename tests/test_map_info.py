@@ -22,7 +22,7 @@ from locplan.maps import (
     read_map,
 )
 from locplan.planners import _map_info, _suggestions, describe_map, plan
-from locplan.plotting import _maps
+from locplan.plotting import _cells
 
 TWO_ROOMS = (
     "##############",
@@ -257,7 +257,7 @@ def test_the_picture_has_numbered_lines_rooms_and_places():
 
 
 def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
-    monkeypatch.setattr(_maps, "DRAWN", 20)
+    monkeypatch.setattr(_cells, "DRAWN", 20)
     cells = np.full((50, 31), FREE, np.uint8)
     cells[:, 17] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)

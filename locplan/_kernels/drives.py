@@ -50,7 +50,8 @@ def odometry_along(
     bend = odometry.heading_bias * random.standard_normal()
     turn_scale = 1 + odometry.turn_bias * random.standard_normal()
     poses = np.empty_like(truth)
-    poses[0] = truth[0]
+    for axis in range(3):  # numba takes seconds to compile the assignment of a row
+        poses[0, axis] = truth[0, axis]
     for n in range(1, len(truth)):
         dx, dy = truth[n, 0] - truth[n - 1, 0], truth[n, 1] - truth[n - 1, 1]
         way, turn = np.hypot(dx, dy), wrapped(truth[n, 2] - truth[n - 1, 2])

@@ -76,9 +76,11 @@ def match(
         aside = (random.random() - 0.5) * turn_step  # offset of the window's heading
         measured_ends(random, squares, resolution, pose, lidar, disturbances, measured)
         cos, sin = np.cos(pose[2] + aside), np.sin(pose[2] + aside)
-        ends[:, 0] = cos * measured[:, 0] - sin * measured[:, 1]
-        ends[:, 1] = sin * measured[:, 0] + cos * measured[:, 1]
-        costs[:] = lattice.empty
+        for b in range(len(ends)):
+            ends[b, 0] = cos * measured[b, 0] - sin * measured[b, 1]
+            ends[b, 1] = sin * measured[b, 0] + cos * measured[b, 1]
+        for k in range(costs.size):
+            costs[k] = lattice.empty[k]
         score(field, lattice, row, col, ends, costs)
         for k in range(costs.size):
             if lattice.empty[k] == NOWHERE:

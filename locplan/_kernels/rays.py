@@ -96,7 +96,7 @@ def segment_cost(
     return 2 * total * length
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def cells_along(
     positions: NDArray[np.float64],
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -107,13 +107,14 @@ def cells_along(
     """
     room = 4
     for n in range(len(positions) - 1):
-        room += int(np.abs(positions[n + 1] - positions[n]).sum()) + 4
+        drow, dcol = positions[n + 1, 0] - positions[n, 0], positions[n + 1, 1] - positions[n, 1]
+        room += int(abs(drow) + abs(dcol)) + 4
     rows, cols = np.empty(room, np.int64), np.empty(room, np.int64)
     lengths = np.empty(room)
     count = 0
     for n in range(len(positions) - 1):
-        row0, col0 = positions[n]
-        drow, dcol = positions[n + 1] - positions[n]
+        row0, col0 = positions[n, 0], positions[n, 1]
+        drow, dcol = positions[n + 1, 0] - row0, positions[n + 1, 1] - col0
         length = np.hypot(drow, dcol)
         row, col = _first_cell(row0, drow), _first_cell(col0, dcol)
         at = 0.0

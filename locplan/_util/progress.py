@@ -6,58 +6,108 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
+from locplan._kernels.compilation import is_compiling
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+COMPILING = "compiling (only once)"
+"""What is said while kernels are compiled for numba's cache."""
 ProgressCallback = Callable[[int, int], None]
 """Function that is called with (done, total) as work proceeds."""
 
 
 @contextmanager
-def progress_bar(label: str, unit: str, *, patience: float = 1.0) -> Iterator[ProgressCallback]:
+def progress_bar(
+    label: str, unit: str, *, patience: float = 1.0, first: str = "starting"
+) -> Iterator[ProgressCallback]:
     """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
-    It appears once the work has taken `patience` seconds, also before anything is done (the
-    first run of all compiles the kernels), and vanishes when the work ends. There is no bar if
-    standard error is no terminal.
+    It appears once the work has taken `patience` seconds, also before anything is done, and
+    vanishes when the work ends. Before anything is done it says `first`, or that kernels are
+    being compiled. There is no bar if standard error is no terminal.
     """
-    from rich import progress
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    bar = progress.Progress(
-        "{task.description}",
-        progress.BarColumn(),
-        progress.TaskProgressColumn(),
-        "{task.fields[rate]}",
-        progress.TimeRemainingColumn(),
-        "left",
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    task = bar.add_task(label, total=None, rate="starting (the first run compiles)")
-    first: tuple[float, int] | None = None  # compilation says nothing about the rate
-
-    def update(done: int, total: int) -> None:
-        nonlocal first
-        now = time.monotonic()
-        if first is None and done:
-            first = now, done
-            bar.reset(task, total=total, completed=done, rate="")
-        elif first is not None and now > first[0]:
-            rate = (done - first[1]) / (now - first[0])
-            text = f"{rate:,.0f} {unit}/s" if unit else ""
-            bar.update(task, completed=done, total=total, rate=text)
-
-    timer = threading.Timer(patience, bar.start)
+    bar = _Bar(label, unit, first)
+    timer = threading.Timer(patience, bar.show)
     timer.daemon = True
     timer.start()
     try:
-        yield update
+        yield bar.update
     finally:
         timer.cancel()
         timer.join()
-        if bar.live.is_started:
-            bar.stop()
+        bar.close()
+
+
+class _Bar:
+    """A bar of rich, which is only imported once there is something to show."""
+
+    def __init__(self, label: str, unit: str, first: str) -> None:
+        self._label, self._unit, self._first = label, unit, first
+        self._lock = threading.Lock()
+        self._began: tuple[float, int] | None = None  # compilation says nothing about the rate
+        self._done, self._total, self._rate = 0, 0, ""
+        self._seen = 0
+        self._bar: Progress | None = None
+
+    def show(self) -> None:
+        """Show the bar from now on."""
+        from rich import progress
+        from rich.console import Console
+        from rich.text import Text
+
+        says = self._says
+
+        class Rate(progress.ProgressColumn):
+            def render(self, task: progress.Task) -> Text:
+                return Text(says())
+
+        console = Console(stderr=True)
+        if not console.is_terminal:
+            return
+        bar = progress.Progress(
+            "{task.description}",
+            progress.BarColumn(),
+            progress.TaskProgressColumn(),
+            Rate(),
+            progress.TimeRemainingColumn(),
+            "left",
+            console=console,
+            transient=True,
+        )
+        with self._lock:
+            bar.add_task(self._label, total=self._total or None, completed=self._done)
+            bar.start()
+            self._bar = bar
+
+    def update(self, done: int, total: int) -> None:
+        """Take note of what is done."""
+        with self._lock:
+            now, fresh = time.monotonic(), self._began is None and done > 0
+            self._done, self._total = done, total
+            if fresh:
+                self._began = now, done
+            elif self._began and now > self._began[0]:
+                rate = (done - self._began[1]) / (now - self._began[0])
+                self._rate = f"{rate:,.0f} {self._unit}/s" if self._unit else ""
+            if self._bar and self._began:
+                (task,) = self._bar.task_ids
+                act = self._bar.reset if fresh else self._bar.update
+                act(task, total=total, completed=done)
+
+    def close(self) -> None:
+        """Let the bar vanish."""
+        if self._bar:
+            self._bar.stop()
+
+    def _says(self) -> str:
+        if self._began:
+            return self._rate
+        # A kernel that is read from the cache takes less time than there is between two looks.
+        self._seen = self._seen + 1 if self._seen > 1 or is_compiling() else 0
+        return COMPILING if self._seen > 1 else self._first
 
 
 def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:

@@ -257,6 +257,12 @@ class Computing:
 
             yield compute
 
+    def begun(self, grid: OccupancyGrid, config: FieldConfig) -> bool:
+        """Whether the cache has a field, or a part of it."""
+        from locplan.field._store import field_path
+
+        return field_path(grid, config, self.cache_dir).exists()
+
     def field(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """The field of one map."""
         with self.of(config) as compute:

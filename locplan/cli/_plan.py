@@ -117,6 +117,7 @@ def plan(
     from locplan._util.working import working
     from locplan.export._plan_folders import PLAN, write_plans
     from locplan.field._summary import about_field
+    from locplan.planners._ahead import prepared_beside
     from locplan.planners._summary import plans_summary, plans_table
 
     start, goal = position("start", query.start), position("goal", query.goal)
@@ -151,27 +152,31 @@ def plan(
         draft = {**limits, **places}
 
     def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
+        ready()
         costmap = costs.costmap(grid, field)
         return costmap, planners.plan_beside_shortest(costmap, **request)
 
     near_paths = options.is_fine_near_paths(config)
-    with computing.of(config) as compute:
-        if near_paths:
-            field, (costmap, plans) = planners.planned_near_paths(
-                grid,
-                config,
-                lambda points: compute(grid, points),
-                lambda field: planned(field, draft),
-                lambda found: [plan.path for plan in found[1].values() if plan.path],
-            )
-        else:
-            field = compute(grid)
-    if slow or not near_paths:
-        untimed = planning.iterations and planning.time_limit is None
-        with progress_bar(planner.name, "iterations" if untimed else "") as progress:
-            if slow:
-                asked["progress"] = in_turn(progress, 2 * (len(stops) + 1))
-            costmap, plans = planned(field, asked)
+    compiling = not computing.begun(grid, config)
+    with prepared_beside(planner, needed=compiling) as ready:
+        with computing.of(config) as compute:
+            if near_paths:
+                field, (costmap, plans) = planners.planned_near_paths(
+                    grid,
+                    config,
+                    lambda points: compute(grid, points),
+                    lambda field: planned(field, draft),
+                    lambda found: [plan.path for plan in found[1].values() if plan.path],
+                )
+            else:
+                field = compute(grid)
+        if slow or not near_paths:
+            ready()
+            untimed = planning.iterations and planning.time_limit is None
+            with progress_bar(planner.name, "iterations" if untimed else "") as progress:
+                if slow:
+                    asked["progress"] = in_turn(progress, 2 * (len(stops) + 1))
+                costmap, plans = planned(field, asked)
     found = None
     if lidar and robot:
         from locplan.simulation import verdict

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap
 from locplan.maps import UNKNOWN, OccupancyGrid
-from locplan.plotting._maps import FIELD_COLOURS, draw_cells, draw_map, map_size
+from locplan.plotting._cells import draw_cells
+from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_size
 from locplan.plotting._picture import Picture
 
 EDGE = "#0072b2"

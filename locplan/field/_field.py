@@ -229,10 +229,10 @@ class CovarianceField(Pictured):
             return np.moveaxis(layers, 0, 2)
         if logarithmic:
             values = np.log(np.maximum(values, np.finfo(float).tiny))
-        result = read_on_map(self._on_lattice(values), self.grid.free, self.stride)
+        result = read_on_map(self.on_lattice(values), self.grid.free, self.stride)
         return np.exp(result, out=result) if logarithmic else result
 
-    def _on_lattice(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def on_lattice(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values with the lacking points filled, (h, w)."""
         return filled(values, self.evaluated, self.lacking) if self.lacking.any() else values
 

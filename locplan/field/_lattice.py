@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,6 +187,43 @@ def corners_of(
                 if weight > 0:
                     found[point] = found.get(point, 0.0) + weight * share / total
     return found
+
+
+def read_at(
+    values: NDArray[np.float64], rows: NDArray[Any], cols: NDArray[Any], stride: int
+) -> NDArray[np.float64]:
+    """Read lattice values (h, w) as `read_on_map` does, but at some cells alone, free or not.
+
+    The rows and columns of the cells are broadcast together, and may lie between cells.
+    """
+    known = ~np.isnan(values)
+    at = *_sides(cols, stride, values.shape[1]), *_sides(rows, stride, values.shape[0])
+    with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
+        return _between(np.where(known, values, 0.0), *at) / _between(known.astype(float), *at)
+
+
+def _sides(
+    cells: NDArray[Any], stride: int, size: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Lattice indices before and after each cell along one axis, and the share of the latter."""
+    whole = np.floor(np.asarray(cells) / stride)
+    low = np.minimum(whole.astype(np.intp), size - 1)
+    return low, np.minimum(low + 1, size - 1), (cells - whole * stride) / stride
+
+
+def _between(
+    values: NDArray[np.float64],
+    left: NDArray[np.intp],
+    right: NDArray[np.intp],
+    col_part: NDArray[np.float64],
+    row: NDArray[np.intp],
+    above: NDArray[np.intp],
+    row_part: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Values interpolated between the four corners around each cell."""
+    here = values[row, left] * (1 - col_part) + values[row, right] * col_part
+    there = values[above, left] * (1 - col_part) + values[above, right] * col_part
+    return np.asarray(here * (1 - row_part) + there * row_part)
 
 
 def _both_sides(position: float, size: int) -> list[tuple[int, float]]:

@@ -1,13 +1,15 @@
-"""A few positions that stand for a whole field."""
+"""A few positions that stand for a whole field, and its values at some cells."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.field._covariance import mean_information
 from locplan.field._field import CovarianceField
-from locplan.field._lattice import well_spaced
+from locplan.field._lattice import read_at, well_spaced
 
 MIN_CLEARANCE = 0.15
 """Least distance of a sample from walls [m]; closer ones would lie in slits and stray cells."""
@@ -27,3 +29,22 @@ def sampled(
     chosen = well_spaced(xy, clearance[i, j], spacing)
     covariance = field.covariance[i[chosen], j[chosen]]
     return xy[chosen], mean_information(covariance) if covariance.ndim == 4 else covariance
+
+
+def values_at(
+    field: CovarianceField,
+    values: NDArray[np.float64],
+    rows: NDArray[Any],
+    cols: NDArray[Any],
+    *,
+    logarithmic: bool = True,
+) -> NDArray[np.float64]:
+    """Interpolate lattice values (h, w) as `CovarianceField.on_map` does, at some cells alone.
+
+    Rows and columns are broadcast together, and may lie between cells, free or not. NaN where no
+    corner was evaluated.
+    """
+    if logarithmic:
+        values = np.log(np.maximum(values, np.finfo(float).tiny))
+    read = read_at(field.on_lattice(values), rows, cols, field.stride)
+    return np.exp(read, out=read) if logarithmic else read

@@ -24,6 +24,7 @@ from locplan._util.checks import shown
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json
 from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
+from locplan.field._chunks import edge_of, read_array
 from locplan.field._config import FieldConfig
 from locplan.field._estimator import Values
 from locplan.field._lattice import evaluated_points, stride_cells
@@ -234,7 +235,8 @@ def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple
 
 def has_todays_chunks(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> bool:
     """Return whether a field's chunks are as large as they would be if it were computed now."""
-    return bool(_opened(folder, "covariance").chunks[0] == _edge(grid, config))
+    edge = edge_of(folder / "covariance") or _opened(folder, "covariance").chunks[0]
+    return bool(edge == _edge(grid, config))
 
 
 def _opened(folder: Path, name: str) -> Any:
@@ -251,6 +253,8 @@ def _opened(folder: Path, name: str) -> Any:
 
 
 def _read_array(folder: Path, name: str, shape: tuple[int, ...]) -> tuple[NDArray[np.float64], int]:
+    if (read := read_array(folder / name, shape)) is not None:
+        return read, 0
     array = _opened(folder, name)
     if array.shape != shape:
         raise FieldError(f"{folder}: does not fit its own map and config")

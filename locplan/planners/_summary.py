@@ -12,6 +12,7 @@ import numpy as np
 from locplan._util.tables import finite, table
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import SCALARS, CovarianceField
+from locplan.field._samples import values_at
 from locplan.planners._pareto import ParetoFront
 from locplan.planners._result import Plan
 
@@ -80,12 +81,13 @@ def _position_std(plan: Plan, field: CovarianceField) -> tuple[float, float] | N
     if plan.path is None:
         return None
     grid = field.grid
-    values = field.on_map(field.scalar("position_std", headings="mean"))
-    rows, cols = grid.world_to_grid(*plan.path.resampled(grid.resolution).xy.T)
-    cells = np.floor([rows, cols]).astype(int)
-    height, width = grid.shape
-    found = values[np.clip(cells[0], 0, height - 1), np.clip(cells[1], 0, width - 1)]
-    found = found[np.isfinite(found)]
+    crossed = grid.world_to_grid(*plan.path.resampled(grid.resolution).xy.T)
+    rows, cols = (
+        np.clip(np.floor(at).astype(int), 0, size - 1)
+        for at, size in zip(crossed, grid.shape, strict=True)
+    )
+    found = values_at(field, field.scalar("position_std", headings="mean"), rows, cols)
+    found = found[grid.free[rows, cols] & np.isfinite(found)]
     return (float(found.mean()), float(found.max())) if found.size else None
 
 

@@ -16,8 +16,8 @@ from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.plotting._captions import how
+from locplan.plotting._cells import draw_cells, field_cells, shrunk
 from locplan.plotting._maps import (
-    draw_cells,
     draw_field,
     draw_map,
     field_bar,
@@ -171,7 +171,7 @@ def e_figure(
     limits : (float, float), optional
         Ends of the colour scale; by default 0 and the 98 % quantile of the free cells' e.
     """
-    maps = [field.on_map(field.scalar("e", headings="mean")) for field in fields.values()]
+    maps = [field_cells(field, field.scalar("e", headings="mean")) for field in fields.values()]
     if limits is None:
         known = np.concatenate([values[np.isfinite(values)] for values in maps])
         limits = 0.0, float(np.quantile(known, E_QUANTILE)) if known.size else 1.0
@@ -181,7 +181,8 @@ def e_figure(
         draw_map(axes, field.grid)  # sets the axes; the values cover the map
         shown = np.nan_to_num(e, nan=0.0)
         image = draw_cells(axes, field.grid, shown, cmap=E_COLOURS, norm=Normalize(*limits))
-        walls = np.where(field.grid.cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
+        cells = shrunk(field.grid.cells)
+        walls = np.where(cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
         draw_cells(axes, field.grid, np.dstack([white, walls]))
         axes.set_title(title, fontsize="medium")

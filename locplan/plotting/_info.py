@@ -14,7 +14,8 @@ from matplotlib.ticker import MultipleLocator
 
 from locplan._util.tables import in_square_metres
 from locplan.planners import MapInfo
-from locplan.plotting._maps import draw_cells, draw_map, map_axes, shrunk
+from locplan.plotting._cells import draw_cells, shrunk
+from locplan.plotting._maps import draw_map, map_axes
 
 ROOM_COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2")
 """Colours of the largest rooms, which colour-blind people can tell apart (Okabe and Ito)."""

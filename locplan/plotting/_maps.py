@@ -14,12 +14,12 @@ from matplotlib import colormaps
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
-from locplan.maps import FREE, UNKNOWN, OccupancyGrid
+from locplan.maps import UNKNOWN, OccupancyGrid
+from locplan.plotting._cells import draw_cells, field_cells, shrunk
 from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
@@ -33,17 +33,13 @@ FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
 """Colours of fields, never as dark as a wall."""
 MAP_COLOURS = ListedColormap(["black", "0.82", "white"])
 """Colours of occupied, unknown and free cells."""
-DRAWN = 2000
-"""Most cells along a side that are drawn one by one; beyond, blocks of them are."""
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 
 
 def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     """Draw the map in world coordinates: walls black, unknown space grey, free space white."""
-    shades = np.zeros(grid.shape, np.uint8)
-    shades[grid.cells == UNKNOWN] = 1
-    shades[grid.cells == FREE] = 2
-    draw_cells(axes, grid, shrunk(shades), cmap=MAP_COLOURS, vmin=0, vmax=2)
+    draw_cells(axes, grid, shrunk(grid.cells) // UNKNOWN, cmap=MAP_COLOURS, vmin=0, vmax=2)
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     _limit_to(axes, grid)
 
@@ -55,10 +51,19 @@ def draw_field(axes: Axes, field: CovarianceField, name: str | None = None) -> A
 
     The scale ends at the anchors, except for scalars without Q: at their least and greatest values.
     """
-    draw_map(axes, field.grid)
     name = name or field.config.estimator.criterion
+    values = field.scalar(name, headings="mean")
+    read = field_cells(field, values, logarithmic=name not in field.layers)
+    return draw_field_cells(axes, field, name, read)
+
+
+def draw_field_cells(
+    axes: Axes, field: CovarianceField, name: str, values: NDArray[np.float64]
+) -> AxesImage:
+    """Draw as `draw_field` does a scalar that has been read at the map's cells, or its blocks."""
+    draw_map(axes, field.grid)
     layer, factor = name in field.layers, field.quantity(name).factor
-    values = factor * field.on_map(field.scalar(name, headings="mean"), logarithmic=not layer)
+    values = factor * values
     low, high = (factor * anchor for anchor in field.anchors(name))
     if layer:
         return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=Normalize(low, high))
@@ -73,11 +78,20 @@ def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options
     """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
     bar = figure.colorbar(image, ax=axes, label=label, **options)
     low, high = image.get_clim()
-    if isinstance(image.norm, LogNorm) and low and high and low >= 0.1 and high <= 10_000:
-        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    if isinstance(image.norm, LogNorm) and low and high:
+        if low >= 0.1 and high <= 10_000:
+            bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            bar.ax.yaxis.set_minor_formatter(NullFormatter())
+        elif high >= 10 * low:
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+            bar.ax.yaxis.set_minor_formatter(NullFormatter())
     return bar
+
+
+def _power_of_ten(value: float, _: object) -> str:
+    """10 to a power in plain characters; matplotlib's own formulas take 0.3 s to begin with."""
+    return f"10{str(round(math.log10(value))).translate(SUPERSCRIPTS)}"
 
 
 def draw_path(axes: Axes, path: Path, **style: Any) -> None:
@@ -102,38 +116,6 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
     suffix = FilePath(path).suffix.lower().lstrip(".")
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
-
-
-def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
-    """Draw values of the map's cells, or of blocks of them from `shrunk`, in world coordinates."""
-    cells = _block(grid.shape) if values.shape[:2] != grid.shape else 1
-    height, width = (size * cells * grid.resolution for size in values.shape[:2])
-    x, y, yaw = grid.origin
-    image = axes.imshow(
-        values,
-        origin="lower",
-        extent=(0, width, 0, height),
-        interpolation="antialiased" if values.dtype == np.uint8 else "nearest",
-        **options,
-    )
-    image.set_transform(Affine2D().rotate(yaw).translate(x, y) + axes.transData)
-    return image
-
-
-def shrunk(values: NDArray[Any]) -> NDArray[Any]:
-    """The least value of each block of cells, so that walls stay; small maps stay as they are."""
-    cells = _block(values.shape)
-    if cells == 1:
-        return values
-    starts = [np.arange(0, size, cells) for size in values.shape]
-    return np.asarray(
-        np.minimum.reduceat(np.minimum.reduceat(values, starts[0], axis=0), starts[1], axis=1)
-    )
-
-
-def _block(shape: tuple[int, ...]) -> int:
-    """Number of cells along a side of the blocks that large maps are drawn in."""
-    return math.ceil(max(shape[:2]) / DRAWN)
 
 
 def _known(grid: OccupancyGrid) -> tuple[int, int, int, int]:

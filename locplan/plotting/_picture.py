@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from locplan._util.checks import printable
 from locplan._util.notebook import png_of
+
+PADDING = 0.1
+"""Margin around what is drawn, where none is given [inch]."""
+
+NO_LAYOUT: Any = {"figure.autolayout": False, "figure.constrained_layout.use": False}
+"""Settings of matplotlib under which a figure can have no layout engine."""
 
 
 class Picture(Figure):
@@ -20,19 +30,57 @@ class Picture(Figure):
     of formulas, such as $, bytes that are no text, and characters that the font has not.
     """
 
+    _laid_out = False
+
     def draw(self, renderer: Any) -> None:
         """Draw the figure; matplotlib calls it."""
+        if not self._laid_out:
+            self._show_texts_as_they_are()
+        with _any_glyphs():
+            super().draw(renderer)
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Write the figure as matplotlib does, but draw an image that is cut to size only once."""
+        engine, cut = self.get_layout_engine(), {"format": "png", "bbox_inches": "tight"}
+        if engine is None or any(options.get(name) != value for name, value in cut.items()):
+            super().savefig(fname, **options)
+            return
+        # matplotlib draws it all to find its size, and throws that away.
+        before, dpi = self.dpi, options.get("dpi", self.dpi)
+        try:
+            self.dpi = dpi
+            canvas: Any = FigureCanvasAgg(self)
+            renderer = canvas.get_renderer()
+            self._show_texts_as_they_are()
+            with _any_glyphs():
+                engine.execute(self)
+                box = self.get_tightbbox(renderer).padded(options.pop("pad_inches", PADDING))
+            with rc_context(NO_LAYOUT):
+                self.set_layout_engine(None)
+            self._laid_out = True
+            super().savefig(fname, **options | {"bbox_inches": box, "dpi": dpi})
+        finally:
+            self._laid_out = False
+            self.dpi = before
+            self.set_layout_engine(engine)
+
+    def _show_texts_as_they_are(self) -> None:
         numbers = {id(text) for axis in self.findobj(Axis) for text in _numbers_of(axis)}
         for text in self.findobj(Text):
             if id(text) not in numbers:
                 text.set_parse_math(False)
                 text.set_text("\n".join(map(printable, text.get_text().split("\n"))))
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
-            super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         return png_of(self)
+
+
+@contextmanager
+def _any_glyphs() -> Iterator[None]:
+    """Keep matplotlib from warning of characters that the font has not."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
+        yield
 
 
 def _numbers_of(axis: Any) -> list[Text]:

@@ -16,12 +16,13 @@ from locplan.costs import Costmap, profile
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField
 from locplan.plotting._captions import how, request
+from locplan.plotting._cells import block, draw_cells, shrunk
 from locplan.plotting._maps import (
     END_STYLE,
     FIELD_COLOURS,
-    draw_cells,
     draw_ends,
     draw_field,
+    draw_field_cells,
     draw_map,
     draw_path,
     field_bar,
@@ -33,6 +34,7 @@ from locplan.plotting._picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
 
     from locplan.planners import ParetoFront, Plan
 
@@ -76,7 +78,7 @@ def plan_figure(
     width, height = map_size(costs.grid)
     figure = Picture(figsize=(width, height + 2.4), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
-    image = draw_field(upper, field)
+    image = _draw_field(upper, costs, field)
     field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
     solved = {label: plan for label, plan in plans.items() if plan.path is not None}
     handles = []
@@ -128,6 +130,15 @@ def plan_figure(
     return figure
 
 
+def _draw_field(axes: Axes, costs: Costmap, field: CovarianceField) -> AxesImage:
+    """Draw the field as `draw_field` does; e is taken from the costmap, which has read it."""
+    of_field = costs.settings is not None and costs.settings.config == field.config
+    plain = field.config.headings == 1 and field.config.estimator.criterion == "e"
+    if of_field and plain and costs.grid == field.grid and block(field.grid.shape) == 1:
+        return draw_field_cells(axes, field, "e", costs.e)
+    return draw_field(axes, field)
+
+
 def _lines(text: str, letters: int) -> list[str]:
     """Lines of a text of so many letters each; the first one may end at a colon."""
     first, colon, rest = text.partition(": ")
@@ -167,7 +178,8 @@ def _u_figure(costs: Costmap, title: str) -> tuple[Figure, Axes]:
     figure, axes = map_axes(costs.grid)
     axes.set_title(f"{costs.grid.name or 'map'}: {title}", fontsize="medium")
     draw_map(axes, costs.grid)
-    u = np.where(np.isfinite(costs.density), costs.u, np.nan)
+    u = shrunk(costs.u, greatest=True)
+    u = np.where(np.isfinite(shrunk(costs.density, greatest=True)), u, np.nan)
     if np.isfinite(u).any():
         image = draw_cells(axes, costs.grid, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
         figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)

@@ -1,0 +1,26 @@
+"""What numba has compiled, and whether it is compiling just now."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+
+def are_cached(*kernels: Any) -> bool:
+    """Whether numba's cache holds kernels, for any types; True where that cannot be told."""
+    try:
+        return all(kernel._cache._cache_file._load_index() for kernel in kernels)
+    except (AttributeError, OSError):  # numba does not compile, or it cannot write a cache
+        return True
+
+
+def is_compiling() -> bool:
+    """Whether another thread compiles a kernel just now; False where that cannot be told."""
+    try:
+        lock = sys.modules["numba.core.compiler_lock"].global_compiler_lock._lock
+    except (KeyError, AttributeError):  # nothing has imported numba yet
+        return False
+    free = lock.acquire(blocking=False)
+    if free:
+        lock.release()
+    return not free

@@ -1,0 +1,74 @@
+"""Compiling a planner's kernels in a process of its own, while the field is computed."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from locplan._util.progress import COMPILING, progress_bar
+from locplan._util.supervision import end_with_parent
+from locplan.planners._protocol import Planner
+
+
+@contextmanager
+def prepared_beside(planner: Planner, *, needed: bool = True) -> Iterator[Callable[[], None]]:
+    """Let another process compile what a planner needs while this one does something long.
+
+    It yields a function that waits for the other process, to be called before one plans.
+    Threads would not do: within a process numba compiles one kernel after the other. What the
+    other process has compiled is read from numba's cache. If that holds the kernels already,
+    there is no other process; if it fails, this one compiles them when it plans.
+    """
+    process = _process(planner) if needed and not _compiled() else None
+
+    def wait() -> None:
+        if process and process.poll() is None:
+            with progress_bar(planner.name, "", first=COMPILING):
+                process.wait()
+
+    try:
+        yield wait
+    finally:
+        if process and process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+def _compiled() -> bool:
+    """Whether the kernels of the planners that need no OMPL have been compiled before."""
+    from locplan._kernels.any_angle import shift, shortcut
+    from locplan._kernels.compilation import are_cached
+    from locplan._kernels.rays import cells_along
+    from locplan._kernels.search import trace
+
+    return are_cached(cells_along, trace, shortcut, shift)
+
+
+def _process(planner: Planner) -> subprocess.Popen[bytes] | None:
+    """A process that prepares a planner; None for one that no other process can have."""
+    try:
+        content = pickle.dumps(planner)
+    except (AttributeError, TypeError, pickle.PicklingError):
+        return None
+    command = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import main"
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"{command}; main({os.getpid()})"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    assert process.stdin is not None
+    with suppress(BrokenPipeError), process.stdin as pipe:
+        pipe.write(content)
+    return process
+
+
+def main(parent: int) -> None:
+    """Prepare the planner that comes through standard input, and end with the parent."""
+    end_with_parent(parent)
+    pickle.load(sys.stdin.buffer).prepare()

@@ -1,0 +1,230 @@
+"""The command line starts, reads and ends without work that nobody needs."""
+
+import gc
+import os
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import drawn
+
+from locplan._kernels import compilation
+from locplan._util import lean, progress
+from locplan.field import (
+    FieldConfig,
+    Sad,
+    _chunks as chunks,
+    _tiles as tiles,
+    _zarr as field_files,
+    load_or_compute,
+)
+from locplan.field._store import field_path
+from locplan.maps import save_map
+from locplan.planners import _ahead as ahead
+
+CONFIG = FieldConfig(Sad(range=0.5))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    grid = drawn("#" * 40, *["#" + "." * 38 + "#"] * 30, "#" * 40, resolution=0.1)
+    field = load_or_compute(grid, CONFIG, cache_dir=tmp_path)
+    return SimpleNamespace(
+        path=field_path(grid, CONFIG, tmp_path), field=field, grid=grid, cache=tmp_path
+    )
+
+
+def read(folder):
+    shape = tiles.field_shapes(folder.grid, CONFIG)["covariance"]
+    return chunks.read_array(folder.path / "covariance", shape)
+
+
+def test_chunks_are_read_as_zarr_reads_them(folder, monkeypatch):
+    values = read(folder)
+    monkeypatch.setattr(field_files, "read_array", lambda *_: None)
+    by_zarr, damaged = field_files.read_values(folder.path, folder.grid, CONFIG)
+    np.testing.assert_array_equal(values, by_zarr["covariance"])
+    edge = field_files._edge(folder.grid, CONFIG)
+    assert chunks.edge_of(folder.path / "covariance") == edge
+    assert np.isfinite(values).any()
+    assert not damaged
+
+
+def test_an_absent_chunk_is_nan_and_a_damaged_one_is_left_to_zarr(folder):
+    (chunk, *_) = sorted(folder.path.glob("covariance/c.*"))
+    content = chunk.read_bytes()
+    chunk.unlink()
+    values = read(folder)
+    assert values is not None
+    assert np.isnan(values).all()
+    for wrong in (content[:-1], content[:-1] + bytes([content[-1] ^ 1]), b""):
+        chunk.write_bytes(wrong)
+        assert read(folder) is None
+    chunk.write_bytes(content)
+    assert read(folder) is not None
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [('"float64"', '"float32"'), ('"little"', '"big"'), ('"zstd"', '"gzip"'), ('"NaN"', "0.0")],
+)
+def test_arrays_of_another_kind_are_left_to_zarr(folder, old, new):
+    about = folder.path / "covariance" / "zarr.json"
+    assert old in about.read_text()
+    about.write_text(about.read_text().replace(old, new))
+    assert read(folder) is None
+
+
+def test_a_cached_field_is_read_without_numba_and_zarr(folder):
+    code = (
+        "import sys, numpy as np, locplan;"
+        "from locplan.field import FieldConfig, Sad, load_or_compute;"
+        f"cells = np.array({folder.grid.cells.tolist()}, np.uint8);"
+        "grid = locplan.OccupancyGrid(cells, 0.1);"
+        f"load_or_compute(grid, FieldConfig(Sad(range=0.5)), cache_dir={str(folder.cache)!r});"
+        "print(sorted({'numba', 'zarr', 'matplotlib'} & set(sys.modules)))"
+    )
+    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert made.stdout.strip() == "[]", made.stderr
+
+
+def test_libraries_that_start_lean_work_as_always():
+    code = """
+import sys
+from locplan._util.lean import end_lean, start_lean
+start_lean()
+import matplotlib.lines
+import numba.np.linalg
+before = numba.np.linalg.ensure_blas
+import numba.np.arraymath
+print(numba.np.linalg.ensure_blas is before, "scipy.linalg" in sys.modules)
+line = matplotlib.lines.Line2D([], [])
+line.set(color="red", linewidth=3)
+print(line.get_color(), line.get_linewidth())
+import numpy as np
+print(numba.njit(lambda a: a + 1)(1), np.linalg.det(np.eye(2)))
+end_lean()
+"""
+    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert made.stdout.split() == ["True", "False", "red", "3.0", "2", "1.0"], made.stderr
+
+
+def test_the_search_for_garbage_ends_with_the_program(monkeypatch):
+    done = []
+    monkeypatch.setattr(lean.gc, "disable", lambda: done.append("disable"))
+    monkeypatch.setattr(lean.gc, "freeze", lambda: done.append("freeze"))
+    lean.end_lean()
+    assert done == ["disable", "freeze"]
+    assert gc.isenabled()
+
+
+@dataclass(frozen=True)
+class Noted:
+    """A planner that notes the process in which it was prepared."""
+
+    file: Path
+    fails: bool = False
+    name = "noted"
+
+    def prepare(self):
+        if self.fails:
+            raise RuntimeError("not here")
+        self.file.write_text(str(os.getpid()))
+
+
+def test_a_planner_is_prepared_in_another_process(tmp_path, monkeypatch):
+    monkeypatch.setattr(ahead, "_compiled", lambda: False)
+    with ahead.prepared_beside(Noted(tmp_path / "pid")) as ready:
+        ready()
+    assert int((tmp_path / "pid").read_text()) != os.getpid()
+
+
+def test_no_process_is_made_where_all_is_compiled_or_nothing_can_be_sent(tmp_path, monkeypatch):
+    monkeypatch.setattr(ahead.subprocess, "Popen", lambda *_, **__: pytest.fail("a process"))
+    monkeypatch.setattr(ahead, "_compiled", lambda: True)
+    with ahead.prepared_beside(Noted(tmp_path / "pid")) as ready:
+        ready()
+    with ahead.prepared_beside(Noted(tmp_path / "pid"), needed=False):
+        pass
+    monkeypatch.setattr(ahead, "_compiled", lambda: False)
+    with ahead.prepared_beside(lambda: None):
+        pass
+
+
+def test_a_process_that_fails_disturbs_nobody_and_one_that_is_not_needed_ends(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(ahead, "_compiled", lambda: False)
+    with ahead.prepared_beside(Noted(tmp_path / "pid", fails=True)) as ready:
+        ready()
+    made, popen = [], subprocess.Popen
+    monkeypatch.setattr(
+        ahead.subprocess, "Popen", lambda *a, **k: made.append(popen(*a, **k)) or made[0]
+    )
+    with pytest.raises(KeyError), ahead.prepared_beside(Noted(tmp_path / "pid")):
+        raise KeyError
+    assert made[0].poll() is not None
+
+
+def test_the_command_prepares_its_planner_beside_a_field_that_it_computes(
+    tmp_path, run, monkeypatch
+):
+    grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
+    save_map(grid, tmp_path / "room.yaml")
+    prepared = []
+
+    @contextmanager
+    def beside(planner, needed):
+        prepared.append((planner.name, needed))
+        yield lambda: None
+
+    monkeypatch.setattr(ahead, "prepared_beside", beside)
+    ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--range", "0.5")
+    for _ in range(2):  # the second time the field is in the cache
+        code, _, err = run("plan", tmp_path / "room.yaml", *ends, "--cache-dir", tmp_path / "c")
+        assert code == 0, err
+    assert prepared == [("any-angle", True), ("any-angle", False)]
+
+
+def test_kernels_count_as_cached_only_where_the_cache_has_them(tmp_path, monkeypatch):
+    cache = SimpleNamespace(_load_index=dict)
+    kernel = SimpleNamespace(_cache=SimpleNamespace(_cache_file=cache))
+    assert not compilation.are_cached(kernel)
+    cache._load_index = lambda: {"signature": "file"}
+    assert compilation.are_cached(kernel)
+    assert compilation.are_cached(len)  # without numba there is no cache
+
+
+def test_the_bar_says_that_it_compiles_only_while_it_does():
+    from numba.core.compiler_lock import global_compiler_lock
+
+    bar = progress._Bar("field", "cells", "starting")
+    assert bar._says() == "starting"
+    held, done = threading.Event(), threading.Event()
+
+    def compile_something():
+        with global_compiler_lock:
+            held.set()
+            done.wait()
+
+    thread = threading.Thread(target=compile_something)
+    thread.start()
+    held.wait()
+    assert [bar._says() for _ in range(3)] == ["starting", progress.COMPILING, progress.COMPILING]
+    done.set()
+    thread.join()
+    bar.update(10, 100)
+    assert bar._says() == ""
+
+
+def test_a_kernel_read_from_the_cache_is_not_called_compiled(monkeypatch):
+    bar = progress._Bar("field", "cells", "starting")
+    looks = iter([True, False, True, False])
+    monkeypatch.setattr(progress, "is_compiling", lambda: next(looks))
+    assert [bar._says() for _ in range(4)] == ["starting"] * 4
