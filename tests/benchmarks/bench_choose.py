@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 from conftest import SHARED_DATA
@@ -45,7 +46,15 @@ def test_a_choice_of_20_metres(benchmark, depot):
         f"\n{len(paths)} candidates, {metres:.0f} m driven: {seconds:.2f} s,"
         f" {1e3 * seconds / metres:.2f} ms a metre on {os.cpu_count()} cores"
     )
-    again = simulate(depot, paths, lidar=lidar, drives=len(choice.candidates[0].drives.errors))
+    drives = len(choice.candidates[0].drives.errors)
+    again = simulate(depot, paths, lidar=lidar, drives=drives)
+    driving = []
+    for _ in range(3):
+        began = time.perf_counter()
+        simulate(depot, paths, lidar=lidar, drives=drives)
+        driving.append(time.perf_counter() - began)
+    benchmark.extra_info["share_of_its_drives_alone"] = min(driving) / seconds
+    benchmark.extra_info["milliseconds_a_metre"] = 1e3 * seconds / metres
     for each in choice.candidates:
         assert (again.drives[each.name].errors == each.drives.errors).all()
 

@@ -34,6 +34,7 @@ def test_a_comparison_of_real_maps(benchmark, real_maps, tmp_path, time_limit):
     assert {run.status for run in made.runs} == {"solved"}
     limits = sum(time_limit for run in made.runs if run.task.planner in ANYTIME) / 2
     over = benchmark.stats["mean"] / limits - 1
+    benchmark.extra_info["share_of_the_time_limits"] = limits / benchmark.stats["min"]
     print(f"\n{len(made.runs)} runs, limits of {limits:.0f} s for two workers: {over:+.1%}")
     for planner in PLANNERS:
         extra = [r.wall_seconds - r.seconds for r in made.runs if r.task.planner == planner]

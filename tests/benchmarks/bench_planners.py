@@ -99,6 +99,11 @@ def test_single_objective(benchmark, size):
     cut_seconds, cut = best_of(5, lambda: ours(True))
     assert cut[last] == pytest.approx(skimage[-1, -1])
     reached = np.isfinite(cost).sum()
+    benchmark.extra_info.update(
+        ratio_to_scipy=scipy_seconds / seconds,
+        ratio_to_MCP_Geometric=skimage_seconds / cut_seconds,
+        nanoseconds_a_cell=1e9 * seconds / reached,
+    )
     print(
         f"\n{size}^2: {seconds * 1e3:.0f} ms, {seconds / reached * 1e9:.0f} ns a cell reached;"
         f" scipy takes {scipy_seconds / seconds:.1f} times as long,"
@@ -176,6 +181,7 @@ def test_any_angle(benchmark, size, seed, monkeypatch):
         best = plan(costs, *ends, planner="any-angle", accuracy="high")
     high = plan(costs, *ends, planner="any-angle", accuracy="high")
     result = benchmark.pedantic(lambda: plan(costs, *ends, planner="any-angle"), rounds=7)
+    benchmark.extra_info["share_of_the_grid_planner"] = grid_seconds / benchmark.stats.stats.min
     print(
         f"\n{size}^2, seed {seed}: grid {grid.metrics.cost / best.metrics.cost - 1:.2%} above"
         f" 32 neighbours + dynamic programming, any-angle"
@@ -200,6 +206,7 @@ def test_all_movingai_scenarios(benchmark):
 
     count, worst = benchmark.pedantic(solve_all)
     assert worst < 0.005
+    benchmark.extra_info["milliseconds_a_scenario"] = 1e3 * benchmark.stats.stats.min / count
     print(f"\n{count} scenarios solved, none further than {worst:.1e} from its optimal length")
 
 
@@ -215,6 +222,7 @@ def test_fronts_and_budgets(benchmark, size, seed):
         result = plan(costs, *ends, budget=front.integral[index])
         seconds.append(result.solve_time)
         assert result.metrics.length == pytest.approx(front.length[index], rel=1e-5)
+    benchmark.extra_info["ratio_to_seven_budgets"] = sum(seconds) / front.solve_time
     print(
         f"\n{size}^2, seed {seed}: front of {len(front)} in {front.solve_time:.2f} s"
         f" ({front.labels:,} labels); budgets {min(seconds):.2f}-{max(seconds):.2f} s"
@@ -226,6 +234,7 @@ def test_a_hard_front_keeps_its_caps(benchmark):
     costs = costs_of(rng.uniform(1, 11, (1000, 1000)))
     ends = ends_of(costs)
     front = benchmark.pedantic(lambda: pareto_front(costs, *ends, time_limit=20.0), rounds=1)
+    benchmark.extra_info["no_peer"] = f"ends at its limit of 20 s, within {front.epsilon:.2%}"
     print(
         f"\nnoise, 1000^2: {len(front)} paths in {front.solve_time:.1f} s with"
         f" {front.labels:,} labels, within {front.epsilon:.2%}"

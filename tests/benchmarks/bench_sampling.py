@@ -65,6 +65,8 @@ def test_iterations_a_second(benchmark, planner, target):
             rates["length only"] = iterations_a_second(planner, usual, problem)
 
     benchmark.pedantic(run, rounds=1)
+    benchmark.extra_info["ratio_to_states_checked_in_Python"] = rates["ours"] / rates["length only"]
+    benchmark.extra_info["iterations_a_second"] = rates["ours"]
     print(
         f"\n{planner}: {rates['ours']:,.0f} iterations/s (target {target:,});"
         f" {rates['ours'] / rates['length only']:.2f} of the plain way by length only"
@@ -115,6 +117,7 @@ def test_cost_after_five_seconds(benchmark, name, real_maps):
             ]
             solved = [one.metrics.cost / best for one in found if one.status == "solved"]
             median = statistics.median(solved) if solved else np.nan
+            benchmark.extra_info[f"{planner}_cost_above_any-angle"] = f"{median - 1:+.2%}"
             lines.append(
                 f"{name}, {planner}: {len(solved)} of 10 solved, J {median - 1:+.2%}"
                 f" of any-angle's ({best:.1f} m), from {min(solved, default=9) - 1:+.2%}"
@@ -122,6 +125,7 @@ def test_cost_after_five_seconds(benchmark, name, real_maps):
             )
 
     benchmark.pedantic(run, rounds=1)
+    benchmark.extra_info["no_peer"] = f"costs after {SECONDS:g} s, which it takes in any case"
     print("\n" + "\n".join(lines))
 
 
@@ -137,6 +141,8 @@ def test_two_hundred_solves_do_not_grow(benchmark):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     benchmark.pedantic(some, args=(200,), rounds=1)
     after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    benchmark.extra_info["no_peer"] = "what 200 solves leave in memory; their time is given"
+    benchmark.extra_info["megabytes"] = (after - before) / 1000
     print(f"\n200 solves: {(after - before) / 1000:+.1f} MB")
 
 
@@ -150,4 +156,5 @@ def test_reading_a_roadmap_takes_what_growth_leaves(benchmark):
 
     cost, seconds = benchmark.pedantic(run, rounds=1)
     best = plan(costs, start, goal, planner="any-angle").metrics.cost
+    benchmark.extra_info["share_of_its_time_limit"] = SECONDS / seconds
     print(f"\nPRMstar: {seconds:.2f} s of {SECONDS:g}, J {cost / best - 1:+.2%} of any-angle's")
