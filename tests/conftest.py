@@ -9,10 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from PIL import Image
 
 from locplan.cli import main
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.plotting._picture import Picture
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -26,6 +29,22 @@ respects_permissions = pytest.mark.skipif(
 def _own_cache(tmp_path_factory, monkeypatch):
     """No test reads or writes the user's cache."""
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+@pytest.fixture(autouse=True)
+def _undrawn(request, monkeypatch):
+    """Pictures for files are made, but drawn only where a test is marked `draws`: it takes long."""
+    if not request.node.get_closest_marker("draws"):
+        monkeypatch.setattr(Picture, "savefig", save_undrawn)
+        monkeypatch.setattr("locplan.comparison.report._figures._svg", lambda *_: "<svg/>")
+
+
+def save_undrawn(figure, target, **options) -> None:
+    """Write a picture of one white pixel to a file; what goes elsewhere is drawn."""
+    if isinstance(target, Path):
+        Image.new("L", (1, 1), 255).save(target, "png")
+    else:
+        Figure.savefig(figure, target, **options)
 
 
 @pytest.fixture
@@ -49,6 +68,12 @@ def real_maps() -> Path:
     if not folder.is_dir():
         pytest.skip("the collection of real maps (../shared/data/rosmaps) is not here")
     return folder
+
+
+def few_of(values, usual: int = 1) -> list:
+    """Parameters of a test: the first ones as usual, the others where tests may take long."""
+    long = [pytest.param(value, marks=pytest.mark.long) for value in values[usual:]]
+    return [*values[:usual], *long]
 
 
 def changed(config: FieldConfig, **settings) -> FieldConfig:

@@ -83,14 +83,14 @@ def test_rays_at_random_are_exact(density):
     for seed in range(6):
         stops = random_stops((19, 23), seed, density)
         squares = empty_squares(stops)
-        for _ in range(150):
+        for _ in range(60):
             row, col = rng.random(2) * stops.shape
             angle = rng.uniform(-7, 7)
             low, high = assert_between_oracles(
                 stops, squares, row, col, math.sin(angle), math.cos(angle)
             )
             decided += low == high or abs(low - high) < 1e-6
-    assert decided > 890  # hardly any ray at random is a matter of taste
+    assert decided > 355  # hardly any ray at random is a matter of taste
 
 
 SQUARE_ROOT = math.sqrt(0.5)
@@ -106,11 +106,11 @@ EXACT_DIRECTIONS = [
 @pytest.mark.parametrize("shift", [(0.5, 0.5), (0.0, 0.5), (0.5, 0.0), (0.0, 0.0)])
 @pytest.mark.parametrize("by_angle", [False, True])
 def test_rays_along_edges_and_through_corners(shift, by_angle):
-    for seed in range(4):
-        stops = random_stops((12, 11), seed, 0.15)
+    for seed in range(3):
+        stops = random_stops((8, 7), seed, 0.15)
         squares = empty_squares(stops)
-        for row in range(12):
-            for col in range(11):
+        for row in range(8):
+            for col in range(7):
                 for drow, dcol in EXACT_DIRECTIONS:
                     if by_angle:  # as a lidar's beams come: rounded, and hardly ever 0
                         angle = math.atan2(drow, dcol)

@@ -507,6 +507,7 @@ def test_parameters_that_work_badly_are_warned_of(run, box):
     assert err.count("locplan: warning: z_hit") == 1
 
 
+@pytest.mark.draws
 def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     params = "amcl: {ros__parameters: {alpha1: 0.1, beam_count: 3}}"
     (tmp_path / "nav2.yaml").write_text(params)
@@ -640,12 +641,18 @@ def drawn(figure):
     return [(text, text.get_window_extent(renderer)) for text in texts]
 
 
-def test_all_texts_of_the_picture_lie_within_it(many, choice):
+@pytest.fixture(scope="module")
+def picture(many):
+    """The picture of nine candidates, and its texts with the boxes that they take."""
+    figure = choice_figure(many)
+    return figure, drawn(figure)
+
+
+def test_all_texts_of_the_picture_lie_within_it(many, picture, choice):
     assert len(many.candidates) >= 8
-    for each in (many, choice):
-        figure = choice_figure(each)
+    few = choice_figure(choice)
+    for each, (figure, texts) in ((many, picture), (choice, (few, drawn(few)))):
         width, height = figure.bbox.size
-        texts = drawn(figure)
         whole = figure.get_tightbbox()  # with the numbers at the axes [inch]
         assert 0 <= whole.x0 <= whole.x1 <= width / figure.dpi
         assert 0 <= whole.y0 <= whole.y1 <= height / figure.dpi
@@ -664,9 +671,8 @@ def test_all_texts_of_the_picture_lie_within_it(many, choice):
         assert numbers == [str(n + 1) for n in range(len(each.candidates))]
 
 
-def test_titles_of_panels_do_not_meet(many):
-    figure = choice_figure(many)
-    FigureCanvasAgg(figure).draw()
+def test_titles_of_panels_do_not_meet(picture):
+    figure, _ = picture
     panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
     boxes = [axes._left_title.get_window_extent() for axes in panels]
     for one, two in itertools.combinations(boxes, 2):

@@ -42,7 +42,7 @@ def compared():
     return locplan.compare(
         [rooms("one"), rooms("two", 9)],
         ["grid", "any-angle", "RRTConnect:iterations=400", detour],
-        6,
+        5,
         weights=[0.0, 4.0],
         seeds=[1, 2],
         configs={"1 m": QUICK, "2 m": changed(QUICK, range=2.0)},
@@ -56,7 +56,7 @@ def compared():
 def test_every_combination_is_run_once(compared):
     tasks = [run.task for run in compared.runs]
     per_query = 1 + 1 + 2 + 2  # those with random numbers have two seeds
-    assert len(tasks) == len(set(tasks)) == 2 * 2 * 2 * 6 * per_query
+    assert len(tasks) == len(set(tasks)) == 2 * 2 * 2 * 5 * per_query
     assert {task.config for task in tasks} == {"1 m", "2 m"}
     assert {run.status for run in compared.runs if run.task.planner == "any-angle"} == {"solved"}
 
@@ -84,7 +84,7 @@ def test_any_angle_is_the_baseline_and_grid_is_dearer(compared):
     assert "At weight 4, 2 m: " in answer
     pooled = compared.contrasts(pooled=True)
     assert {contrast.setting.map for contrast in pooled} == {None}
-    assert max(contrast.pairs for contrast in pooled) == 12
+    assert max(contrast.pairs for contrast in pooled) == 10
 
 
 def test_a_users_planner_is_measured_like_the_others(compared):
@@ -207,6 +207,7 @@ def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
     assert "2000.0 MB per run" in log.read_text()
 
 
+@pytest.mark.draws
 def test_all_files_are_written(compared, tmp_path):
     written = compared.save(tmp_path / "out", command="locplan compare")
     assert all(path.exists() for path in written)
@@ -247,7 +248,7 @@ def test_all_files_are_written(compared, tmp_path):
             if run.task.planner == name and run.task.weight == 4.0
         }
         assert sum(text in page for text in lengths) >= 2
-    assert len(list((tmp_path / "out" / "ompl_logs").glob("*.log"))) == 2 * 2 * 2 * 6
+    assert len(list((tmp_path / "out" / "ompl_logs").glob("*.log"))) == 2 * 2 * 2 * 5
     pandas = pytest.importorskip("pandas")
     assert isinstance(compared.to_frame(), pandas.DataFrame)
     assert "the baseline" in compared.table()
@@ -361,7 +362,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
 
     save_map(rooms(), tmp_path / "rooms.yaml")
     common = (tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--random", 3, "--range", 1)
-    common += ("--least-distance", 2, "--robot-radius", 0.1, "--stride", 0.4)
+    common += ("--least-distance", 2, "--robot-radius", 0.1, "--stride", 0.4, "--workers", 1)
     code, out, err = run(*common, "--weight", 0, "--weight", 4)
     assert code == 0, err
     assert "any-angle" in out

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import few_of
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -14,7 +15,7 @@ from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 
 NAMES = environments.names()
-RESOLUTIONS = (0.02, 0.05, 0.1)
+RESOLUTIONS = few_of([0.05, 0.1, 0.02], 2)
 ROBOT_RADIUS = 0.25
 make = functools.cache(environments.make)
 

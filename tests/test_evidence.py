@@ -44,7 +44,7 @@ def grid():
 @pytest.fixture(scope="module")
 def evaluation(grid):
     other = environments.make("places", resolution=0.1)
-    return evaluate([grid, other], places=14, drives=3, scans=3)
+    return evaluate([grid, other], places=14, drives=3, scans=2)
 
 
 # Ranks.
@@ -218,7 +218,7 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
 
 def made_up_places(grid, config, level, *, noise=0.1):
     """Places whose errors are those of a noise level, but for some scatter."""
-    field = locplan.covariance_field(grid, FieldConfig())
+    field = locplan.load_or_compute(grid, FieldConfig())
     i, j = np.nonzero(field.evaluated)
     chosen = np.random.default_rng(0).choice(len(i), 120, replace=False)
     points = np.column_stack([i, j])[chosen]
@@ -229,6 +229,12 @@ def made_up_places(grid, config, level, *, noise=0.1):
     rmse = np.sqrt(moments[:, 0, 0] + moments[:, 1, 1])
     halves = np.column_stack([rmse, rmse])
     return Places(grid, points, moments, 4 * moments, rmse, 2 * rmse, 0 * rmse, rmse, halves)
+
+
+@pytest.fixture(scope="module")
+def places(grid):
+    """Those of the defaults with a noise level of 0.3."""
+    return made_up_places(grid, FieldConfig(), 0.3)
 
 
 @pytest.mark.parametrize(
@@ -295,15 +301,13 @@ def test_a_calibration_does_not_depend_on_the_stride_or_the_order_of_maps(grid):
     )
 
 
-def test_errors_below_what_q_adds_do_not_calibrate(grid):
-    places = made_up_places(grid, FieldConfig(), 0.3)
+def test_errors_below_what_q_adds_do_not_calibrate(places):
     tiny = dataclasses.replace(places, tracking=1e-6 * places.tracking)
     with pytest.raises(LocplanError, match="do not determine k: they are below what Q adds"):
         calibrate([tiny])
 
 
-def test_a_few_large_errors_do_not_make_sigma_large(grid):
-    places = made_up_places(grid, FieldConfig(), 0.3)
+def test_a_few_large_errors_do_not_make_sigma_large(places):
     factors = np.ones(len(places.points))
     factors[np.argsort(places.position_rmse("tracking"))[:6]] = 1e4  # where Sigma is least
     wild = dataclasses.replace(places, tracking=places.tracking * factors[:, None, None])
@@ -312,8 +316,7 @@ def test_a_few_large_errors_do_not_make_sigma_large(grid):
     assert result.factor <= result.factor_before
 
 
-def test_a_calibration_that_says_nothing_says_so(grid):
-    places = made_up_places(grid, FieldConfig(), 0.3)
+def test_a_calibration_that_says_nothing_says_so(places):
     order = np.argsort(places.position_rmse("tracking"))
     backwards = np.empty_like(places.tracking)
     backwards[order] = places.tracking[order[::-1]]
@@ -327,8 +330,8 @@ def test_a_calibration_that_says_nothing_says_so(grid):
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
 
-def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(grid, tmp_path):
-    good = calibrate([made_up_places(grid, FieldConfig(), 0.3)])
+def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(places, tmp_path):
+    good = calibrate([places])
     for result in (good, dataclasses.replace(good, r_squared=0.0)):
         _calibration_reports.write_calibration(tmp_path / "c.json", result)
         about = json.loads((tmp_path / "c.json").read_text())
@@ -342,8 +345,7 @@ def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(grid, tmp_p
         assert told[0].filename == __file__
 
 
-def test_too_few_places_cannot_calibrate(grid):
-    places = made_up_places(grid, FieldConfig(), 0.3)
+def test_too_few_places_cannot_calibrate(places):
     few = dataclasses.replace(
         places, points=places.points[:5], tracking=places.tracking[:5], match=places.match[:5]
     )
@@ -368,6 +370,7 @@ def map_file(grid, tmp_path_factory):
 ENDS = ("--start", "2,3", "--goal", "6,9")
 
 
+@pytest.mark.draws
 def test_simulate_drives_both_paths(run, map_file, tmp_path):
     out = tmp_path / "out"
     code, table, err = run("simulate", map_file, *ENDS, "--drives", 4, "-o", out)
@@ -410,6 +413,7 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     assert about["lidar"]["range"] == 12.0
 
 
+@pytest.mark.draws
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     other = tmp_path / "b.yaml"
     locplan.save_map(environments.make("places", resolution=0.1), other)
@@ -454,6 +458,7 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
     assert (tmp_path / "shortest.csv").read_bytes() == before
 
 
+@pytest.mark.draws
 def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp_path):
     few = ("--places", 10, "--drives", 2, "--set", "half_cell=false")
     code, table, _ = run("evaluate", map_file, *few, "--scans", 2, "-o", tmp_path / "out")
@@ -489,7 +494,8 @@ def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
     code, out, _ = run("calibrate", map_file, "--preset", "paper", "-o", target, "--json")
     assert code == 3
     assert json.loads(out)["in_metres"] is False
-    for command in (("field", map_file), ("compare", map_file, "--ranges", "4,5", "-o", target)):
+    few = "--random", "1", "--planner", "any-angle", "--workers", "1", "--ranges", "4,5"
+    for command in (("field", map_file), ("compare", map_file, *few, "-o", target)):
         _, _, err = run(*command, "--config", target)
         warned = [line for line in err.splitlines() if line.startswith("locplan: warning: ")]
         assert len(warned) == 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import stacks
 import yaml
-from conftest import drawn, random_rooms, refused
+from conftest import drawn, few_of, random_rooms, refused
 from scipy.sparse.csgraph import dijkstra
 
 from locplan import export, load_map, save_map
@@ -272,7 +272,9 @@ def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
     assert theirs.cost <= 1.01 * ours.cost
 
 
-@pytest.mark.parametrize("name", ["aws_small_house", "willow_full_stage", "tuw_warehouse032"])
+@pytest.mark.parametrize(
+    "name", few_of(["aws_small_house", "willow_full_stage", "tuw_warehouse032"])
+)
 def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
     (file,) = (real_maps / name).glob("*.yaml")
     grid = load_map(file)
@@ -391,6 +393,7 @@ def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
     assert folder_of(folder) == before
 
 
+@pytest.mark.draws
 @pytest.mark.parametrize(
     "write", [export.nav2_keepout, export.nav2_static, export.nav2_speed, export.ros_map]
 )
@@ -637,6 +640,7 @@ def test_a_field_as_a_table_has_each_point_where_it_lies(tmp_path, rotation):
         assert about["major_std_m"] >= about["minor_std_m"]
 
 
+@pytest.mark.draws
 def test_a_field_as_arrays_is_all_there(tmp_path, costs):
     field = covariance_field(costs.grid, FieldConfig(Sad(range=1.0)))
     export.field(tmp_path / "f.npz", field)

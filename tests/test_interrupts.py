@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import drawn
+from conftest import drawn, few_of
 
 from locplan import save_map
 from locplan._util import leftovers
@@ -212,27 +212,33 @@ locplan.__main__.main()
 ENDS = "--start", "1,2", "--goal", "4,3.5"
 
 
-@pytest.mark.parametrize(
-    ("where", "arguments"),
-    [
+def stops() -> list:
+    """Where commands stand still, and their arguments."""
+    each = [
         ("locplan.field.Sad.covariances", ("field", "-o", "out.zarr", "--picture", "out.png")),
-        ("locplan.field.Sad.covariances", ("calibrate", "--places", "10", "-o", "out.json")),
-        ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),
-        ("locplan.field._zarr.write", ("field", "-o", "out.zarr")),
-        ("locplan.costs.Costmap.from_field", ("pareto", *ENDS, "-o", "out")),
-        ("locplan.planners.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
-        ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
-        ("locplan.simulation.Simulator.arguments", ("choose", *ENDS, "-o", "out")),
-        ("locplan.simulation._places.measure", ("evaluate", "-o", "out")),
-        ("locplan.plotting._picture.Picture.savefig", ("plot", "-o", "out.png")),
         (
             "locplan.comparison._workers.Workers._wait",
             ("compare", "--least-distance", "2", "-o", "out"),
         ),
-    ],
-    ids=lambda value: value[0] if isinstance(value, tuple) else value.rpartition(".")[2],
+        ("locplan.plotting._picture.Picture.savefig", ("plot", "-o", "out.png")),
+        ("locplan.field._zarr.write", ("field", "-o", "out.zarr")),
+        ("locplan.simulation.Simulator.arguments", ("choose", *ENDS, "-o", "out")),
+        ("locplan.field.Sad.covariances", ("calibrate", "--places", "10", "-o", "out.json")),
+        ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),
+        ("locplan.costs.Costmap.from_field", ("pareto", *ENDS, "-o", "out")),
+        ("locplan.planners.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
+        ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
+        ("locplan.simulation._places.measure", ("evaluate", "-o", "out")),
+    ]
+    usual = 4  # computing, worker processes, drawing and writing
+    return few_of(each, usual)
+
+
+@pytest.mark.parametrize(
+    "stop", stops(), ids=lambda stop: f"{stop[0].rpartition('.')[2]}-{stop[1][0]}"
 )
-def test_every_long_command_ends_where_it_is_and_leaves_nothing(tmp_path, where, arguments):
+def test_every_long_command_ends_where_it_is_and_leaves_nothing(tmp_path, stop):
+    where, arguments = stop
     grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     save_map(grid, tmp_path / "room.yaml")
     before = sorted(each.name for each in tmp_path.iterdir())

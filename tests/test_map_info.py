@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms, refused
+from conftest import drawn, few_of, random_rooms, refused
 from PIL import Image
 
 from locplan import plotting
@@ -269,6 +269,7 @@ def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
     assert image.get_extent() == pytest.approx((0, 3.3, 0, 5.1))
 
 
+@pytest.mark.draws
 def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     file = image_map(tmp_path, walled(254, size=16))
     code, out, err = run("info", file, "-o", tmp_path / "info.png", "--robot-radius", "0.3")
@@ -311,9 +312,14 @@ def test_the_table_sums_up_many_rooms(monkeypatch):
     assert "12.0 m²" in text
 
 
-def test_real_maps_are_described(real_maps):
+MASKS = ("nav2_depot_keepout", "nav2_speed_mask", "fetch_3_1_16_limit_raw")
+SOME = ("nav2_depot", "willow_garage_0.10", "aws_small_house", "tb4_depot", *MASKS)
+
+
+@pytest.mark.parametrize("names", few_of([SOME, ("",)]), ids=["some", "all"])
+def test_real_maps_are_described(real_maps, names):
     said = {}
-    for file in find_maps(real_maps):
+    for file in (file for name in names for file in find_maps(real_maps / name)):
         info = describe_map(file)
         costs = Costmap.blank(info.grid)
         for place in info.places:
@@ -322,6 +328,6 @@ def test_real_maps_are_described(real_maps):
         said[file.parent.name] = " ".join(info.warnings)
     assert "lower free_thresh to 0.196" in said["nav2_depot"]
     assert "dark grey pixels are read as unknown" in said["willow_garage_0.10"]
-    for name in ("nav2_depot_keepout", "nav2_speed_mask", "fetch_3_1_16_limit_raw"):
+    for name in MASKS:
         assert "a mask for a costmap filter" in said[name]
     assert said["aws_small_house"] == said["tb4_depot"] == ""

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import drawn
+from conftest import drawn, few_of
 
 import locplan
 from locplan import export, paper, plotting, simulation
@@ -14,7 +14,7 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import pareto_front
 from locplan.plotting._picture import Picture
 
-NAMES = ("a$b$c", "$\\frac{", "x^2_3\\", "r\udcffm", "\U0001f600\x1b[1m", "[red]")
+NAMES = ("[red]$x$\\", "a$b$c", "$\\frac{", "x^2_3\\", "r\udcffm", "\U0001f600\x1b[1m", "[red]")
 
 
 def named(name: str) -> OccupancyGrid:
@@ -51,6 +51,12 @@ def figures_of(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
+def test_names_are_shown_as_they_are(name):
+    shown = "".join(c if c.isprintable() else "\ufffd" for c in name)
+    assert shown in texts_of(plotting.map_figure(named(name))).replace("?", "\ufffd")
+
+
+@pytest.mark.parametrize("name", few_of(NAMES), ids=ascii)
 def test_names_are_shown_as_they_are_in_every_picture(name):
     shown = "".join(c if c.isprintable() else "\ufffd" for c in name)
     for kind, figure in figures_of(name):

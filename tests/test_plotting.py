@@ -21,6 +21,8 @@ from locplan.field._samples import sampled
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
 
+pytestmark = pytest.mark.draws
+
 
 @pytest.fixture(scope="module")
 def field():

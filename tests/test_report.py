@@ -17,6 +17,8 @@ from locplan.comparison.report import ReportData, Row, Scene, write_report
 from locplan.comparison.report._html import SCRIPT
 from locplan.maps import environments
 
+pytestmark = pytest.mark.draws
+
 HOSTILE = '<script>alert("1")</script>'
 NAMES = (HOSTILE, "any-angle", "_$\\frac{", "--></style><b onload='x'>", "計画 \u202e\ud800")
 ENDS = ((2.0, 3.0), (38.0, 3.0))

@@ -238,9 +238,9 @@ def random_graph(density, resolution, origin, seed):
 
 
 @pytest.mark.parametrize(("resolution", "origin"), WORLDS)
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (8, 1), (9, 11), (12, 10)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (8, 1), (7, 8), (9, 7)])
 def test_nodes_move_as_in_the_plain_loops(shape, resolution, origin):
-    for seed in range(3):
+    for seed in range(2):
         density = density_from(shape, seed, blocked=0.05)
         xy, graph, use = random_graph(density, resolution, origin, seed)
         given = xy.copy()

@@ -7,7 +7,7 @@ import math
 import naive
 import numpy as np
 import pytest
-from conftest import corridor, random_rooms
+from conftest import corridor, few_of, random_rooms
 from scipy import ndimage, stats
 
 from locplan._kernels import likelihood, offsets as window_offsets, posterior as scan
@@ -192,7 +192,7 @@ def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
 
 
 @pytest.mark.parametrize(("headings", "half_steps"), [(1, 1), (1, 16), (3, 5), (13, 10), (5, 20)])
-@pytest.mark.parametrize("share", [0.1, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("share", few_of([0.2, 0.5, 0.1, 1.0], 2))
 def test_central_mode_equals_the_plain_search(headings, half_steps, share):
     rng = np.random.default_rng(headings + half_steps)
     offsets = 2 * half_steps + 1

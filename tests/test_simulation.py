@@ -298,7 +298,7 @@ def at_places(name, ends, drives):
 
 
 def test_the_aware_path_is_followed_better_in_two_corridors():
-    routes = at_places("two_corridors", ("start", "goal"), 40)
+    routes = at_places("two_corridors", ("start", "goal"), 16)
     assert routes.routes[0].summary["rmse_ratio"][2] < 0.6
     assert routes.lost[0] > 0.3
     assert routes.lost[1] <= routes.lost[0] / 2

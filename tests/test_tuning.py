@@ -404,6 +404,7 @@ def test_bad_arguments_are_refused(arguments, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.draws
 def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "nav2_params.yaml"
