@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import os
+import pickle
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cloudpickle
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
 from locplan.cli import main
+from locplan.comparison._worker import perform
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.plotting._picture import Picture
@@ -60,6 +64,32 @@ def run(monkeypatch, capsys):
         return code, out, err
 
     return call
+
+
+class InlineWorkers:
+    """The workers of a comparison in this process: what they are sent is copied as for others."""
+
+    def __init__(self, planners, count, **_):
+        self.planners = pickle.loads(cloudpickle.dumps(list(planners)))
+
+    def __enter__(self):
+        for spec in self.planners:
+            spec.planner.prepare()
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def run(self, orders):
+        for order in orders:
+            run = perform(self.planners[order.planner], order, math.inf)
+            yield replace(run, wall_seconds=run.seconds)
+
+
+@pytest.fixture
+def inline_workers(monkeypatch):
+    """Comparisons start no processes: for tests of what is compared, not of what runs it."""
+    monkeypatch.setattr("locplan.comparison._engine.Workers", InlineWorkers)
 
 
 @pytest.fixture

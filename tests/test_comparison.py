@@ -150,6 +150,7 @@ def test_a_planner_cannot_change_what_any_path_is_measured_on():
     assert spoilt.metrics.clearance == metrics.clearance
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_what_a_function_has_closed_over_decides_its_paths(tmp_path):
     def planner_with(factor):
         def mine(costs, start, goal):
@@ -182,6 +183,7 @@ def test_what_ended_by_chance_is_made_anew(tmp_path):
     assert (first.status, again.status) == ("hung", "solved")
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_odd_histories_and_notes_do_no_harm(tmp_path):
     def odd(costs, start, goal):
         found = locplan.plan(costs, start, goal)
@@ -192,6 +194,7 @@ def test_odd_histories_and_notes_do_no_harm(tmp_path):
     assert (run.status, run.history) == ("solved", ((0.2, 9.0),))
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_random_queries_have_headings_for_those_who_need_them():
     planners = ["grid", "RRTConnect:space=SE2,iterations=300"]
     settings = {"weights": [0.0], "configs": QUICK, "workers": 1, "least_distance": 2.0}
@@ -200,6 +203,7 @@ def test_random_queries_have_headings_for_those_who_need_them():
     assert all(len(query.start) == 3 for query in next(iter(found.sources.values())).queries)
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
     settings = {"configs": QUICK, "workers": 1, "memory": 2e9, "weights": [0.0]}
     locplan.compare(rooms(), ["grid"], 1, **settings).save(tmp_path)
@@ -254,6 +258,7 @@ def test_all_files_are_written(compared, tmp_path):
     assert "the baseline" in compared.table()
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
     grid = rooms()
     own = Costmap.from_density(grid, np.where(grid.free, 2.0, np.inf))
@@ -263,6 +268,7 @@ def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
     assert (tmp_path / "out" / "report.html") in found.save(tmp_path / "out")
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_each_estimator_has_its_own_weight_and_criterion(monkeypatch):
     monkeypatch.setattr(Fisher, "weight", 8.0)
     monkeypatch.setattr(Fisher, "criterion", "position_std")
@@ -277,6 +283,7 @@ def test_each_estimator_has_its_own_weight_and_criterion(monkeypatch):
     assert "At weight 8, fisher: grid" in found.answers()["rooms"]
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_queries_come_in_every_form(tmp_path):
     ends = ((2.5, -0.5), (6.0, 3.0))
     (tmp_path / "q.csv").write_text("name,start_x,start_y,goal_x,goal_y\nthere,2.5,-0.5,6.0,3.0\n")
@@ -351,6 +358,7 @@ def test_settings_have_labels():
     assert list(named_configs({"a": QUICK})) == ["a"]
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     from locplan.cli import main
 
@@ -407,7 +415,7 @@ def nav2(tmp_path):
 def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
     text = f"simulated choice: drives=2, minimise=lost, params={nav2}"
     found = locplan.compare(
-        corridors, ["any-angle", text], [CORRIDOR], seeds=[1, 2], workers=2, weights=[8.0]
+        corridors, ["any-angle", text], [CORRIDOR], seeds=[1, 2], workers=1, weights=[8.0]
     )
     label = f"simulated choice:drives=2,minimise=lost,params={nav2}"
     runs = [run for run in found.runs if run.task.planner == label]

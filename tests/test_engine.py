@@ -214,12 +214,14 @@ def test_runs_are_measured_on_the_costmap_of_their_weight():
         assert run.task.seed == 0
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_without_a_way_there_is_a_result():
     runs = run_all([job(costs=room(door=False))], ["grid", "RRTstar:iterations=100"], workers=1)
     assert {run.status for run in runs} == {"unreachable"}
     assert all("no path joins" in run.note for run in runs)
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_seeds_are_for_those_who_take_them(tmp_path):
     planners = [
         "grid",
@@ -310,6 +312,7 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
     assert "SIGKILL" in next(run.note for run in runs if run.status == "crashed")
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_what_is_done_is_not_done_again(tmp_path):
     calls, file = tmp_path / "calls", tmp_path / "runs.jsonl"
     calls.mkdir()
@@ -338,6 +341,7 @@ def test_what_is_done_is_not_done_again(tmp_path):
     assert len(list(calls.iterdir())) == 4 + 2 + 4 + 2
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_a_torn_journal_loses_its_last_line(tmp_path):
     file = tmp_path / "runs.jsonl"
     first = run_all([job()], ["grid", "any-angle"], journal=file, workers=1)
@@ -358,6 +362,7 @@ def test_a_torn_journal_loses_its_last_line(tmp_path):
         assert all(json.loads(line) for line in file.read_text().splitlines())
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_other_files_are_no_journals(tmp_path):
     file = tmp_path / "notes.txt"
     file.write_text("dear diary\n")
@@ -497,6 +502,7 @@ def test_time_limits_and_spaces_are_known():
     assert PlannerSpec.of("grid:allow_corner_cutting=true").planner == GridPlanner(True)
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_headings_are_for_planners_that_have_them():
     posed = [Query("posed", (1.5, 1.5, 0.0), (14.5, 10.5, math.pi / 2))]
     runs = run_all(
@@ -505,6 +511,7 @@ def test_headings_are_for_planners_that_have_them():
     assert {run.status for run in runs} == {"solved"}
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_a_costmap_without_a_field_has_the_weight_zero():
     blank = Costmap.blank(room().grid, robot_radius=0.0)
     (run,) = run_all([job(costs=blank, queries=QUERIES[:1])], ["grid"], weights=[0], workers=1)

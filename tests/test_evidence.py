@@ -480,6 +480,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert "--config has all settings of the field; besides it only a lidar" in err
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
     run, grid, map_file, tmp_path, monkeypatch
 ):

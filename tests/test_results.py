@@ -347,6 +347,7 @@ def test_masks_that_were_exported_are_no_maps_of_a_folder(run, room, tmp_path):
     assert len(find_maps(folder / "keepout")) == 1
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
     least = "--least-distance", "1"
     few = "--random", "2", "--planner", "any-angle", "--workers", "1"
