@@ -9,19 +9,21 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import cloudpickle
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from PIL import Image
+from kernel_cache import keep_kernels
 
 from locplan.cli import main
-from locplan.comparison._worker import perform
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.plotting._picture import Picture
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_configure() -> None:
+    """Keep compiled kernels, before numba is imported; worker processes inherit the folder."""
+    keep_kernels()
+
 
 respects_permissions = pytest.mark.skipif(
     sys.platform == "win32" or getattr(os, "geteuid", int)() == 0,
@@ -39,12 +41,15 @@ def _own_cache(tmp_path_factory, monkeypatch):
 def _undrawn(request, monkeypatch):
     """Pictures for files are made, but drawn only where a test is marked `draws`: it takes long."""
     if not request.node.get_closest_marker("draws"):
-        monkeypatch.setattr(Picture, "savefig", save_undrawn)
+        monkeypatch.setattr("locplan.plotting._picture.Picture.savefig", save_undrawn)
         monkeypatch.setattr("locplan.comparison.report._figures._svg", lambda *_: "<svg/>")
 
 
 def save_undrawn(figure, target, **options) -> None:
     """Write a picture of one white pixel to a file; what goes elsewhere is drawn."""
+    from matplotlib.figure import Figure  # here, since processes import this file
+    from PIL import Image
+
     if isinstance(target, Path):
         Image.new("L", (1, 1), 255).save(target, "png")
     else:
@@ -70,6 +75,8 @@ class InlineWorkers:
     """The workers of a comparison in this process: what they are sent is copied as for others."""
 
     def __init__(self, planners, count, **_):
+        import cloudpickle
+
         self.planners = pickle.loads(cloudpickle.dumps(list(planners)))
 
     def __enter__(self):
@@ -81,6 +88,8 @@ class InlineWorkers:
         pass
 
     def run(self, orders):
+        from locplan.comparison._worker import perform
+
         for order in orders:
             run = perform(self.planners[order.planner], order, math.inf)
             yield replace(run, wall_seconds=run.seconds)

@@ -106,9 +106,9 @@ def test_several_maps_widen_the_interval_and_are_averaged():
 def test_predictions_are_what_the_fields_say(grid):
     points = np.array([[15, 20], [60, 30], [18, 100]])
     found = predictions(grid, configs(SHORT_LIDAR), points)
-    field = locplan.covariance_field(grid)
+    field = locplan.load_or_compute(grid)
     assert found[Predictor("sad", "e")] == pytest.approx(field.e[tuple(points.T)])
-    paper = locplan.covariance_field(grid, FieldConfig(Sad.paper()))
+    paper = locplan.load_or_compute(grid, FieldConfig(Sad.paper()))
     assert found[Predictor("paper", "e")] == pytest.approx(paper.e[tuple(points.T)])
     both = found[Predictor("fisher", "e")] * found[Predictor("scan", "e")]
     assert found[Predictor("fisher+scan", "e")] ** 2 == pytest.approx(both)

@@ -290,7 +290,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
 def at_places(name, ends, drives):
     grid = environments.make(name, resolution=0.1)
     costs = locplan.Costmap.from_field(
-        grid, locplan.covariance_field(grid), weight=4.0, robot_radius=0.25
+        grid, locplan.covariance_field(grid, FieldConfig(stride=0.4)), weight=4.0, robot_radius=0.25
     )
     marks = environments.landmarks(name)
     query = Query(name, *(marks[end] for end in ends))
