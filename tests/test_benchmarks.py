@@ -26,7 +26,7 @@ def test_peers_and_limits_fill_the_rows_and_other_figures_stand_beside_them():
     }
     assert table.rows_of(measured(**given, yardstick=0.05)) == [
         table.Row(
-            "search: dijkstra [1000]", 0.5, "scipy", 3.0, "memory", 0.4, figures="cells 9,877"
+            "search: dijkstra [1000]", 0.5, "scipy", 3.0, "memory", 0.4, figures="cells 12,346"
         ),
         table.Row("search: dijkstra [1000]", 0.5, "A star", 1.5),
     ]

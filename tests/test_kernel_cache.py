@@ -1,5 +1,6 @@
 """The folder of compiled kernels follows all their sources."""
 
+import os
 import subprocess
 import sys
 
@@ -32,21 +33,26 @@ def test_a_change_of_any_source_or_name_or_of_numba_has_its_own_folder(kernels):
     assert kernel_cache.digest_of(kernels, "0.61") == digests[-1]
 
 
-def test_the_folder_is_told_to_numba(kernels, tmp_path, monkeypatch):
-    monkeypatch.delenv(kernel_cache.VARIABLE, raising=False)
+@pytest.fixture
+def _untold(monkeypatch):
+    monkeypatch.setenv(kernel_cache.VARIABLE, "")
+
+
+@pytest.mark.usefixtures("_untold")
+def test_the_folder_is_told_to_numba(kernels, tmp_path):
     kernel_cache.keep_kernels(tmp_path / "kept", kernels)
     (folder,) = (tmp_path / "kept").iterdir()
-    assert kernel_cache.os.environ[kernel_cache.VARIABLE] == str(folder)
+    assert os.environ[kernel_cache.VARIABLE] == str(folder)
     assert not list(folder.iterdir())
     kernel_cache.keep_kernels(tmp_path / "other", kernels)  # the user's own is kept
-    assert kernel_cache.os.environ[kernel_cache.VARIABLE] == str(folder)
+    assert os.environ[kernel_cache.VARIABLE] == str(folder)
 
 
-def test_a_folder_that_cannot_be_written_is_left_alone(kernels, tmp_path, monkeypatch):
-    monkeypatch.delenv(kernel_cache.VARIABLE, raising=False)
+@pytest.mark.usefixtures("_untold")
+def test_a_folder_that_cannot_be_written_is_left_alone(kernels, tmp_path):
     (tmp_path / "kept").write_text("a file")
     kernel_cache.keep_kernels(tmp_path / "kept", kernels)
-    assert kernel_cache.VARIABLE not in kernel_cache.os.environ
+    assert not os.environ[kernel_cache.VARIABLE]
 
 
 def test_the_tests_name_it_before_numba_is_imported():
