@@ -46,6 +46,13 @@ def scheduler():
         yield running
 
 
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch):
+    """A cluster that is there answers some time, however busy the machine is."""
+    monkeypatch.setattr(cluster, "PATIENCE", 600.0)
+    monkeypatch.setattr(cluster, "WORKERLESS", 600.0)
+
+
 @pytest.fixture
 def grid() -> OccupancyGrid:
     return OccupancyGrid(random_rooms((300, 320), seed=6, blocks=30), 0.05, name="rooms")

@@ -212,7 +212,8 @@ def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
 
 
 @pytest.mark.draws
-def test_all_files_are_written(compared, tmp_path):
+def test_all_files_are_written(compared, tmp_path, monkeypatch):
+    monkeypatch.setattr("locplan.comparison._result.FRONT_TIME", 600.0)
     written = compared.save(tmp_path / "out", command="locplan compare")
     assert all(path.exists() for path in written)
     with (tmp_path / "out" / "runs.csv").open(newline="") as file:

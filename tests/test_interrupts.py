@@ -13,7 +13,7 @@ from locplan import save_map
 from locplan._util import leftovers
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no fork and no groups")
-GUARD = 120
+GUARD = 600
 """Time after which a process that does not end fails a test [s]."""
 BEGIN = """
 import ctypes, os, signal, sys, threading

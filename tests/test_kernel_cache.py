@@ -22,7 +22,7 @@ def test_a_change_of_any_source_or_name_or_of_numba_has_its_own_folder(kernels):
     digests.append(kernel_cache.digest_of(kernels, "0.62"))
     (kernels / "inner.py").write_text("one = 2\n")
     digests.append(kernel_cache.digest_of(kernels, "0.61"))
-    (kernels / "inner.py").rename(kernels / "within.py")
+    (kernels / "inner.py").rename(kernels / "inmost.py")
     digests.append(kernel_cache.digest_of(kernels, "0.61"))
     (kernels / "new").mkdir()
     (kernels / "new" / "kernel.py").touch()

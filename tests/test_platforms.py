@@ -1,5 +1,6 @@
 """What is said where a system or an extra lacks something."""
 
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -50,8 +51,8 @@ for planner in ("RRTstar", "PRM"):
     except locplan.LocplanError as error:
         print(error)
 """
-    path = {"PYTHONPATH": ":".join(filter(None, sys.path))}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=path)
+    env = {**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
     status, *errors = done.stdout.splitlines()
     assert status == "solved"

@@ -39,6 +39,7 @@ def integral_of(metrics: PathMetrics, objective: str) -> float:
 
 
 def front_of(costs: Costmap, **options) -> ParetoFront:
+    options = {"time_limit": 600.0, **options}  # however busy the machine is
     return pareto_front(costs, costs.grid.cell_to_world(0, 0), far_corner(costs), **options)
 
 
