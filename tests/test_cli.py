@@ -517,7 +517,7 @@ def test_plot_refuses_what_it_cannot_draw(run, room, tmp_path, arguments, messag
     ("to", "name"),
     [
         *((to, "out") for to in ("nav2-keepout", "nav2-static", "nav2-speed", "ros-map")),
-        ("route-graph", "out"),
+        pytest.param("route-graph", "out", marks=pytest.mark.draws),
         ("bag", "out.mcap"),
         ("path", "out.yaml"),
         *((to, f"out.{to}") for to in ("csv", "npz", "png")),
