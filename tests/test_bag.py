@@ -190,9 +190,7 @@ def test_grid_map_holds_the_field_where_grid_map_looks_for_it(messages, grid, fi
     assert np.isnan(layers["e"]).any()
 
 
-@pytest.mark.parametrize(
-    ("yaw", "stride"), [(0.4, 0.2), (math.pi / 2, 0.2), (math.pi / 2, 0.1), (-2.5, 0.1)]
-)
+@pytest.mark.parametrize(("yaw", "stride"), [(0.4, 0.2), (math.pi / 2, 0.1), (-2.5, 0.2)])
 def test_grid_map_of_a_turned_map_takes_the_nearest_point(tmp_path, yaw, stride):
     grid = OccupancyGrid(cells(), 0.05, (2.0, -1.0, yaw))
     config = FieldConfig(stride=stride)

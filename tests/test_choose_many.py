@@ -71,7 +71,7 @@ def test_choices_do_not_depend_on_the_executor(costs, made, kind):
     pools = {
         "late": Late,
         "threads": lambda: ThreadPoolExecutor(2),
-        "processes": lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
+        "processes": lambda: ProcessPoolExecutor(1, mp_context=get_context("spawn")),
     }
     done = []
     with pools[kind]() as executor:

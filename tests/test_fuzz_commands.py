@@ -53,7 +53,7 @@ def test_faults_of_an_outcome_are_told(code, out, err, logged, found):
 
 
 def test_command_lines_end_in_a_result_or_in_one_line():
-    answers = fuzz_commands.fuzz(40, SEED, leave_out=("compare",))
+    answers = fuzz_commands.fuzz(30, SEED, leave_out=("compare",))
     faulty = [fuzz_commands.shown(each) for each in answers if each["faults"]]
     assert not faulty, "\n".join(faulty)
 

@@ -220,9 +220,9 @@ def stops() -> list:
             "locplan.comparison._workers.Workers._wait",
             ("compare", "--least-distance", "2", "-o", "out"),
         ),
-        ("locplan.plotting._picture.Picture.savefig", ("plot", "-o", "out.png")),
         ("locplan.field._zarr.write", ("field", "-o", "out.zarr")),
         ("locplan.simulation.Simulator.arguments", ("choose", *ENDS, "-o", "out")),
+        ("locplan.plotting._picture.Picture.savefig", ("plot", "-o", "out.png")),
         ("locplan.field.Sad.covariances", ("calibrate", "--places", "10", "-o", "out.json")),
         ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),
         ("locplan.costs.Costmap.from_field", ("pareto", *ENDS, "-o", "out")),
@@ -230,8 +230,7 @@ def stops() -> list:
         ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
         ("locplan.simulation._places.measure", ("evaluate", "-o", "out")),
     ]
-    usual = 4  # computing, worker processes, drawing and writing
-    return few_of(each, usual)
+    return few_of(each, 4)  # computing, worker processes, writing and driving
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import changed, random_rooms, respects_permissions
+from conftest import changed, few_of, random_rooms, respects_permissions
 
 from locplan.field import (
     Exponential,
@@ -165,7 +165,7 @@ def test_the_name_of_the_map_is_todays(grid, tmp_path):
     assert store.load_or_compute(renamed, QUICK, cache_dir=tmp_path).grid.name == "other"
 
 
-@pytest.mark.parametrize("more_tiles", [0, 2])
+@pytest.mark.parametrize("more_tiles", few_of([2, 0]))
 def test_a_killed_run_is_resumed(grid, tmp_path, more_tiles, computed, other):
     for _ in range(more_tiles):
         other.compute_a_tile()

@@ -5,6 +5,7 @@ import dataclasses
 import naive
 import numpy as np
 import pytest
+from conftest import few_of
 
 from locplan.costs import Costmap, PathMetrics
 from locplan.errors import ConfigError, PoseError
@@ -280,9 +281,17 @@ def test_every_path_of_a_front_is_found_by_its_own_integral(layer, objective):
     assert paths >= 2
 
 
-@pytest.mark.parametrize(("criterion", "weight"), [(None, 4.0), ("position_std", 0.0)])
-@pytest.mark.parametrize("name", ["two_corridors", "warehouse"])
-def test_paths_of_a_maps_front_are_found_by_their_own_integrals(name, criterion, weight):
+MAPS = [
+    ("two_corridors", None, 4.0),
+    ("warehouse", "position_std", 0.0),
+    ("two_corridors", "position_std", 0.0),
+    ("warehouse", None, 4.0),
+]
+
+
+@pytest.mark.parametrize("case", few_of(MAPS, 2), ids=str)
+def test_paths_of_a_maps_front_are_found_by_their_own_integrals(case):
+    name, criterion, weight = case
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig(Sad(), stride=1.0))
     made = {"robot_radius": 0.2, "weight": weight, "criterion": criterion}

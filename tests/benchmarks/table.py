@@ -193,7 +193,9 @@ def measure(selected: Sequence[str]) -> tuple[dict[str, Any], bool]:
         raw = Path(folder, "raw.json")
         command = [sys.executable, "-m", "pytest", str(HERE), "-o", "python_files=bench_*.py", "-q"]
         command += ["--benchmark-only", f"--benchmark-json={raw}", "--benchmark-columns=min,rounds"]
-        done = subprocess.run([*command, *selected], cwd=ROOT)
+        # Under pytest's own variables, those of xdist's workers, nothing would be measured.
+        env = {name: each for name, each in os.environ.items() if not name.startswith("PYTEST_")}
+        done = subprocess.run([*command, *selected], cwd=ROOT, env=env)
         if not raw.exists() or not raw.stat().st_size:
             raise LocplanError(
                 f"no benchmark was measured, pytest ended with code {done.returncode}"
