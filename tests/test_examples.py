@@ -10,7 +10,10 @@ EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.
 MAP = str(EXAMPLES[0].parent.parent / "maps" / "two_corridors.yaml")
 QUICKLY = {"paper": (0.1, 1, ("paper",)), "compare": (0.05,), "evidence": ((MAP,), 4, 4)}
 """Arguments with which a program is done soon."""
-LONG = ("cluster", "compare", "estimators", "evidence", "lasers", "navigation", "paper")
+LONG = (
+    *("cluster", "compare", "estimators", "evidence", "lasers", "navigation", "ompl_program"),
+    "paper",
+)
 """What these do has tests of its own."""
 
 
