@@ -46,6 +46,7 @@ from locplan.field import (
 )
 from locplan.field._cache_table import cache_summary, cache_table
 from locplan.field._store import _Found, field_path
+from locplan.field._tiles import wanted_points
 from locplan.field._zarr import write
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, read_parameters, save_map
 from locplan.maps._files import files_of
@@ -490,7 +491,8 @@ def read_cache(folder: Path) -> None:
     assert any(entry.about.get("map_name") == "room" for entry in found)
     json.dumps(cache_summary(found))
     assert cache_table(found, folder, 10**9).count("\n") >= 3
-    known = _Found.at(field_path(GRID, SMALL, folder), GRID, SMALL)
+    wanted = wanted_points(GRID, SMALL)
+    known = _Found.at(field_path(GRID, SMALL, folder), GRID, SMALL, wanted, in_part=False)
     assert len(known.complaint) < MAX_LINE
     assert known.complaint.isprintable()
 

@@ -18,6 +18,8 @@ from locplan.plotting import _cells
 from locplan.plotting._maps import FIELD_COLOURS, field_bar
 from locplan.plotting._picture import Picture
 
+pytestmark = pytest.mark.draws
+
 
 def room(rows=40, cols=60, origin=(0.0, 0.0, 0.0)):
     cells = np.full((rows, cols), UNKNOWN, np.uint8)
