@@ -48,8 +48,13 @@ def degeneracy(
     if not greatest > least:
         raise ConfigError(f"criterion {shown(criterion)} says nothing in a field without rotation")
     values = field.scalar(criterion, headings=headings, with_q=True)
+    of_e = field.scalar("e", headings=headings)
+    e = field.on_map(of_e)
     if criterion in field.layers:
         u = field.on_map((values - least) / (greatest - least), logarithmic=False)
+    elif law == "logarithmic" and values is of_e:
+        u = np.log(e / least)
+        u /= math.log(greatest / least)
     elif law == "logarithmic":
         values = np.log(np.maximum(values, np.finfo(float).tiny) / least)
         u = field.on_map(values / math.log(greatest / least), logarithmic=False)
@@ -57,7 +62,6 @@ def degeneracy(
         u = field.on_map(values / greatest)
         u = np.cbrt(u, out=u) if law == "cube-root" else u
     u = np.clip(u, 0.0, 1.0, out=u)
-    e = field.on_map(field.scalar("e", headings=headings))
     return (u, e) if headings else (np.moveaxis(u, 2, 0), np.moveaxis(e, 2, 0))
 
 

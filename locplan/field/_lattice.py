@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from locplan._util.machine import usable_cores
 
 BLOCK = 1 << 16
 """Number of cells that are read at once: they and their neighbours fit a core's cache."""
@@ -103,13 +106,17 @@ def read_on_map(
     weight = _along_rows(known.astype(float), cols, stride)
     result = np.empty(free.shape)
     block = max(1, BLOCK // (stride * cols))
-    with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-        for first in range(0, -(-rows // stride), block):
-            some = slice(first * stride, min((first + block) * stride, rows))
-            read = _between_rows(value, first, block, stride)
-            read /= _between_rows(weight, first, block, stride)
-            result[some] = read[: some.stop - some.start]
-            result[some][~free[some]] = np.nan
+
+    def read(first: int) -> None:
+        some = slice(first * stride, min((first + block) * stride, rows))
+        found = _between_rows(value, first, block, stride)
+        with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
+            found /= _between_rows(weight, first, block, stride)
+        np.copyto(result[some], found[: some.stop - some.start])
+        np.copyto(result[some], np.nan, where=~free[some])
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        list(pool.map(read, range(0, -(-rows // stride), block)))
     return result
 
 
