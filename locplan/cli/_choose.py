@@ -109,8 +109,9 @@ def choose(
         if name in paths:
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
     folder = reports.CHOICE.into(output, force=force) if output else None
-    costmap = blank
-    if planners.plan(blank, start, goal).path is not None:
+    costmap, reachable = blank, planners.plan(blank, start, goal).path is not None
+    del blank  # saves memory on a large map
+    if reachable:
         with computing.of(config) as compute:
             if options.is_fine_near_paths(config):
                 costmap = core.costmap_near_candidates(
@@ -125,7 +126,7 @@ def choose(
                 costmap = costs.costmap(grid, compute(grid))
     candidates: dict[str, AnyCandidate] = {**paths}
     candidates.update((name, name) for name in chosen_planners)
-    if choosing.front and costmap is not blank:
+    if choosing.front and reachable:
         candidates["front"] = planners.pareto_front(costmap, start, goal)
     with progress_bar("driving the candidates", "drives") as progress:
         choice = core.choose(

@@ -170,7 +170,7 @@ class Costmap(Pictured):
                 f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
             )
         values[~grid.free] = np.inf
-        density, nothing = _blocked(values, grid, robot_radius), sealed(np.full(grid.shape, np.nan))
+        density, nothing = _blocked(values, grid, robot_radius), np.broadcast_to(np.nan, grid.shape)
         return cls(grid, density, math.nan, float(robot_radius), u=nothing, e=nothing)
 
     @classmethod

@@ -263,8 +263,10 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
     number("boundary_noise", fraction, 0, 1)
     whole("seed", seed, 0)
     occupied, free = grid.cells == OCCUPIED, grid.free
-    boundary = (occupied & _beside(free)) | (free & _beside(occupied))
-    flip = boundary & (np.random.default_rng(seed).random(grid.shape) < fraction)
+    flip = (occupied & _beside(free)) | (free & _beside(occupied))
+    random = np.random.default_rng(seed)
+    for row in flip:  # row by row, which saves memory on a large map
+        row &= random.random(row.size) < fraction
     cells = grid.cells.copy()
     cells[flip & occupied], cells[flip & free] = FREE, OCCUPIED
     return replace(grid, cells=cells)

@@ -61,9 +61,10 @@ def planned_near_paths(
         cells = _cells_along(paths_of(found), grid, max(resolution, stride * resolution / 2))
         close = points_near(needed, stride, cells, CLOSE / resolution)
         if not (close & ~points).any() or not left:
-            break
+            return field, found
         points = points | points_near(needed, stride, cells, NEAR / resolution)
-    return field, found
+        del field, found  # saves memory on a large map
+    raise AssertionError("the last round returns")
 
 
 def _cells_along(paths: Iterable[Path], grid: OccupancyGrid, spacing: float) -> NDArray[np.float64]:

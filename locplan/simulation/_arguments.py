@@ -14,6 +14,8 @@ from locplan.simulation._settings import OMNIDIRECTIONAL, Amcl, Disturbances
 
 NEAREST, FARTHEST = 0.5, 2.0
 """Least and greatest distance of an object that occludes the lidar [m]."""
+BAND = 256
+"""Number of rows of a map that are processed at once."""
 
 
 class Arguments(NamedTuple):
@@ -130,10 +132,19 @@ def beam_scores(grid: OccupancyGrid, amcl: Amcl, reach: float) -> NDArray[np.flo
 
     occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
     furthest = amcl.laser_likelihood_max_dist
-    distance = np.full((grid.shape[0] + 2, grid.shape[1] + 2), furthest)
+    beyond = _score(np.float64(furthest), amcl, reach)
+    scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), beyond, np.float32)
     if occupied.any():
         cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        distance[1:-1, 1:-1] = np.minimum(cells * grid.resolution, furthest)
+        for top in range(0, len(cells), BAND):  # in parts, which saves memory on a large map
+            distance = np.minimum(cells[top : top + BAND] * grid.resolution, furthest)
+            scored = _score(distance.astype(np.float64), amcl, reach)
+            scores[1 + top : 1 + top + len(scored), 1:-1] = scored
+    return scores
+
+
+def _score(distance: Any, amcl: Amcl, reach: float) -> Any:
+    """Score of a beam that ends at a distance from the nearest wall [m], float32."""
     hit = amcl.z_hit * np.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
     likelihood = hit + amcl.z_rand / reach
     if amcl.laser_model_type == "likelihood_field_prob":
