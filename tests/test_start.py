@@ -27,6 +27,7 @@ from locplan.field import (
 from locplan.field._store import field_path
 from locplan.maps import save_map
 from locplan.planners import _ahead as ahead
+from locplan.simulation import _compiling as compiling
 
 CONFIG = FieldConfig(Sad(range=0.5))
 
@@ -190,6 +191,28 @@ def test_the_command_prepares_its_planner_beside_a_field_that_it_computes(
         code, _, err = run("plan", tmp_path / "room.yaml", *ends, "--cache-dir", tmp_path / "c")
         assert code == 0, err
     assert prepared == [("any-angle", True), ("any-angle", False)]
+
+
+def test_the_kernels_of_drives_are_prepared_beside_the_field_of_a_lidar(tmp_path, run, monkeypatch):
+    grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
+    save_map(grid, tmp_path / "room.yaml")
+    events = []
+
+    @contextmanager
+    def beside(user, needed=True, compiled=None):
+        if isinstance(user, compiling.DriveKernels):
+            events.append(("begun", needed, compiled()))
+        yield lambda: events.append(("awaited", user.name))
+
+    compiling.DriveKernels().prepare()  # "compiled" holds from here on
+    monkeypatch.setattr(compiling, "prepared_beside", beside)
+    ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--lidar", "rplidar-a1", "--range", "1")
+    kept = ("--estimator", "fisher", "--cache-dir", tmp_path / "c")
+    for options in ((), ("--no-verdict",), ()):
+        code, _, err = run("plan", tmp_path / "room.yaml", *ends, *kept, *options)
+        assert code == 0, err
+    awaited = ("awaited", "simulating")
+    assert events == [("begun", True, True), awaited, ("begun", False, True), awaited]
 
 
 def test_kernels_count_as_cached_only_where_the_cache_has_them(tmp_path, monkeypatch):

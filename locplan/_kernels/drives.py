@@ -107,7 +107,7 @@ def drive(
     sigma = np.array([start.position, start.position, start.heading])
     for axis in range(3):
         poses[axis] = truth[0, axis] + sigma[axis] * random.standard_normal()
-    histogram, bins = make_histogram(most), 0
+    histogram, bins = make_histogram(most), np.int64(0)  # the constant 0 has a type of its own
     for n in range(most):
         for axis in range(3):
             poses[axis, n] += sigma[axis] * random.standard_normal()

@@ -257,11 +257,11 @@ class Computing:
 
             yield compute
 
-    def begun(self, grid: OccupancyGrid, config: FieldConfig) -> bool:
-        """Whether the cache has a field, or a part of it."""
+    def begun(self, grid: OccupancyGrid, config: FieldConfig, *, in_part: bool = False) -> bool:
+        """Whether the cache has a field, or some of its points, or has begun with it."""
         from locplan.field._store import field_path
 
-        return field_path(grid, config, self.cache_dir).exists()
+        return field_path(grid, config, self.cache_dir, in_part=in_part).exists()
 
     def field(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """The field of one map."""

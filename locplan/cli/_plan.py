@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -157,8 +159,13 @@ def plan(
         return costmap, planners.plan_beside_shortest(costmap, **request)
 
     near_paths = options.is_fine_near_paths(config)
-    compiling = not computing.begun(grid, config)
-    with prepared_beside(planner, needed=compiling) as ready:
+    compiling = not computing.begun(grid, config, in_part=near_paths)
+    driving: AbstractContextManager[Callable[[], None]] = nullcontext(lambda: None)
+    if lidar:
+        from locplan.simulation._compiling import drives_prepared_beside
+
+        driving = drives_prepared_beside(needed=compiling)
+    with prepared_beside(planner, needed=compiling) as ready, driving as drivable:
         with computing.of(config) as compute:
             if near_paths:
                 field, (costmap, plans) = planners.planned_near_paths(
@@ -177,6 +184,7 @@ def plan(
                 if slow:
                     asked["progress"] = in_turn(progress, 2 * (len(stops) + 1))
                 costmap, plans = planned(field, asked)
+        drivable()
     found = None
     if lidar and robot:
         from locplan.simulation import verdict

@@ -1,4 +1,4 @@
-"""Compiling a planner's kernels in a process of its own, while the field is computed."""
+"""Compiling kernels that are needed later in a process of their own, while a field is computed."""
 
 from __future__ import annotations
 
@@ -8,26 +8,40 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Protocol
 
 from locplan._util.progress import COMPILING, progress_bar
 from locplan._util.supervision import end_with_parent
-from locplan.planners._protocol import Planner
+
+
+class Prepared(Protocol):
+    """A planner, or anything else whose kernels `prepare` compiles."""
+
+    @property
+    def name(self) -> str:
+        """What is shown while one waits for it."""
+
+    def prepare(self) -> None:
+        """Compile the kernels."""
 
 
 @contextmanager
-def prepared_beside(planner: Planner, *, needed: bool = True) -> Iterator[Callable[[], None]]:
+def prepared_beside(
+    user: Prepared, *, needed: bool = True, compiled: Callable[[], bool] | None = None
+) -> Iterator[Callable[[], None]]:
     """Let another process compile what a planner needs while this one does something long.
 
+    `compiled` tells if the kernels are in numba's cache, by default those of the grid's planners.
     It yields a function that waits for the other process, to be called before one plans.
     Threads would not do: within a process numba compiles one kernel after the other. What the
     other process has compiled is read from numba's cache. If that holds the kernels already,
     there is no other process; if it fails, this one compiles them when it plans.
     """
-    process = _process(planner) if needed and not _compiled() else None
+    process = _process(user) if needed and not (compiled or _compiled)() else None
 
     def wait() -> None:
         if process and process.poll() is None:
-            with progress_bar(planner.name, "", first=COMPILING):
+            with progress_bar(user.name, "", first=COMPILING):
                 process.wait()
 
     try:
@@ -48,10 +62,10 @@ def _compiled() -> bool:
     return are_cached(cells_along, trace, shortcut, shift)
 
 
-def _process(planner: Planner) -> subprocess.Popen[bytes] | None:
+def _process(user: Prepared) -> subprocess.Popen[bytes] | None:
     """A process that prepares a planner; None for one that no other process can have."""
     try:
-        content = pickle.dumps(planner)
+        content = pickle.dumps(user)
     except (AttributeError, TypeError, pickle.PicklingError):
         return None
     command = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import main"
