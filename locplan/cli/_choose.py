@@ -109,7 +109,8 @@ def choose(
         if name in paths:
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
     folder = reports.CHOICE.into(output, force=force) if output else None
-    costmap, reachable = blank, planners.plan(blank, start, goal).path is not None
+    with working("looking for a way"):
+        costmap, reachable = blank, planners.plan(blank, start, goal).path is not None
     del blank  # saves memory on a large map
     if reachable:
         with computing.of(config) as compute:
@@ -121,6 +122,7 @@ def choose(
                     choosing.longest,
                     lambda points: compute(grid, points),
                     lambda field: costs.costmap(grid, field),
+                    lambda: working("planning the candidates"),
                 )
             else:
                 costmap = costs.costmap(grid, compute(grid))

@@ -154,9 +154,13 @@ def plan(
         draft = {**limits, **places}
 
     def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
-        ready()
         costmap = costs.costmap(grid, field)
         return costmap, planners.plan_beside_shortest(costmap, **request)
+
+    def drafted(field: CovarianceField) -> tuple[Costmap, dict[str, Plan]]:
+        ready()
+        with working("planning"):
+            return planned(field, draft)
 
     near_paths = options.is_fine_near_paths(config)
     compiling = not computing.begun(grid, config, in_part=near_paths)
@@ -172,7 +176,7 @@ def plan(
                     grid,
                     config,
                     lambda points: compute(grid, points),
-                    lambda field: planned(field, draft),
+                    drafted,
                     lambda found: [plan.path for plan in found[1].values() if plan.path],
                 )
             else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,15 +176,18 @@ def costmap_near_candidates(
     longest: float,
     field_of: Callable[[NDArray[np.bool_]], CovarianceField],
     costmap_of: Callable[[CovarianceField], Costmap],
+    shown: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> Costmap:
     """Costmap of a field that is fine near the alternatives, see `planned_near_paths`.
 
-    `ends` are start and goal; `field_of` gives the field at some lattice points.
+    `ends` are start and goal; `field_of` gives the field at some lattice points; `shown` gives a
+    context in which the alternatives are planned, such as a sign of life.
     """
 
     def planned(field: CovarianceField) -> tuple[Costmap, dict[str, Path]]:
-        costs = costmap_of(field)
-        return costs, alternatives(costs, *ends, longest=longest)
+        with shown():
+            costs = costmap_of(field)
+            return costs, alternatives(costs, *ends, longest=longest)
 
     _, (costs, _) = planned_near_paths(
         grid, config, field_of, planned, lambda found: found[1].values()
