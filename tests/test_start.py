@@ -104,7 +104,8 @@ import matplotlib.lines
 import numba.np.linalg
 before = numba.np.linalg.ensure_blas
 import numba.np.arraymath
-print(numba.np.linalg.ensure_blas is before, "scipy.linalg" in sys.modules)
+looks = numba.np.linalg.ensure_blas, numba.np.arraymath.ensure_blas
+print(looks == (before, before), "scipy.linalg" in sys.modules)
 line = matplotlib.lines.Line2D([], [])
 line.set(color="red", linewidth=3)
 print(line.get_color(), line.get_linewidth())
@@ -114,6 +115,34 @@ end_lean()
 """
     made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert made.stdout.split() == ["True", "False", "red", "3.0", "2", "1.0"], made.stderr
+
+
+LINALG, ARRAYS, ARTISTS = "numba/np/linalg.py", "numba/np/arraymath.py", "matplotlib/artist.py"
+CHANGED = {
+    "no such module": {},
+    "no such function": {LINALG: "", ARTISTS: "class Artist: pass"},
+    "another order": {LINALG: "from numba.np.arraymath import ufunc", ARRAYS: "ufunc = 1"},
+    "looks for itself": {
+        LINALG: "def ensure_blas(): pass",
+        ARRAYS: "from numba.np.linalg import ensure_blas; ensure_blas()",
+        ARTISTS: "Artist = None",
+    },
+}
+
+
+@pytest.mark.parametrize("change", CHANGED)
+def test_libraries_with_other_internals_are_imported_as_always(tmp_path, change):
+    about = {"numba/__init__.py": "", "numba/np/__init__.py": "", "matplotlib/__init__.py": ""}
+    for name, content in {**about, ARRAYS: "", ARTISTS: "", **CHANGED[change]}.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(content)
+    code = (
+        "import sys; from locplan._util.lean import start_lean; start_lean();"
+        f"sys.path.insert(0, {str(tmp_path)!r});"
+        "import numba.np.arraymath, matplotlib.artist; print(numba.__file__)"
+    )
+    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert made.stdout.strip() == str(tmp_path / "numba" / "__init__.py"), made.stderr
 
 
 def test_the_search_for_garbage_ends_with_the_program(monkeypatch):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from importlib import import_module
 from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from types import ModuleType
 from typing import Any
 
@@ -40,24 +40,29 @@ def end_lean() -> None:
 def _without_signatures(artists: ModuleType) -> Iterator[None]:
     """Let matplotlib list no properties in the help texts of its artists: a third of its start."""
     yield
-    if hasattr(artists.Artist, "_update_set_signature_and_docstring"):
-        artists.Artist._update_set_signature_and_docstring = classmethod(lambda _: None)
+    artist = getattr(artists, "Artist", None)
+    if hasattr(artist, "_update_set_signature_and_docstring"):
+        artist._update_set_signature_and_docstring = classmethod(lambda _: None)
 
 
 @contextmanager
-def _without_scipy(_: ModuleType) -> Iterator[None]:
+def _without_scipy(arrays: ModuleType) -> Iterator[None]:
     """Let numba not import scipy.linalg just to see that it is there; np.dot still imports it."""
-    linalg: Any = import_module("numba.np.linalg")
-    look = linalg.ensure_blas
-    linalg.ensure_blas = _no_blas
+    try:
+        linalg: Any = import_module("numba.np.linalg")
+        look = linalg.ensure_blas
+    except Exception:  # another numba has no such function, or imports its modules in another order
+        look = None
+    if look is None:
+        yield
+        return
+    linalg.ensure_blas = lambda: None
     try:
         yield
     finally:
         linalg.ensure_blas = look
-
-
-def _no_blas() -> None:
-    raise ImportError("no kernel here multiplies matrices")
+        if hasattr(arrays, "ensure_blas"):
+            arrays.ensure_blas = look
 
 
 AROUND: dict[str, Callable[[ModuleType], AbstractContextManager[None]]] = {
@@ -75,7 +80,8 @@ class _Lean(MetaPathFinder):
     ) -> ModuleSpec | None:
         around = AROUND.get(name)
         spec = PathFinder.find_spec(name, path, target) if around else None
-        if around and spec and spec.loader:
+        # Such a loader is the module's own, and always has this method.
+        if around and spec and isinstance(spec.loader, SourceFileLoader):
             execute = spec.loader.exec_module
 
             def execute_around(module: ModuleType) -> None:
