@@ -347,6 +347,18 @@ def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
         assert (updated.settings, updated.weight) == (new.settings, 3.0)
 
 
+def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
+    field, (inside, *_) = edited
+    some = np.indices(field.evaluated.shape).sum(axis=0) % 2 == 0
+    coarse = covariance_field(field.grid, field.config, points=some)
+    for before, after in ((coarse, field), (field, coarse), (coarse, inside)):
+        updated = Costmap.from_field(before.grid, before).updated(after)
+        new = Costmap.from_field(after.grid, after)
+        for name in ("density", "u", "e"):
+            np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
+        assert updated.settings == new.settings
+
+
 def test_an_update_reads_a_window_only(edited, monkeypatch):
     field, (inside, _, same) = edited
     costs, sizes = Costmap.from_field(field.grid, field), []

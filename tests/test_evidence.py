@@ -14,7 +14,7 @@ from scipy import stats
 
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
-from locplan.errors import CalibrationError
+from locplan.errors import CalibrationError, ConfigError
 from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, Scan, SearchWindow
 from locplan.field._at_points import covariances_at
 from locplan.maps import environments
@@ -126,6 +126,12 @@ def test_a_sensor_that_does_not_see_all_round_is_predicted_over_headings(grid):
     field = locplan.covariance_field(grid, FieldConfig(Fisher(sensor)))
     expected = field.mean_covariance[tuple(points.T)]
     assert covariances_at(grid, field.config, points) == pytest.approx(expected)
+
+
+def test_predictions_that_take_too_much_memory_are_refused():
+    fine, points = locplan.OccupancyGrid(np.full((20, 20), 254), 0.001), np.array([[0, 0]])
+    with pytest.raises(ConfigError, match="too fine for a range of 6 m"):
+        covariances_at(fine, FieldConfig(Sad(window=SearchWindow(half_width=30))), points)
 
 
 # Evaluations.

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import pickle
 import subprocess
 import sys
 import threading
@@ -191,6 +192,14 @@ def test_no_process_is_made_where_all_is_compiled_or_nothing_can_be_sent(tmp_pat
         pass
 
 
+def test_one_plans_without_another_process_where_none_can_be_started(tmp_path, monkeypatch):
+    monkeypatch.setattr(ahead, "_compiled", lambda: False)
+    monkeypatch.setattr(ahead.sys, "executable", str(tmp_path / "no such program"))
+    with ahead.prepared_beside(Noted(tmp_path / "pid")) as ready:
+        ready()
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_process_that_fails_disturbs_nobody_and_one_that_is_not_needed_ends(
     tmp_path, monkeypatch
 ):
@@ -206,8 +215,9 @@ def test_a_process_that_fails_disturbs_nobody_and_one_that_is_not_needed_ends(
     assert made[0].poll() is not None
 
 
+@pytest.mark.parametrize("seen", [(), ("--lidar", "rplidar-a1", "--no-verdict")])
 def test_the_command_prepares_its_planner_beside_a_field_that_it_computes(
-    tmp_path, run, monkeypatch
+    tmp_path, run, monkeypatch, seen
 ):
     grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
     save_map(grid, tmp_path / "room.yaml")
@@ -221,7 +231,8 @@ def test_the_command_prepares_its_planner_beside_a_field_that_it_computes(
     monkeypatch.setattr(ahead, "prepared_beside", beside)
     ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--range", "0.5")
     for _ in range(2):  # the second time the field is in the cache
-        code, _, err = run("plan", tmp_path / "room.yaml", *ends, "--cache-dir", tmp_path / "c")
+        given = *ends, *seen, "--cache-dir", tmp_path / "c"
+        code, _, err = run("plan", tmp_path / "room.yaml", *given)
         assert code == 0, err
     assert prepared == [("any-angle", True), ("any-angle", False)]
 
@@ -255,6 +266,8 @@ def test_kernels_count_as_cached_only_where_the_cache_has_them(tmp_path, monkeyp
     cache._load_index = lambda: {"signature": "file"}
     assert compilation.are_cached(kernel)
     assert compilation.are_cached(len)  # without numba there is no cache
+    cache._load_index = lambda: pickle.loads(b"cut")
+    assert compilation.are_cached(kernel)
 
 
 def test_the_bar_says_that_it_compiles_only_while_it_does():

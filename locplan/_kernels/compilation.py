@@ -10,7 +10,7 @@ def are_cached(*kernels: Any) -> bool:
     """Whether numba's cache holds kernels, for any types; True where that cannot be told."""
     try:
         return all(kernel._cache._cache_file._load_index() for kernel in kernels)
-    except (AttributeError, OSError):  # numba does not compile, or it cannot write a cache
+    except Exception:  # numba does not compile, has changed, or cannot read or write its cache
         return True
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
@@ -40,7 +40,7 @@ def end_lean() -> None:
 def _without_signatures(artists: ModuleType) -> Iterator[None]:
     """Let matplotlib list no properties in the help texts of its artists: a third of its start."""
     yield
-    artist = getattr(artists, "Artist", None)
+    artist: Any = getattr(artists, "Artist", None)
     if hasattr(artist, "_update_set_signature_and_docstring"):
         artist._update_set_signature_and_docstring = classmethod(lambda _: None)
 
@@ -48,11 +48,10 @@ def _without_signatures(artists: ModuleType) -> Iterator[None]:
 @contextmanager
 def _without_scipy(arrays: ModuleType) -> Iterator[None]:
     """Let numba not import scipy.linalg just to see that it is there; np.dot still imports it."""
-    try:
-        linalg: Any = import_module("numba.np.linalg")
-        look = linalg.ensure_blas
-    except Exception:  # another numba has no such function, or imports its modules in another order
-        look = None
+    linalg: Any = None
+    with suppress(Exception):  # another numba may import its modules in another order
+        linalg = import_module("numba.np.linalg")
+    look = getattr(linalg, "ensure_blas", None)
     if look is None:
         yield
         return
@@ -62,7 +61,7 @@ def _without_scipy(arrays: ModuleType) -> Iterator[None]:
     finally:
         linalg.ensure_blas = look
         if hasattr(arrays, "ensure_blas"):
-            arrays.ensure_blas = look
+            vars(arrays)["ensure_blas"] = look
 
 
 AROUND: dict[str, Callable[[ModuleType], AbstractContextManager[None]]] = {

@@ -257,8 +257,8 @@ class Computing:
 
             yield compute
 
-    def begun(self, grid: OccupancyGrid, config: FieldConfig, *, in_part: bool = False) -> bool:
-        """Whether the cache has a field, or some of its points, or has begun with it."""
+    def begun(self, grid: OccupancyGrid, config: FieldConfig, *, in_part: bool) -> bool:
+        """Whether the cache has a part of a field, with `in_part` of one of some points."""
         from locplan.field._store import field_path
 
         return field_path(grid, config, self.cache_dir, in_part=in_part).exists()

@@ -133,7 +133,8 @@ class Costmap(Pictured):
         check_weight(weight)
         one_of("law", law, LAWS)
         one_of("headings", headings, ("mean", "worst"))
-        settings = CostSettings(law, criterion, headings, field.config)
+        whole = not field.lacking.any()
+        settings = CostSettings(law, criterion, headings, field.config, whole)
         u, e = degeneracy(field, criterion, law, headings)
         return cls(
             grid=grid,
@@ -216,7 +217,9 @@ class Costmap(Pictured):
     def updated(self, field: CovarianceField) -> Costmap:
         """Costmap of an edited map, read anew only where the edit can have changed it.
 
-        It equals `from_field` of the edited map with the settings of this costmap.
+        It equals `from_field` of the edited map with the settings of this costmap; cells that
+        `blocked_where` has blocked are to be blocked again. All is read anew where either field
+        has values at some points only.
 
         Parameters
         ----------
@@ -235,6 +238,8 @@ class Costmap(Pictured):
             raise ConfigError("a costmap is updated by a field of its own config only")
         same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
         same |= {"weight": self.weight, "robot_radius": self.robot_radius}
+        if not settings.whole_field or field.lacking.any():
+            return Costmap.from_field(grid, field, **same)
         arrays = {name: getattr(self, name) for name in LAYERS}
         if window := changed_window(self.grid, field, self.robot_radius):
             part, inside = part_around(field, window, self.robot_radius)
@@ -242,6 +247,7 @@ class Costmap(Pictured):
             for name, layer in arrays.items():
                 arrays[name] = layer.copy()
                 arrays[name][window] = getattr(costs, name)[inside]
+                sealed(arrays[name])
         return dataclasses.replace(self, grid=grid, of_heading=_headings(field, settings), **arrays)
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:

@@ -27,6 +27,8 @@ class CostSettings:
     headings: str
     config: FieldConfig
     """The settings of the field."""
+    whole_field: bool = True
+    """False if the field has values at some lattice points only, as near paths."""
 
     def to_json(self) -> dict[str, object]:
         """All settings, fit for JSON."""

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.machine import check_threads
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
-from locplan.field._covariance import mean_information, rotated
+from locplan.field._covariance import mean_information
 from locplan.maps import OccupancyGrid
 
 
@@ -33,21 +32,22 @@ def covariances_at(
         Rows and columns on the lattice.
     threads : int, optional
         Number of threads; all cores by default.
+
+    Raises
+    ------
+    ConfigError
+        If the computation takes too much memory.
     """
+    tiles.check_tiles(grid, config)
     lattice = tiles.field_shapes(grid, config)["covariance"][:2]
     number = np.full(lattice, -1)
     number[tuple(points.T)] = np.arange(len(points))
-    estimator, yaw = config.estimator, grid.origin[2]
-    dimension = estimator.lattice(grid.resolution).dimension
+    dimension = config.estimator.lattice(grid.resolution).dimension
     found = np.full((len(points), dimension, dimension), np.nan)
-    prepared = estimator.prepare(grid.cells, grid.resolution)
-    with ThreadPoolExecutor(check_threads(threads)) as pool:
-        running = []
-        for _, some in tiles.tiles_of(number >= 0, tiles.chunk_edge(config, grid.resolution)):
-            part = tiles.part_of(grid, config, some, prepared)
-            running.append((some, pool.submit(tiles.compute, tiles.ENGINE, estimator, part)))
-        for some, tile in running:
-            covariance = rotated(tile.result()["covariance"], yaw)
+    chunks = tiles.computed_chunks(number >= 0, grid, config, threads, None, None)
+    with closing(chunks):
+        for _, some, computed in chunks:
+            covariance = computed["covariance"]
             merged = mean_information(covariance) if covariance.ndim == 4 else covariance
             found[number[some]] = merged
     return np.asarray(found[number[tuple(points.T)]])

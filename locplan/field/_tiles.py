@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
@@ -66,7 +66,16 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
 
 
 def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
-    """Arrays of a field, filled with NaN; a ConfigError if its computation takes too much memory.
+    """Arrays of a field, filled with NaN; a ConfigError if it takes too much memory."""
+    check_tiles(grid, config)
+    shapes = field_shapes(grid, config)
+    total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
+    check_memory("the values of the field", total, "set a larger stride or fewer headings")
+    return {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+
+
+def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Raise a ConfigError if a tile takes too much memory.
 
     That grows with the range and the window in cells.
     """
@@ -79,10 +88,6 @@ def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
             f" +-{lattice.reach * lattice.resolution:g} m ({taken / 1e9:.3g} GB of memory); set"
             " smaller ones, or scale the map down"
         )
-    shapes = field_shapes(grid, config)
-    total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
-    check_memory("the values of the field", total, "set a larger stride or fewer headings")
-    return {name: np.full(shape, np.nan) for name, shape in shapes.items()}
 
 
 def known_points(values: Values) -> NDArray[np.bool_]:
@@ -129,15 +134,32 @@ def finished_chunks(
 ) -> Generator[Chunk]:
     """Compute the missing values, and yield each chunk of the lattice when it is finished.
 
+    `values` are filled in place; NaN marks what is missing. `wanted` (h, w) marks the lattice
+    points to compute. For the rest see `computed_chunks`.
+    """
+    missing = wanted & ~known_points(values)
+    with closing(computed_chunks(missing, grid, config, threads, executor, progress)) as chunks:
+        for chunk, points, computed in chunks:
+            for name, array in computed.items():
+                values[name][points] = array
+            yield chunk
+
+
+def computed_chunks(
+    missing: NDArray[np.bool_],
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
+) -> Generator[tuple[Chunk, _Points, Values]]:
+    """Yield the chunks of the missing lattice points (h, w), with the points and their values.
+
     The values depend neither on the chunks nor on where they are computed. Threads of this process
     count their cells as they go and stop at once when the caller does; an executor finishes the
-    tiles that it has begun.
-
-    `values` are filled in place, covariances in the world frame; NaN marks what is missing.
-    `wanted` (h, w) marks the lattice points to compute.
+    tiles that it has begun. Covariances are in the world frame.
     """
     threads = check_threads(threads)
-    missing = wanted & ~known_points(values)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
     estimator = config.estimator
     if not total:
@@ -165,11 +187,10 @@ def finished_chunks(
                 chunk, points, _ = running.pop(ready)
                 with _one_line_errors(executor):
                     computed = ready.result()
-                for name, array in computed.items():
-                    turned = yaw and name == "covariance"
-                    values[name][points] = rotated(array, yaw) if turned else array
+                if yaw:
+                    computed["covariance"] = rotated(computed["covariance"], yaw)
                 finished += len(points[0])
-                yield chunk
+                yield chunk, points, computed
             if progress:
                 progress(finished + sum(int(c[1]) for *_, c in running.values()), total)
     finally:

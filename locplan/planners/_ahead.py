@@ -63,19 +63,22 @@ def _compiled() -> bool:
 
 
 def _process(user: Prepared) -> subprocess.Popen[bytes] | None:
-    """A process that prepares a planner; None for one that no other process can have."""
+    """A process that prepares a planner; None where it cannot be started or have the planner."""
     try:
         content = pickle.dumps(user)
     except (AttributeError, TypeError, pickle.PicklingError):
         return None
     command = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import main"
-    process = subprocess.Popen(
-        [sys.executable, "-c", f"{command}; main({os.getpid()})"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    try:
+        process = subprocess.Popen(
+            [sys.executable or "python", "-c", f"{command}; main({os.getpid()})"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+    except OSError:  # the system has no room for one more process
+        return None
     assert process.stdin is not None
     with suppress(BrokenPipeError), process.stdin as pipe:
         pipe.write(content)

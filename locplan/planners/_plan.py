@@ -76,8 +76,8 @@ def plan(
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
         one. A path that only the outline itself can take may be missed.
     **options
-        Options of the planner: see `planners.GridPlanner`, whose are also those of "astar" and
-        "dijkstra", `planners.AnyAngle` and `planners.Ompl`.
+        Options of the planner: see `planners.GridPlanner` (also for "astar" and "dijkstra"),
+        `planners.AnyAngle` and `planners.Ompl`.
 
     Returns
     -------
