@@ -21,7 +21,7 @@ def at_once(monkeypatch):
         def cancel(self) -> None:
             pass
 
-    monkeypatch.setattr(module.threading, "Timer", Timer)
+    monkeypatch.setattr(threading, "Timer", Timer)
     return allowed
 
 

@@ -30,15 +30,24 @@ def progress_bar(
     being compiled. There is no bar if standard error is no terminal.
     """
     bar = _Bar(label, unit, first)
-    timer = threading.Timer(patience, bar.show)
+    with shown_after(patience, bar.show, bar.close):
+        yield bar.update
+
+
+@contextmanager
+def shown_after(
+    patience: float, show: Callable[[], None], close: Callable[[], None]
+) -> Iterator[None]:
+    """Call `show` once the work has taken `patience` seconds, and `close` when it ends."""
+    timer = threading.Timer(patience, show)
     timer.daemon = True
     timer.start()
     try:
-        yield bar.update
+        yield
     finally:
         timer.cancel()
         timer.join()
-        bar.close()
+        close()
 
 
 class _Bar:

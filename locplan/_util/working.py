@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from locplan._util.progress import shown_after
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 @contextmanager
@@ -14,26 +19,22 @@ def working(label: str, *, patience: float = 1.0) -> Iterator[None]:
     It appears once the work has taken `patience` seconds, and vanishes when the work ends. It must
     not be shown while a `progress_bar` is. Nothing is shown if standard error is no terminal.
     """
-    from rich import progress
-    from rich.console import Console
+    begun: list[Progress] = []
 
-    console = Console(stderr=True)
-    bar = progress.Progress(
-        progress.SpinnerColumn(),
-        "{task.description}",
-        progress.TimeElapsedColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    bar.add_task(label, total=None)
-    timer = threading.Timer(patience, bar.start)
-    timer.daemon = True
-    timer.start()
-    try:
+    def show() -> None:
+        from rich import progress
+        from rich.console import Console
+
+        console = Console(stderr=True)
+        if console.is_terminal:
+            columns = progress.SpinnerColumn(), "{task.description}", progress.TimeElapsedColumn()
+            begun.append(progress.Progress(*columns, console=console, transient=True))
+            begun[0].add_task(label, total=None)
+            begun[0].start()
+
+    def close() -> None:
+        for each in begun:
+            each.stop()
+
+    with shown_after(patience, show, close):
         yield
-    finally:
-        timer.cancel()
-        timer.join()
-        if bar.live.is_started:
-            bar.stop()

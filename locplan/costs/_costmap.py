@@ -7,7 +7,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -143,7 +142,7 @@ class Costmap(Pictured):
             robot_radius=float(robot_radius),
             u=sealed(u),
             e=sealed(e),
-            of_heading=_headings(field, settings),
+            of_heading=HeadingLayers.of(field, settings),
             settings=settings,
         )
 
@@ -248,7 +247,9 @@ class Costmap(Pictured):
                 arrays[name] = layer.copy()
                 arrays[name][window] = getattr(costs, name)[inside]
                 sealed(arrays[name])
-        return dataclasses.replace(self, grid=grid, of_heading=_headings(field, settings), **arrays)
+        return dataclasses.replace(
+            self, grid=grid, of_heading=HeadingLayers.of(field, settings), **arrays
+        )
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
         """Copy of the costmap with more cells blocked, given as a mask (H, W)."""
@@ -331,13 +332,6 @@ def check_costs(costs: object) -> None:
 def check_weight(weight: float) -> None:
     """Raise a ConfigError unless the weight is a number of at least 0."""
     number("weight", weight, 0, MAX_DENSITY)
-
-
-def _headings(field: CovarianceField, settings: CostSettings) -> HeadingLayers | None:
-    """Layers of the headings that a field has; None if they are alike."""
-    if field.config.headings == 1:
-        return None
-    return HeadingLayers(partial(degeneracy, field, settings.criterion, settings.law, None))
 
 
 def _density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:

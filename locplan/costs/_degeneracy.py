@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -73,6 +73,13 @@ class HeadingLayers:
 
     read: Callable[[], tuple[NDArray[np.floating], NDArray[np.floating]]]
     """It returns u, 0..1, and e [m^2 rad] for n headings, (n, H, W) each."""
+
+    @classmethod
+    def of(cls, field: CovarianceField, settings: CostSettings) -> HeadingLayers | None:
+        """Layers of the headings that a field has; None if they are alike."""
+        if field.config.headings == 1:
+            return None
+        return cls(partial(degeneracy, field, settings.criterion, settings.law, None))
 
     @cached_property
     def both(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
