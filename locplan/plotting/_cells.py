@@ -67,7 +67,8 @@ class CellImage(AxesImage):
             smooth = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             around = cv2.BORDER_REPLICATE
             mixed = cv2.warpAffine(mixed, to_cells[:2], size, flags=smooth, borderMode=around)
-            drawn[..., :3] = mixed[..., :3]
+            # The darker of both: no pixel of a wall is lighter beside a field that has sharp edges.
+            drawn[..., :3] = np.minimum(mixed, drawn)[..., :3]
         return drawn, left / magnification, bottom / magnification, IdentityTransform()
 
     def _colours(self) -> NDArray[np.uint8] | None:
