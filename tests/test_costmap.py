@@ -309,6 +309,20 @@ def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
         assert not np.shares_memory(theirs, own)
 
 
+def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
+    grid = OccupancyGrid(random_rooms((40, 50), seed=2), 0.2)
+    lidar = Lidar(range=1.5, beams=40, field_of_view_deg=180.0)
+    field = covariance_field(grid, FieldConfig(Fisher(lidar), headings=4))
+    costs = Costmap.from_field(grid, field)
+    shared_costmaps.put(costs, tmp_path / "shared")
+    shared = shared_costmaps.get(tmp_path / "shared")
+    assert "both" in vars(shared.of_heading)
+    np.testing.assert_array_equal(shared.u_of_heading, costs.u_of_heading)
+    sizes = {file.stat().st_size for file in (tmp_path / "shared").glob("*.raw")}
+    assert costs.u_of_heading.nbytes in sizes
+    assert field.covariance.nbytes not in sizes
+
+
 def test_an_array_that_was_given_is_neither_locked_nor_followed():
     given = np.ones((2, 3))
     for view in (given, given[:, ::-1]):

@@ -14,7 +14,8 @@ from locplan.errors import LocplanError
 
 def put(costs: Costmap, folder: Path) -> None:
     """Write a costmap into a new folder, each of its arrays to a file of its own."""
-    _ = costs.grid.clearance  # paths are measured with it: computed once for all
+    # Paths are measured with these: made once for all, and in no planner's time.
+    _ = costs.grid.clearance, costs.u_of_heading
     buffers: list[pickle.PickleBuffer] = []
     about = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
     try:

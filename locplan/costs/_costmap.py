@@ -237,19 +237,19 @@ class Costmap(Pictured):
             raise ConfigError("a costmap is updated by a field of its own config only")
         same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
         same |= {"weight": self.weight, "robot_radius": self.robot_radius}
+        window = changed_window(self.grid, field, self.robot_radius)
         if not settings.whole_field or field.lacking.any():
             return Costmap.from_field(grid, field, **same)
-        arrays = {name: getattr(self, name) for name in LAYERS}
-        if window := changed_window(self.grid, field, self.robot_radius):
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
+        if window:
             part, inside = part_around(field, window, self.robot_radius)
             costs = Costmap.from_field(part.grid, part, **same)
-            for name, layer in arrays.items():
-                arrays[name] = layer.copy()
+            for name in LAYERS:
+                arrays[name] = arrays[name].copy()
                 arrays[name][window] = getattr(costs, name)[inside]
                 sealed(arrays[name])
-        return dataclasses.replace(
-            self, grid=grid, of_heading=HeadingLayers.of(field, settings), **arrays
-        )
+        arrays |= {"grid": grid, "of_heading": HeadingLayers.of(field, settings)}
+        return dataclasses.replace(self, **arrays)
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
         """Copy of the costmap with more cells blocked, given as a mask (H, W)."""

@@ -87,6 +87,11 @@ class HeadingLayers:
         u, e = (np.array(layer, np.float32) for layer in self.read())
         return sealed(u), sealed(e)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What has been read needs no field any more, which is large.
+        both = vars(self).get("both")
+        return {"read": partial(tuple, both), "both": both} if both else vars(self)
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         for layer in state.get("both", ()):
