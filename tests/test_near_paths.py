@@ -101,6 +101,14 @@ def test_a_whole_field_lacks_nothing(whole):
     assert not whole.lacking.any()
 
 
+def test_the_saturated_share_counts_all_parts_of_a_map_alike(grid, whole, coarse):
+    points = coarse.evaluated.copy()
+    points[:, : points.shape[1] // 3] |= whole.evaluated[:, : points.shape[1] // 3]
+    finer = covariance_field(grid, CONFIG, points=points)
+    assert 0 < coarse.saturated_share < 1
+    assert finer.saturated_share == coarse.saturated_share
+
+
 def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, whole):
     asked = []
 

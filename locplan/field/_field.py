@@ -31,6 +31,7 @@ from locplan.field._estimator import Values
 from locplan.field._lattice import (
     corners_of,
     evaluated_points,
+    evenly_spread,
     filled,
     read_on_map,
     stride_cells,
@@ -184,13 +185,14 @@ class CovarianceField(Pictured):
 
     @property
     def saturated_share(self) -> float:
-        """Share of the evaluated points whose scalar is within 5 % of where u is 0.
+        """Share of the evaluated points, spread evenly, whose scalar is within 5 % of where u is 0.
 
         The scalar is the estimator's own criterion. Better matches do not count there. Zero for
         an empty field.
         """
         criterion = self.config.estimator.criterion
-        values = self.scalar(criterion, with_q=True)[self.evaluated]
+        counted = evenly_spread(self.evaluated, self.lacking)
+        values = self.scalar(criterion, with_q=True)[counted]
         least, _ = self.anchors(criterion)
         return float(np.mean(values <= SATURATION * least)) if values.size else 0.0
 
@@ -252,12 +254,11 @@ class CovarianceField(Pictured):
         """
         nowhere = np.full(self.covariance.shape[-2:], np.nan)
         x, y = position(x, y)
-        row, col = self.grid.world_to_cell(x, y)
-        if not (self.grid.contains(row, col) and self.grid.free[row, col]):
+        cell = self.grid.world_to_cell(x, y)
+        if not (self.grid.contains(*cell) and self.grid.free[cell]):
             return nowhere
-        exact_row, exact_col = (float(v) - 0.5 for v in self.grid.world_to_grid(x, y))
-        known = self.evaluated, self.lacking
-        corners = corners_of(exact_row / self.stride, exact_col / self.stride, *known)
+        row, col = ((float(v) - 0.5) / self.stride for v in self.grid.world_to_grid(x, y))
+        corners = corners_of(row, col, self.evaluated, self.lacking)
         if not corners:
             return nowhere
         covariances = [self._towards(self.covariance[point], heading) for point in corners]

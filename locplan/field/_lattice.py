@@ -56,10 +56,15 @@ def every_second(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(chosen | (points & ~around))
 
 
+def evenly_spread(known: NDArray[np.bool_], lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
+    return known & every_second(known | lacking) if lacking.any() else known
+
+
 def points_near(
     points: NDArray[np.bool_], stride: int, cells: NDArray[np.float64], distance: float
 ) -> NDArray[np.bool_]:
-    """The lattice points within a distance [cells] of any of the cells (n, 2), (h, w)."""
+    """The lattice points within a distance [cells] of those nearest to the cells (n, 2), (h, w)."""
     import cv2
 
     index = np.rint(cells / stride).astype(np.intp)

@@ -17,7 +17,9 @@ from locplan.maps import OccupancyGrid
 NEAR = 1.0
 """Distance from a path within which the field is made fine [m]."""
 CLOSE = 0.3
-"""Distance from a path within which it must be fine, or the field is computed once more [m]."""
+"""Distance from a path within which it must be fine, or the field is computed once more [m].
+
+It is one and a half strides where these are longer."""
 ROUNDS = 4
 """Greatest number of fields; paths of the last one may leave what is fine."""
 
@@ -59,7 +61,7 @@ def planned_near_paths(
         found = planned(field)
         stride, resolution = field.stride, grid.resolution
         cells = _cells_along(paths_of(found), grid, max(resolution, stride * resolution / 2))
-        close = points_near(needed, stride, cells, CLOSE / resolution)
+        close = points_near(needed, stride, cells, max(CLOSE / resolution, 1.5 * stride))
         if not (close & ~points).any() or not left:
             return field, found
         points = points | points_near(needed, stride, cells, NEAR / resolution)
