@@ -225,15 +225,17 @@ def _kind(about: dict[str, Any]) -> dict[str, Any]:
 
 def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Make the field's group if there is no sound one, and write the chunks carried over."""
+    known, edge = tiles.known_points(found.values), tiles.chunk_edge(config, grid.resolution)
     if not found.sound:
         with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
             field_files.create(temporary, grid, config, in_part=found.in_part)
+            # All that is known goes along, since the group that held it may be replaced.
+            field_files.write_chunks(temporary, found.values, [*tiles.chunks_of(known, edge)])
+        return
     for partial in path.rglob("*.partial"):  # left by a process that was killed while it wrote
         partial.unlink()
-    lacking = found.lacking & ~tiles.known_points(found.values)
-    edge = tiles.chunk_edge(config, grid.resolution)
-    unwritten = found.lacking & ~lacking if found.sound else tiles.known_points(found.values)
-    carried = tiles.chunks_of(unwritten, edge)
+    lacking = found.lacking & ~known
+    carried = tiles.chunks_of(found.lacking & known, edge)
     whole = [chunk for chunk in carried if not lacking[chunk.at].any()]
     field_files.write_chunks(path, found.values, whole)
 
