@@ -338,7 +338,7 @@ def _density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
     """1 + weight u; infinite where u is NaN."""
     density = u * weight
     density += 1
-    density[np.isnan(u)] = np.inf
+    np.copyto(density, np.inf, where=np.isnan(u))
     return density
 
 
@@ -346,5 +346,5 @@ def _blocked(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) ->
     """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
     number("robot_radius", robot_radius, 0, MAX_DENSITY)
     density = density if density.flags.writeable else density.copy()
-    density[grid.closer_than(robot_radius - 1e-9)] = np.inf
+    np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
     return sealed(density)

@@ -55,7 +55,8 @@ def degeneracy(
     if criterion in field.layers:
         u = field.on_map((values - least) / (greatest - least), logarithmic=False)
     elif law == "logarithmic" and values is of_e:
-        u = np.log(e / least)
+        u = e / least
+        u = np.log(u, out=u)
         u /= math.log(greatest / least)
     elif law == "logarithmic":
         values = np.log(np.maximum(values, np.finfo(float).tiny) / least)
