@@ -139,6 +139,7 @@ def test_large_maps_cost_no_more_a_cell(benchmark):
 
     benchmark.pedantic(all_sizes, rounds=4, warmup_rounds=1)
     least = {size: min(seconds[1:]) for size, seconds in turns.items()}
+    benchmark.extra_info["share_of_the_speed_at_4000"] = least[4000] / least[8000]
     print(
         f"\n{least[4000] * 1e9:.0f} ns a cell at 4000^2, {least[8000] * 1e9:.0f} at 8000^2:"
         f" {least[8000] / least[4000]:.2f} times"
@@ -163,6 +164,7 @@ def test_astar_beside_dijkstra(benchmark, span):
     for one, other, (_, goal) in zip(found, expected, pairs, strict=True):
         assert one.cost[goal] == other.cost[goal]
     cells = [sum(one.expanded for one in made) for made in (found, expected)]
+    benchmark.extra_info["ratio_to_dijkstra"] = by_dijkstra / benchmark.stats.stats.min
     print(
         f"\ncontrast {scale.mean / scale.cheapest:.2f}: A* takes"
         f" {benchmark.stats.stats.min / by_dijkstra:.2f} of the time of Dijkstra's algorithm,"
