@@ -394,6 +394,8 @@ def test_a_costmap_is_updated_by_a_field_of_its_own_kind(edited):
     costs = Costmap.from_field(field.grid, field)
     with pytest.raises(ConfigError, match="own config only"):
         Costmap.blank(field.grid).updated(field)
+    with pytest.raises(ConfigError, match="field must be"):
+        costs.updated(field.covariance)
     other = OccupancyGrid(field.grid.cells, 0.1, (1.0, 0.0, 0.0))
     moved = CovarianceField.of(field.values, other, field.config)
     with pytest.raises(FieldError, match="another origin"):

@@ -216,9 +216,8 @@ class Costmap(Pictured):
     def updated(self, field: CovarianceField) -> Costmap:
         """Costmap of an edited map, read anew only where the edit can have changed it.
 
-        It equals `from_field` of the edited map with the settings of this costmap; cells that
-        `blocked_where` has blocked are to be blocked again. All is read anew where either field
-        has values at some points only.
+        It equals `from_field` with this costmap's settings; what `blocked_where` has blocked is to
+        be blocked again. All is read anew where either field has values at some points only.
 
         Parameters
         ----------
@@ -232,6 +231,7 @@ class Costmap(Pictured):
         FieldError
             If the new map has another shape, resolution or origin.
         """
+        instance("field", field, CovarianceField, "compute one with field.update(grid)")
         grid, settings = field.grid, self.settings
         if settings is None or settings.config != field.config:
             raise ConfigError("a costmap is updated by a field of its own config only")

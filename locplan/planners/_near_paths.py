@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Path
 from locplan.field import CovarianceField, FieldConfig
-from locplan.field._lattice import every_second, points_near
+from locplan.field._lattice import every_second, points_near, stride_cells
 from locplan.field._tiles import wanted_points
 from locplan.maps import OccupancyGrid
 
@@ -55,18 +55,19 @@ def planned_near_paths(
     CovarianceField and what was planned on it.
     """
     needed = wanted_points(grid, config)
+    resolution, stride = grid.resolution, stride_cells(config.stride, grid.resolution)
     points = every_second(needed)
-    for left in reversed(range(ROUNDS)):
+    for _ in range(ROUNDS - 1):
         field = field_of(points)
         found = planned(field)
-        stride, resolution = field.stride, grid.resolution
         cells = _cells_along(paths_of(found), grid, max(resolution, stride * resolution / 2))
         close = points_near(needed, stride, cells, max(CLOSE / resolution, 1.5 * stride))
-        if not (close & ~points).any() or not left:
+        if not (close & ~points).any():
             return field, found
         points = points | points_near(needed, stride, cells, NEAR / resolution)
         del field, found  # saves memory on a large map
-    raise AssertionError("the last round returns")
+    field = field_of(points)
+    return field, planned(field)
 
 
 def _cells_along(paths: Iterable[Path], grid: OccupancyGrid, spacing: float) -> NDArray[np.float64]:

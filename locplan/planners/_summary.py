@@ -124,7 +124,8 @@ def front_table(front: ParetoFront, e_unit: str) -> str:
         texts += [f"{_up(front.integral[index])} {unit}", "knee" if index == front.knee else ""]
         rows.append([str(index), *texts])
     how = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%} of every path"
-    last = f"{len(front)} paths, {how}; {front.labels:,} labels, {front.solve_time:.2f} s"
+    count = f"{len(front)} path{'' if len(front) == 1 else 's'}"
+    last = f"{count}, {how}; {front.labels:,} labels, {front.solve_time:.2f} s"
     columns = ["path", "length", "longer", f"∫{front.objective} ds", ""]
     return f"{table(columns, rows)}\n{last}"
 
