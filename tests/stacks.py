@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -206,6 +207,27 @@ def static_layer(
         out[value == inscribed_obstacle_cost_value] = INSCRIBED
     out[value == unknown_cost_value % 256] = NO_INFORMATION if track else 0
     return out
+
+
+def inflation(
+    costs: U8,
+    resolution: float,
+    inscribed_radius: float,
+    inflation_radius: float,
+    cost_scaling_factor: float = 10.0,
+) -> U8:
+    """InflationLayer::updateCosts and computeCost (inflation_layer.cpp, same in humble..main),
+    after the layers below it and before filters.  Distances are those of centres of cells.
+    Unknown cells are raised from 253 on only (inflate_unknown false).
+    """
+    away = distance_transform_edt(costs != LETHAL)
+    beyond = np.maximum(away * resolution - inscribed_radius, 0.0)
+    cost = ((INSCRIBED - 1) * np.exp(-cost_scaling_factor * beyond)).astype(np.uint8)
+    cost[away * resolution <= inscribed_radius] = INSCRIBED
+    cost[away == 0] = LETHAL
+    write = away <= np.ceil(inflation_radius / resolution)
+    write &= np.where(costs == NO_INFORMATION, cost >= INSCRIBED, cost > costs)
+    return np.where(write, cost, costs).astype(np.uint8)
 
 
 def speed_limit(data: I8, kind: int, base: float, multiplier: float) -> F64:

@@ -3,7 +3,11 @@
 import dataclasses
 import json
 import math
+import re
 import sys
+import warnings
+from contextlib import nullcontext
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -17,6 +21,9 @@ from locplan._util.documented import field_docs
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
 from locplan.export import _registry as registry
+from locplan.export._distros import DistroWarning
+from locplan.export._names import Distro
+from locplan.export._nav2 import ParametersChanged
 from locplan.export._travel_costs import PLANNERS, planner_named, values_for
 from locplan.export._value_maps import YawWarning, write_values
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, load_or_compute
@@ -120,7 +127,7 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
 
 def test_where_a_planner_saturates_is_said(tmp_path, costs):
     heavy = costs.with_weight(10.0)
-    excess = heavy.density[np.isfinite(heavy.density)] - 1
+    excess = 10.0 * heavy.u[heavy.grid.free]
     k = float(np.median(excess))
     conversion = export.nav2_keepout(tmp_path / "mask", heavy, planner="smac2d", param=k)
     assert conversion.greatest == pytest.approx(k * 251 / 252)
@@ -128,10 +135,48 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     assert conversion.saturated_share == pytest.approx(above.mean())
     assert 0 < conversion.saturated_share < 1
     values = stacks.load(tmp_path / "mask" / "mask.yaml", "main").data
-    assert (values[np.nan_to_num(heavy.density, posinf=0) - 1 > k] == 99).all()
+    assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
     assert about["conversion"]["saturates_at_weight_u"] == conversion.greatest
     assert export.nav2_keepout(tmp_path / "n", heavy, planner="navfn").greatest == 4.0
+
+
+@pytest.mark.parametrize("write", [export.nav2_keepout, export.nav2_static, export.nav2_speed])
+def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
+    wide = costs.with_robot_radius(0.3)
+    assert np.isinf(wide.density[wide.grid.free]).any()
+    write(tmp_path / "out", wide)
+    values = stacks.load(tmp_path / "out" / "mask.yaml", "main").data
+    np.testing.assert_array_equal(values >= 0, wide.grid.free)
+
+
+@pytest.fixture(scope="module")
+def corridors(tmp_path_factory):
+    """A folder with the mask of two_corridors, its costmap, and its walls as Nav2 has them."""
+    grid = environments.make("two_corridors", resolution=0.05)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()))
+    folder = tmp_path_factory.mktemp("corridors") / "mask"
+    export.nav2_keepout(folder, costs)
+    walls = np.select([grid.free, grid.cells == 0], [0, 100], -1).astype(np.int8)
+    return folder, costs, stacks.static_layer(walls, "main", track_unknown_space=True)
+
+
+@pytest.mark.parametrize("inflated", [False, True])
+@pytest.mark.parametrize("scaling", [3.0, 10.0, 30.0, 100.0])
+@pytest.mark.parametrize("radius", [0.15, 0.22, 0.3])
+def test_no_robot_goes_straight_along_the_wall(corridors, inflated, scaling, radius):
+    folder, costs, master = corridors
+    grid = costs.grid
+    if inflated:
+        master = stacks.inflation(master, grid.resolution, radius, radius, scaling)
+    mask = stacks.load(folder / "mask.yaml", "main")
+    master = stacks.keepout(master, mask, mask.resolution, grid.origin[:2])
+    nav2 = yaml.safe_load((folder / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    at = environments.landmarks("two_corridors")
+    ends = (grid.world_to_cell(*at[end]) for end in ("start", "goal"))
+    cells = stacks.smac2d_path(master, *ends, own["cost_travel_multiplier"])
+    assert max(grid.cell_to_world(*cell)[1] for cell in cells) > 9  # the irregular corridor
 
 
 def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
@@ -151,10 +196,10 @@ def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
             lethal_cost_threshold=layer["lethal_cost_threshold"],
             track_unknown_space=True,
         )
-        passable = np.isfinite(costs.density)
-        assert (soft[passable] <= stacks.MAX_NON_OBSTACLE).all()
-        assert (soft[~passable] == stacks.NO_INFORMATION).all()  # the layer below counts there
-        error = np.abs(stacks.smac2d_multiplier(soft, k) - costs.density)[passable]
+        free = costs.grid.free
+        assert (soft[free] <= stacks.MAX_NON_OBSTACLE).all()
+        assert (soft[~free] == stacks.NO_INFORMATION).all()  # the layer below counts there
+        error = np.abs(stacks.smac2d_multiplier(soft, k) - 1 - 4.0 * costs.u)[free]
         assert error.max() <= conversion.quantisation + 1e-5
 
 
@@ -285,6 +330,26 @@ def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
     assert theirs.cost <= 1.01 * ours.cost
 
 
+PLACES = (
+    *("aws_small_house", "willow_full_stage", "tuw_warehouse032"),
+    *("fetch_3_1_16_png", "tb4_depot"),
+)
+
+
+@pytest.mark.long
+def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
+    ratios = []
+    for name in PLACES:
+        (file,) = (real_maps / name).glob("*.yaml")
+        grid = load_map(file)
+        field = load_or_compute(grid, FieldConfig(stride=0.4))
+        costs = Costmap.from_field(grid, field, robot_radius=0.2)
+        for seed in range(4):
+            theirs, ours, _ = compare_with_smac(tmp_path / name, costs, *far_apart(costs, seed))
+            ratios.append(theirs.cost / ours.cost)
+    assert abs(np.median(ratios) - 1) < 0.003
+
+
 def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot_radius=0.25)
@@ -346,6 +411,29 @@ def test_thetastar_cannot_charge_any_factor(tmp_path, costs):
         export.nav2_keepout(tmp_path / "mask", costs.with_weight(100.0), planner="thetastar")
 
 
+def readme_of(folder):
+    return (folder / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("planner", "words"),
+    [
+        ("smac2d", ("`cost_travel_multiplier: 4.016` (Nav2's own default is 1)", "iterations: -1")),
+        ("smac-hybrid", ("`cost_penalty: 3.956`", "`max_planning_time: 25` [s]")),
+        ("thetastar", ("`w_traversal_cost: ",)),
+        ("navfn", ("only where it plans with `GridBased`",)),
+    ],
+)
+def test_a_folder_says_what_the_mask_needs(tmp_path, costs, planner, words):
+    export.nav2_keepout(tmp_path / "mask", costs, planner=planner)
+    text = readme_of(tmp_path / "mask")
+    assert all(word in text for word in words)
+    assert ("max_iterations" in text) == planner.startswith("smac")
+    nav2 = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    assert ("max_iterations" in own) == ("max_planning_time" in own) == planner.startswith("smac")
+
+
 def folder_of(path):
     return {file.name: file.read_bytes() for file in path.iterdir()}
 
@@ -397,11 +485,11 @@ def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
 @pytest.mark.parametrize(
     "write", [export.nav2_keepout, export.nav2_static, export.nav2_speed, export.ros_map]
 )
-def test_a_folder_says_what_it_holds_in_five_lines(tmp_path, costs, write):
+def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
     write(tmp_path / "out", costs)
     files = folder_of(tmp_path / "out")
     lines = [line for line in files["README.md"].decode().splitlines() if line]
-    assert len(lines) == 5
+    assert len(lines) <= 8
     for name in set(files) - {"README.md"}:
         assert name in "".join(lines) or name.endswith(".png"), name
     about = json.loads(files["export.json"])
@@ -447,7 +535,10 @@ planner_server:
 
 def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS)
-    export.nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
+    change = "nav2.yaml has other values than own.yaml: planner_server.Good.allow_unknown: false"
+    with pytest.warns(ParametersChanged, match=re.escape(change)):
+        export.nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
+    assert "- planner_server.Good.allow_unknown: false (was true)" in readme_of(tmp_path / "mask")
     merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
     costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
     assert costmap["filters"] == ["keepout_filter", "localizability_keepout_filter"]
@@ -458,7 +549,11 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     assert server["Good"]["allow_unknown"] is False
     assert server["Good"]["cost_travel_multiplier"] == pytest.approx(4 * 252 / 251, abs=1e-3)
     assert "cost_travel_multiplier" not in server["Fast"]
-    export.nav2_static(tmp_path / "layer", costs, params=tmp_path / "own.yaml")
+    assert server["Good"]["max_iterations"] == -1
+    assert server["Good"]["max_planning_time"] == 10.0
+    assert "use_final_approach_orientation" not in server["Good"]
+    with pytest.warns(ParametersChanged):
+        export.nav2_static(tmp_path / "layer", costs, params=tmp_path / "own.yaml")
     merged = yaml.safe_load((tmp_path / "layer" / "nav2.yaml").read_text())
     costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
     assert costmap["plugins"] == [
@@ -472,7 +567,8 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
 def test_masks_of_several_kinds_go_together(tmp_path, costs):
     export.nav2_keepout(tmp_path / "one", costs)
     export.nav2_speed(tmp_path / "two", costs, params=tmp_path / "one" / "nav2.yaml")
-    export.nav2_static(tmp_path / "three", costs, params=tmp_path / "two" / "nav2.yaml")
+    with pytest.warns(ParametersChanged, match="cost_travel_multiplier: 4.065 .was 4.016.$"):
+        export.nav2_static(tmp_path / "three", costs, params=tmp_path / "two" / "nav2.yaml")
     merged = yaml.safe_load((tmp_path / "three" / "nav2.yaml").read_text())
     costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
     assert costmap["filters"] == ["localizability_keepout_filter", "localizability_speed_filter"]
@@ -509,7 +605,12 @@ def test_what_a_conversion_assumes_is_set(tmp_path, costs):
         "retrospective_penalty: 0.1, angle_quantization_bins: 72}}}"
     )
     settings = {"planner": "smac-hybrid", "params": tmp_path / "own.yaml"}
-    export.nav2_keepout(tmp_path / "m", costs, **settings)
+    with pytest.warns(ParametersChanged) as caught:
+        export.nav2_keepout(tmp_path / "m", costs, **settings)
+    assert str(caught[0].message).endswith(
+        "planner_server.A.use_quadratic_cost_penalty: false (was true);"
+        " planner_server.A.retrospective_penalty: 0.015 (was 0.1)"
+    )
     server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
     own = server["ros__parameters"]["A"]
     assert own["use_quadratic_cost_penalty"] is False
@@ -536,11 +637,35 @@ def test_parameters_that_are_none_are_refused(tmp_path, costs, text):
     assert not (tmp_path / "mask").exists()
 
 
-def test_humble_has_other_names_for_planners(tmp_path, costs):
-    export.nav2_keepout(tmp_path / "mask", costs, distro="humble")
-    nav2 = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+@pytest.mark.parametrize(("theirs", "then"), [(2.0, 10.0), (30.0, 30.0)])
+def test_a_longer_time_for_planning_stays(tmp_path, costs, theirs, then):
+    (tmp_path / "own.yaml").write_text(
+        "planner_server: {ros__parameters: {planner_plugins: [A], A: {plugin: "
+        f'"nav2_smac_planner::SmacPlanner2D", max_planning_time: {theirs}}}}}}}'
+    )
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+    assert len(caught) == (theirs != then)
+    server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
+    assert server["ros__parameters"]["A"]["max_planning_time"] == then
+
+
+@pytest.mark.parametrize("distro", get_args(Distro))
+def test_each_distribution_has_what_its_nav2_reads(tmp_path, costs, distro):
+    """The lists are those of the branches of ros-navigation/navigation2, main for rolling."""
+    unsure = distro in ("kilted", "lyrical", "rolling")
+    with pytest.warns(DistroWarning) if unsure else nullcontext():
+        export.nav2_static(tmp_path / "s", costs, planner="smac-hybrid", distro=distro)
+    nav2 = yaml.safe_load((tmp_path / "s" / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
-    assert own["plugin"] == "nav2_smac_planner/SmacPlanner2D"
+    old = distro == "humble"
+    assert own["plugin"] == f"nav2_smac_planner{'/' if old else '::'}SmacPlannerHybrid"
+    assert ("use_quadratic_cost_penalty" in own) is not old
+    costmap = nav2["global_costmap"]["global_costmap"]["ros__parameters"]
+    assert costmap.get("inscribed_obstacle_cost_value") == (
+        99 if distro in ("lyrical", "rolling") else None
+    )
+    assert json.loads((tmp_path / "s" / "export.json").read_text())["distro"] == distro
 
 
 def test_route_graph_is_served_with_the_scorers_that_add_up_to_j(tmp_path, costs):

@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of, position
 from locplan._util.notebook import Pictured
-from locplan.costs._degeneracy import LAWS, CostSettings, HeadingLayers, degeneracy, sealed
+from locplan.costs._degeneracy import (
+    LAWS,
+    CostSettings,
+    HeadingLayers,
+    degeneracy,
+    density_of,
+    sealed,
+)
 from locplan.costs._window import changed_window, part_around
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField
@@ -137,7 +144,7 @@ class Costmap(Pictured):
         u, e = degeneracy(field, criterion, law, headings)
         return cls(
             grid=grid,
-            density=_blocked(_density_of(u, weight), grid, robot_radius),
+            density=_blocked(density_of(u, weight), grid, robot_radius),
             weight=float(weight),
             robot_radius=float(robot_radius),
             u=sealed(u),
@@ -209,7 +216,7 @@ class Costmap(Pictured):
         check_weight(weight)
         if math.isnan(self.weight):
             raise ConfigError("a costmap from a density has no weight; make another one instead")
-        density = _density_of(self.u, weight)
+        density = density_of(self.u, weight)
         density[np.isinf(self.density)] = np.inf
         return dataclasses.replace(self, density=sealed(density), weight=float(weight))
 
@@ -332,14 +339,6 @@ def check_costs(costs: object) -> None:
 def check_weight(weight: float) -> None:
     """Raise a ConfigError unless the weight is a number of at least 0."""
     number("weight", weight, 0, MAX_DENSITY)
-
-
-def _density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
-    """1 + weight u; infinite where u is NaN."""
-    density = u * weight
-    density += 1
-    np.copyto(density, np.inf, where=np.isnan(u))
-    return density
 
 
 def _blocked(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:

@@ -99,6 +99,14 @@ class HeadingLayers:
             sealed(layer)
 
 
+def density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
+    """1 + weight u; infinite where u is NaN."""
+    density = u * weight
+    density += 1
+    np.copyto(density, np.inf, where=np.isnan(u))
+    return density
+
+
 def sealed(layer: NDArray[Any]) -> NDArray[Any]:
     """Make an array read-only, and return it."""
     layer.setflags(write=False)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap
@@ -23,7 +24,9 @@ LONGEST = 1000
 values stay."""
 
 
-def values_figure(grid: OccupancyGrid, values: NDArray[Any], label: str, title: str) -> Figure:
+def values_figure(
+    grid: OccupancyGrid, values: NDArray[Any], label: str, title: str, falling: bool = False
+) -> Figure:
     """A figure of the values of a mask over its map.
 
     Parameters
@@ -34,6 +37,9 @@ def values_figure(grid: OccupancyGrid, values: NDArray[Any], label: str, title: 
     label : str
         Label of the values, with their unit.
     title : str
+    falling : bool
+        Whether the scale names what is left of 100, such as the speed of which the values say how
+        much is given up.
     """
     grid, shown = _shrunk(grid, values)
     figure = Picture(figsize=map_size(grid), layout="constrained")
@@ -42,7 +48,9 @@ def values_figure(grid: OccupancyGrid, values: NDArray[Any], label: str, title: 
     if (shown >= 0).any():
         known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, 100.0)
         image = draw_cells(axes, grid, known, cmap=FIELD_COLOURS, norm=norm)
-        figure.colorbar(image, ax=axes, label=label, shrink=0.9)
+        bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
+        if falling:
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 - value:.0f}"))
     axes.set_title(title, fontsize="medium")
     return figure
 

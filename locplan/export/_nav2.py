@@ -6,6 +6,8 @@ speed_filter.cpp, static_layer.cpp and the documentation of their servers.
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +15,14 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import shown
 from locplan.costs import Costmap, about_costs
+from locplan.costs._degeneracy import density_of
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
 from locplan.export._folders import export_folder
-from locplan.export._parameters import with_costmap, with_planner
+from locplan.export._parameters import Robot, changed_parameters, with_costmap, with_planner
 from locplan.export._servers import LAUNCH, SERVERS, Server, write_servers, write_yaml
-from locplan.export._travel_costs import Conversion, planner_named, values_for
-from locplan.maps._ros_parameters import Parameters, read_parameters
+from locplan.export._travel_costs import NO_LIMIT, Conversion, planner_named, values_for
+from locplan.maps._ros_parameters import Parameters
 
 PARAMS = "nav2.yaml"
 MASK = "mask"
@@ -30,6 +33,10 @@ FILTERS: dict[str, Parameters] = {
     "speed": {"type": 1, "base": 100.0, "multiplier": -1.0},
 }
 """Type of each filter, and the linear map from its mask's values to costs or speeds."""
+
+
+class ParametersChanged(UserWarning):
+    """Values of a robot's own parameters are others in an export."""
 
 
 def nav2_keepout(
@@ -48,18 +55,22 @@ def nav2_keepout(
     folder : path
         The folder; one that holds such an export without changes is replaced.
     costs : Costmap
-        The mask's 0..99 stand for its density above 1. Nav2 ignores a map's yaw, so that the mask
-        has none either.
+        The mask's 0..99 stand for weight u in every free cell, whether or not the robot fits
+        there: what is too close to a wall is for Nav2's own inflation to say, and its robot may
+        fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
+        either.
     planner : str
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
     param : float, optional
         The planner's own parameter: cost_travel_multiplier, cost_penalty or w_traversal_cost. By
         default such that u = 1 just fits, whatever the map. "navfn" has none.
     distro : str
-        The distribution of ROS 2: "humble" writes the names of planners in another way.
+        The distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
     params : path, optional
-        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. The
-        planner gets ``allow_unknown: false``, since J knows no way through unknown space.
+        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Where a
+        value of the file has to be another one, a `ParametersChanged` warning and the folder's
+        README.md name it. The planner gets ``allow_unknown: false``, since J knows no way through
+        unknown space.
 
     Returns
     -------
@@ -97,8 +108,9 @@ def nav2_speed(
     costs: Costmap,
     *,
     slowest: float = 0.3,
+    distro: str = "jazzy",
     params: str | Path | None = None,
-) -> None:
+) -> int:
     """Write a mask for Nav2's SpeedFilter: the more degenerate a cell, the slower.
 
     Parameters
@@ -109,23 +121,28 @@ def nav2_speed(
         A costmap that was made of a field.
     slowest : float
         Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed.
+    distro : str
+        The distribution of ROS 2, as for `nav2_keepout`.
     params : path, optional
         A Nav2 parameter file to merge ours into.
+
+    Returns
+    -------
+    int
+        The speed left at the most degenerate cell of the map, in per cent of the robot's own.
 
     Raises
     ------
     LocplanError
         If the folder cannot be written, `slowest` is out of its range, or there is no field.
     """
-    check_slowest(slowest)
-    value_maps.check_has_field(costs)
-    merged = with_costmap(read_parameters(params), "speed")
-    known = ~np.isnan(costs.u)
-    values = np.full(costs.grid.shape, -1, np.int8)
-    percent = np.floor(100 * (1 - slowest) * costs.u[known] + 0.5)
-    values[known] = np.minimum(percent, MAX_SLOWED)
-    title = f"Speed mask: {slowest:.0%} of the speed where nothing is seen"
-    _write(folder, "speed", title, costs, values, merged, {"slowest": slowest}, params)
+    values = speed_mask(costs, slowest)
+    robot = Robot.of(params, distro)
+    least = 100 - int(values.max())
+    title = f"Speed mask: the robot keeps {least} % of its speed or more"
+    about = {"slowest": slowest, "least_percent": least}
+    _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
+    return least
 
 
 def keepout_mask(
@@ -133,13 +150,35 @@ def keepout_mask(
 ) -> tuple[NDArray[np.int8], Conversion]:
     """The values of a mask that make a planner charge J, (H, W): 0..99, or -1 to change nothing.
 
-    Arguments and errors are those of `nav2_keepout`; `static` is for a StaticLayer, up to 98.
+    Every free cell whose u is known has a value. Of a density of one's own these are the cells
+    where it is finite. Arguments and errors are those of `nav2_keepout`; `static` is for a
+    StaticLayer, up to 98.
     """
-    greatest = costs.weight
-    if np.isnan(greatest):  # a density of one's own
-        density = costs.density[np.isfinite(costs.density)]
-        greatest = float(density.max()) - 1 if density.size else 0.0
-    return values_for(costs.density, planner_named(planner), greatest, param, static=static)
+    passable = np.isfinite(costs.density)
+    if not passable.any():
+        raise ConfigError(
+            "no cell of the costmap is passable, so a mask would be empty; check the"
+            " robot's radius [m]"
+        )
+    if np.isnan(costs.weight):
+        density, greatest = costs.density, float(costs.density[passable].max()) - 1
+    else:
+        density, greatest = density_of(costs.u, costs.weight), costs.weight
+    return values_for(density, planner_named(planner), greatest, param, static=static)
+
+
+def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
+    """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
+
+    Arguments and errors are those of `nav2_speed`.
+    """
+    check_slowest(slowest)
+    value_maps.check_has_field(costs)
+    known = ~np.isnan(costs.u)
+    values = np.full(costs.grid.shape, -1, np.int8)
+    given_up = np.floor(100 * (1 - slowest) * costs.u[known] + 0.5)
+    values[known] = np.minimum(given_up, MAX_SLOWED)
+    return values
 
 
 def check_slowest(slowest: float) -> None:
@@ -160,13 +199,13 @@ def _write_charged(
     params: str | Path | None,
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner charge J."""
-    merged = with_costmap(read_parameters(params), kind)
+    robot = Robot.of(params, distro)
     values, conversion = keepout_mask(costs, planner=planner, param=param, static=kind == "static")
-    merged, called = with_planner(merged, conversion, distro)
+    merged, called = with_planner(with_costmap(robot, kind), conversion, robot.distribution)
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
-    _write(folder, kind, title, costs, values, merged, about, params)
+    _write(folder, kind, title, costs, values, robot, merged, about, needed_by(conversion, called))
     return conversion
 
 
@@ -176,20 +215,28 @@ def _write(
     title: str,
     costs: Costmap,
     values: NDArray[np.int8],
+    robot: Robot,
     merged: Parameters,
     about: Parameters,
-    params: str | Path | None,
+    needed: Sequence[str] = (),
 ) -> None:
-    """Write the folder of a mask."""
-    own = f"all of {Path(params).name}, with ours" if params else "merge it into the robot's own"
-    file = f"$PWD/{PARAMS}" if params else "PARAMS.yaml"
+    """Write the folder of a mask; `needed` says what the mask needs besides itself."""
+    own = f"all of {robot.file.name}, with ours" if robot.file else "merge it into the robot's own"
+    file = f"$PWD/{PARAMS}" if robot.file else "PARAMS.yaml"
+    changed = list(changed_parameters(robot.parameters, merged))
     readme = [
         f"- {MASK}.yaml, {MASK}.pgm: the mask of {costs.grid.name or 'the map'} (grey 0-100 as it"
         f" is, not 0-255); {SERVERS} and {LAUNCH} publish it.",
         f"- {PARAMS}: Nav2's parameters, {own}; {value_maps.PREVIEW}; export.json: the input.",
         f"- `ros2 launch ./{LAUNCH}` (in this folder)",
         f"- `ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:={file}`",
+        *needed,
     ]
+    if robot.file and changed:
+        readme += ["", f"{PARAMS} has other values than {robot.file.name} here:", ""]
+        readme += [f"- {each}" for each in changed]
+        _warn_of_changes(robot.file, changed)
+    about = {**about, "distro": robot.distribution.name, "changed_parameters": changed}
     base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
     files = {"yaml_filename": f"{MASK}.yaml"}
@@ -203,4 +250,31 @@ def _write(
         write_yaml(temporary / PARAMS, merged)
         value_maps.write_values(temporary / MASK, values, value_maps.without_yaw(costs.grid))
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
-        value_maps.write_preview(temporary, costs.grid, values, f"{kind} mask [0-100]", title)
+        is_speed = kind == "speed"
+        label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
+        value_maps.write_preview(temporary, costs.grid, values, label, title, falling=is_speed)
+
+
+def needed_by(conversion: Conversion, called: str) -> list[str]:
+    """Lines that say which parameters of a planner a mask needs, and why."""
+    planner = conversion.planner
+    lines = [f"- Nav2 heeds the mask only where it plans with `{called}` (its planner_id)."]
+    if planner.parameter:
+        lines.append(
+            f"- The mask changes little without `{planner.parameter}: {conversion.param:g}` (Nav2's"
+            f" own default is {planner.default:g}). It raises the price of inflated cells as well."
+        )
+    if planner.planning_time is not None:
+        lines.append(
+            "- A mask can make the search expand several times as many cells, hence"
+            f" `max_iterations: {NO_LIMIT}` (no limit; the default of 1,000,000 ends it without a"
+            f" path on large maps) and `max_planning_time: {planner.planning_time:g}` [s] or more."
+        )
+    return lines
+
+
+def _warn_of_changes(file: Path, changed: Sequence[str]) -> None:
+    warnings.warn(
+        ParametersChanged(f"{PARAMS} has other values than {file.name}: {'; '.join(changed)}"),
+        stacklevel=5,
+    )

@@ -21,6 +21,9 @@ NO_VALUE = -1
 """Value of a mask that does not change the cost."""
 RETROSPECTIVE_PENALTY = 0.015
 """SmacPlannerHybrid's default, which multiplies every step by 1 minus it."""
+NO_LIMIT = -1
+"""A mask can make the Smac planners expand several times as many cells, on large maps more than the
+million at which they give up by default; so they get no limit, and five times their own time."""
 _DECIMALS = 3
 """Decimals of the parameters chosen here."""
 
@@ -31,15 +34,19 @@ class NavPlanner:
 
     name: str
     plugin: str
-    """Name of the plugin from Iron on; Humble writes / for ::."""
+    """Name of the plugin from Jazzy on; Humble writes / for ::."""
     parameter: str | None
     """The parameter that scales costs; None if there is none."""
     excess: Callable[[NDArray[np.float64], float], NDArray[np.float64]]
     """Function from costmap values 0..252 and the parameter to the share charged."""
     wanted: Callable[[float, float], float]
     """Function from a costmap value and an excess to the parameter at which it means that."""
+    default: float = math.nan
+    """Value of that parameter in Nav2's code; NaN if there is none."""
     assumed: Mapping[str, Any] = field(default_factory=dict)
     """Other parameters that must be as they are here."""
+    planning_time: float | None = None
+    """Least time that the planner needs to find a way over a mask [s]; None if it has no limit."""
 
 
 def _theta_star_term(costs: NDArray[np.float64] | float) -> NDArray[np.float64]:
@@ -69,6 +76,9 @@ PLANNERS = {
             "cost_travel_multiplier",
             lambda costs, k: k * costs / 252,
             lambda cost, excess: excess * 252 / cost,
+            1.0,
+            {"max_iterations": NO_LIMIT},
+            planning_time=10.0,
         ),
         NavPlanner(
             "smac-hybrid",
@@ -76,7 +86,13 @@ PLANNERS = {
             "cost_penalty",
             lambda costs, k: k * costs / 252 / (1 - RETROSPECTIVE_PENALTY),
             lambda cost, excess: excess * (1 - RETROSPECTIVE_PENALTY) * 252 / cost,
-            {"retrospective_penalty": RETROSPECTIVE_PENALTY, "use_quadratic_cost_penalty": False},
+            2.0,
+            {
+                "retrospective_penalty": RETROSPECTIVE_PENALTY,
+                "use_quadratic_cost_penalty": False,
+                "max_iterations": NO_LIMIT,
+            },
+            planning_time=25.0,
         ),
         NavPlanner(
             "navfn",
@@ -91,6 +107,7 @@ PLANNERS = {
             "w_traversal_cost",
             _theta_star_excess,
             _theta_star_weight,
+            2.0,
             {"w_euc_cost": 1.0},
         ),
     )
@@ -170,11 +187,6 @@ def values_for(
     """
     check_planner(planner.name, param)
     excess = density[np.isfinite(density)] - 1
-    if not excess.size:
-        raise ConfigError(
-            "no cell of the costmap is passable, so a mask would be empty; check the"
-            " robot's radius [m]"
-        )
     if static:  # a StaticLayer truncates with trinary_costmap false, and may take 99 for inscribed
         choices = np.arange(99)
         costs = np.trunc(choices / 100 * 254)

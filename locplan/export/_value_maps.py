@@ -79,13 +79,19 @@ def write_values(
 
 
 def write_preview(
-    folder: Path, grid: OccupancyGrid, values: NDArray[np.int8], label: str, title: str
+    folder: Path,
+    grid: OccupancyGrid,
+    values: NDArray[np.int8],
+    label: str,
+    title: str,
+    *,
+    falling: bool = False,
 ) -> None:
-    """Draw the values over their map."""
+    """Draw the values over their map; `falling` labels them by what is left of 100."""
     from locplan.export import _figures
     from locplan.plotting import save_figure
 
-    figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}")
+    figure = _figures.values_figure(grid, values, label, f"{grid.name or 'map'}: {title}", falling)
     save_figure(figure, folder / PREVIEW, dpi=90)
 
 

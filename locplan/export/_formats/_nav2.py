@@ -33,7 +33,7 @@ class Nav2Options(MaskOptions):
     """The options of masks that a planner charges."""
 
     distro: Distro = "jazzy"
-    """The distribution of ROS 2 is jazzy by default; humble writes plugins in another way."""
+    """The distribution of ROS 2 is jazzy by default."""
     params: Path | None = None
     """Our parameters are merged into this parameter file of Nav2."""
 
@@ -48,6 +48,8 @@ class SpeedOptions:
 
     slowest: float = 0.3
     """The share of the speed that is left where u is 1 is 0.3 by default."""
+    distro: Distro = "jazzy"
+    """The distribution of ROS 2 is jazzy by default."""
     params: Path | None = None
     """Our parameters are merged into this parameter file of Nav2."""
 
@@ -78,8 +80,13 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     """Write a mask for the speed filter."""
     from locplan.export._nav2 import nav2_speed
 
-    nav2_speed(target, job.costs, slowest=options.slowest, params=options.params)
-    return ExportSummary({"slowest": options.slowest})
+    least = nav2_speed(
+        target, job.costs, slowest=options.slowest, distro=options.distro, params=options.params
+    )
+    return ExportSummary(
+        {"slowest": options.slowest, "least_percent": least},
+        (("in the most degenerate place", f"{least} % of the robot's speed"),),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
