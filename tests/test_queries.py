@@ -39,7 +39,10 @@ def test_queries_are_read(tmp_path):
     ("text", "complaint"),
     [
         ("", "its header must be name,start_x"),
-        ("name,x,y\n", "its header must be"),
+        ("name,x\n", "its header must be"),
+        ("name,x,y\na,1,2\n", "has 1 stations"),
+        ("name,x,y\na,1,2\na,3,4\n", "row 3: there is another station named 'a'"),
+        ("name,x,y\na,1,2\nb,inf,4\n", "row 3: x must be a finite"),
         ("name,start_x,start_y,goal_x,goal_y\n", "has no queries"),
         ("name,start_x,start_y,goal_x,goal_y\na,1,2,3\n", "row 2: has 4 values"),
         ("name,start_x,start_y,goal_x,goal_y\n\na,1,2,x,4\n", "row 3: goal_x must be a finite"),
@@ -54,6 +57,15 @@ def test_wrong_rows_are_named(tmp_path, text, complaint):
     with pytest.raises(LocplanError, match=complaint) as caught:
         read_queries(file)
     assert str(file) in str(caught.value)
+
+
+def test_each_two_stations_are_a_query(tmp_path):
+    file = written(tmp_path, "name,x,y\na,1,2\nb,3,4\nc,5,6\n")
+    assert read_queries(file) == [
+        Query("a to b", (1.0, 2.0), (3.0, 4.0)),
+        Query("a to c", (1.0, 2.0), (5.0, 6.0)),
+        Query("b to c", (3.0, 4.0), (5.0, 6.0)),
+    ]
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -51,7 +51,8 @@ class Queries:
     seed: Seed | None = None
     """The seed of random queries is 1 by default."""
     queries: Annotated[Path | None, INPUT] = None
-    """The file of queries: CSV of name,start_x,start_y,goal_x,goal_y [m], or MovingAI .scen."""
+    """The file of queries: CSV of name,start_x,start_y,goal_x,goal_y [m], or of name,x,y of
+    stations, each two of which are one, or MovingAI .scen."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
     """The planners are compared for each of these ranges of the lidar [m]."""
 

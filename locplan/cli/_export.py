@@ -86,6 +86,7 @@ def export(
     ends = start and goal and (two_numbers("start", start), two_numbers("goal", goal))
     if format.paths == "one" and len(paths) + bool(ends) != 1:
         raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
+    format.check(chosen, len(paths) + bool(ends))
     field = computing.field(grid, config)
     costmap = costs.costmap(grid, field)
     if ends:

@@ -7,7 +7,9 @@ from ._nav2 import (
     nav2_speed as nav2_speed,
     nav2_static as nav2_static,
 )
+from ._nav2_routes import nav2_routes as nav2_routes
 from ._plain_files import field as field, path as path
+from ._recommended import RecommendedWays as RecommendedWays, recommended_ways as recommended_ways
 from ._registry import (
     ExportJob as ExportJob,
     ExportSummary as ExportSummary,

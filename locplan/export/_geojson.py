@@ -12,9 +12,10 @@ import numpy as np
 
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
+from locplan.export._distros import distribution
 from locplan.export._folders import export_folder
 from locplan.export._roadmap import RouteGraph, roadmap
-from locplan.export._servers import LAUNCH, SERVERS, Server, write_servers
+from locplan.export._servers import SERVERS, Server, lines_on_serving, write_servers
 from locplan.export._value_maps import PREVIEW, without_yaw
 
 GRAPH = "graph.geojson"
@@ -65,7 +66,12 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
 
 
 def route_graph(
-    folder: str | Path, costs: Costmap, *, spacing: float = 2.0, frame: str = "map"
+    folder: str | Path,
+    costs: Costmap,
+    *,
+    spacing: float = 2.0,
+    frame: str = "map",
+    distro: str = "jazzy",
 ) -> RouteGraph:
     """Write a roadmap for Nav2's route server, with the scorers that make it charge J.
 
@@ -80,6 +86,8 @@ def route_graph(
         Distance of neighbouring nodes in open space [m].
     frame : str
         Frame of the nodes.
+    distro : str
+        The distribution of ROS 2, as for `nav2_keepout`.
 
     Returns
     -------
@@ -93,39 +101,44 @@ def route_graph(
     from locplan.export import _figures
     from locplan.plotting import save_figure
 
+    runs = distribution(distro)
+    runs.warn()
     costs = dataclasses.replace(costs, grid=without_yaw(costs.grid))
     graph = roadmap(costs, spacing=spacing)
     text = json.dumps(to_geojson(graph, frame), allow_nan=False)
-    parameters = _route_server(costs)
     name = costs.grid.name or "a map"
     readme = [
         f"- {GRAPH}: {len(graph.nodes)} nodes, {len(graph.edges)} edges both ways with length,"
         " integrated_e, integrated_u and penalty [m]; export.json: the input.",
-        f"- {SERVERS}: the route server with the scorers that add up to J; {LAUNCH} starts it;"
-        f" {PREVIEW}.",
-        f"- `ros2 launch ./{LAUNCH}` (in this folder), or add the parameters to your own and",
-        "- `ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=PARAMS.yaml"
-        f" graph:=$PWD/{GRAPH}`",
+        f"- {SERVERS}: the route server with the scorers that add up to J; {PREVIEW}.",
+        *lines_on_serving(runs, GRAPH),
     ]
-    about = {"kind": "route-graph", "spacing": spacing} | about_costs(costs)
+    about = {"kind": "route-graph", "spacing": spacing, "distro": distro} | about_costs(costs)
     with export_folder(Path(folder), f"Route graph of {name}", about, readme) as temporary:
         (temporary / GRAPH).write_text(text + "\n", encoding="utf-8")
-        files = {"graph_filepath": GRAPH}
-        server = Server("nav2_route", "route_server", "route_server", parameters, files)
         title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges"
         figure = _figures.routes_figure(costs, graph.nodes, graph.edges, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
-        write_servers(temporary, [server], "lifecycle_manager_localizability_routes")
+        write_route_server(temporary, None if np.isnan(costs.weight) else costs.weight)
     return graph
 
 
-def _route_server(costs: Costmap) -> dict[str, Any]:
-    """Parameters that make the server's cost of an edge its J."""
+def write_route_server(folder: Path, weight: float | None) -> None:
+    """Write the server of a folder's graph; its costs are those of the edges.
+
+    With a weight they are made of `integrated_u`, so that the weight can be changed later.
+    """
+    files = {"graph_filepath": GRAPH}
+    server = Server("nav2_route", "route_server", "route_server", _route_server(weight), files)
+    write_servers(folder, [server], "lifecycle_manager_localizability_routes")
+
+
+def _route_server(weight: float | None) -> dict[str, Any]:
     scorer: dict[str, Any] = {"plugin": "nav2_route::PenaltyScorer"}
-    if np.isnan(costs.weight):
+    if weight is None:
         scorer |= {"penalty_tag": "penalty", "weight": 1.0}
-    else:  # the weight can be changed without another export
-        scorer |= {"penalty_tag": "integrated_u", "weight": costs.weight}
+    else:
+        scorer |= {"penalty_tag": "integrated_u", "weight": weight}
     return {
         "graph_file_loader": "GeoJsonGraphFileLoader",
         "GeoJsonGraphFileLoader": {"plugin": "nav2_route::GeoJsonGraphFileLoader"},

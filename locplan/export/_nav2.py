@@ -20,7 +20,14 @@ from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
 from locplan.export._folders import export_folder
 from locplan.export._parameters import Robot, changed_parameters, with_costmap, with_planner
-from locplan.export._servers import LAUNCH, SERVERS, Server, write_servers, write_yaml
+from locplan.export._servers import (
+    BRINGUP,
+    LAUNCH,
+    SERVERS,
+    Server,
+    write_servers,
+    write_yaml,
+)
 from locplan.export._travel_costs import NO_LIMIT, Conversion, planner_named, values_for
 from locplan.maps._ros_parameters import Parameters
 
@@ -229,7 +236,7 @@ def _write(
         f" is, not 0-255); {SERVERS} and {LAUNCH} publish it.",
         f"- {PARAMS}: Nav2's parameters, {own}; {value_maps.PREVIEW}; export.json: the input.",
         f"- `ros2 launch ./{LAUNCH}` (in this folder)",
-        f"- `ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:={file}`",
+        f"- `{BRINGUP.replace('PARAMS.yaml', file)}`",
         *needed,
     ]
     if robot.file and changed:

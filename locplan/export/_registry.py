@@ -62,6 +62,9 @@ class Format:
     """The library of the extra `ros` that it needs."""
     paths: Literal["none", "one", "several"] = "none"
     """The number of paths that it takes."""
+    check: Callable[[Any, int], None] = lambda options, paths: None
+    """The function that raises a ConfigError where the options and the number of paths do not go
+    together; it is called before long work."""
 
     def check_target(self, target: Path) -> None:
         """Raise a LocplanError unless it can be written there; to be called before long work."""

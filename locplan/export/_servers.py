@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from locplan.export._distros import Distribution
+
+BRINGUP = "ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=PARAMS.yaml"
 LAUNCH = "localizability.launch.xml"
 SERVERS = "servers.yaml"
 
@@ -44,6 +47,25 @@ def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) ->
             lines.append(f'    <param name="{key}" value="$(dirname)/{file}"/>')
         lines.append("  </node>")
     (folder / LAUNCH).write_text("\n".join([*lines, "</launch>"]) + "\n", encoding="utf-8")
+
+
+def lines_on_serving(runs: Distribution, graph: str) -> list[str]:
+    """Lines of a README.md that say how the route server of a folder is started."""
+    here = f"`ros2 launch ./{LAUNCH}` (in this folder)"
+    if runs.graph_by == "launch":
+        return [f"- {here} starts the server; nav2_bringup has none in {runs.name}."]
+    own = f"- Without nav2_bringup {here} starts a server of its own."
+    if runs.graph_by == "parameters":
+        return [
+            f"- nav2_bringup starts a route server in {runs.name}: put `route_server` of {SERVERS}"
+            f" into its parameters, with the full path of {graph}.",
+            own,
+        ]
+    return [
+        f"- Put `route_server` of {SERVERS} into your parameters, then"
+        f" `{BRINGUP} graph:=$PWD/{graph}`: the argument counts, not graph_filepath.",
+        own,
+    ]
 
 
 def write_yaml(path: Path, content: Mapping[str, Any]) -> None:

@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ COLUMNS = ("name", "start_x", "start_y", "goal_x", "goal_y")
 """The columns of a file of queries, which come first."""
 HEADINGS = ("start_heading_deg", "goal_heading_deg")
 """The columns that may follow."""
+STATION = ("name", "x", "y")
+"""The columns of a file of stations, between which all queries are made."""
 CANDIDATES = 20
 """Number of random pairs of which the one farthest from all before is taken."""
 MAX_RANDOM = 10_000
@@ -84,7 +87,8 @@ def queries_of(
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     """Read queries from a CSV file with columns name, start_x, start_y, goal_x and goal_y [m].
 
-    Columns start_heading_deg and goal_heading_deg [degrees] may follow, and be empty.
+    Columns start_heading_deg and goal_heading_deg [degrees] may follow, and be empty. A file with
+    columns name, x and y [m] has stations, and each pair of them is a query.
 
     Raises
     ------
@@ -94,29 +98,47 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     path = file_path("a file of queries", file)
     rows = csv.reader(read_text(path).splitlines())
     queries: dict[str, Query] = {}
+    stations: dict[str, Position] = {}
     try:
         header = [column.strip() for column in next(rows, [])]
-        beside = set(header[len(COLUMNS) :])
-        if tuple(header[: len(COLUMNS)]) != COLUMNS or not beside <= set(HEADINGS):
-            raise LocplanError(
-                f"{path}: its header must be {','.join(COLUMNS)}, and if wanted"
-                f" {','.join(HEADINGS)}, not {shown(','.join(header))}"
-            )
+        has_stations = tuple(header) == STATION
+        if not has_stations:
+            _check_header(path, header)
         for row in rows:
             if any(value.strip() for value in row):
                 where = f"{path}: row {rows.line_num}"
-                query = _query(where, header, row)
-                if query.name in queries:
+                values = _values(where, header, row)
+                name = values["name"]
+                if name in queries or name in stations:
+                    what = "station" if has_stations else "query"
                     raise LocplanError(
-                        f"{where}: there is another query named {shown(query.name)};"
+                        f"{where}: there is another {what} named {shown(name)};"
                         " give each its own name"
                     )
-                queries[query.name] = query
+                if has_stations:
+                    stations[name] = _number(where, "x", values), _number(where, "y", values)
+                else:
+                    ends = (_pose(where, values, end) for end in ("start", "goal"))
+                    queries[name] = Query(name, *ends)
     except csv.Error as error:
         raise LocplanError(f"{path}: row {rows.line_num}: is no CSV ({error})") from None
+    if has_stations and len(stations) < 2:
+        raise LocplanError(
+            f"{path}: has {len(stations)} stations; add a row for each, at least two"
+        )
+    if has_stations:
+        return between(stations)
     if not queries:
         raise LocplanError(f"{path}: has no queries; add a row for each below the header")
     return list(queries.values())
+
+
+def between(stations: Mapping[str, Position]) -> list[Query]:
+    """A query for each pair of stations, from the one that comes first to the other."""
+    return [
+        Query(f"{one} to {other}", stations[one], stations[other])
+        for one, other in combinations(stations, 2)
+    ]
 
 
 def random_queries(
@@ -163,14 +185,24 @@ def random_queries(
     return queries
 
 
-def _query(where: str, header: Sequence[str], row: Sequence[str]) -> Query:
-    """The query in a row of a file."""
+def _check_header(path: str | os.PathLike[str], header: Sequence[str]) -> None:
+    beside = set(header[len(COLUMNS) :])
+    if tuple(header[: len(COLUMNS)]) != COLUMNS or not beside <= set(HEADINGS):
+        raise LocplanError(
+            f"{path}: its header must be {','.join(COLUMNS)}, and if wanted"
+            f" {','.join(HEADINGS)}, or {','.join(STATION)} of stations, not"
+            f" {shown(','.join(header))}"
+        )
+
+
+def _values(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, str]:
+    """The values in a row of a file by their columns."""
     if len(row) != len(header):
         raise LocplanError(f"{where}: has {len(row)} values, but the header {len(header)} columns")
     values = dict(zip(header, (value.strip() for value in row), strict=True))
     if not values["name"]:
-        raise LocplanError(f"{where}: name is empty; give the query one")
-    return Query(values["name"], _pose(where, values, "start"), _pose(where, values, "goal"))
+        raise LocplanError(f"{where}: name is empty; give it one")
+    return values
 
 
 def _pose(where: str, values: Mapping[str, str], end: str) -> Position:

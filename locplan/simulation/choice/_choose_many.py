@@ -68,8 +68,8 @@ def choose_many(
     maps : map, or sequence or mapping of them
         Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
     queries : int, path, sequence, or mapping of them by map
-        Number of random queries; a CSV file of name, start_x, start_y, goal_x, goal_y [m]; `Query`
-        objects, or (start, goal) pairs.
+        Number of random queries; a CSV file of name, start_x, start_y, goal_x, goal_y [m], or of
+        name, x, y of stations, each two of which are one; `Query` objects, or (start, goal) pairs.
     executor : concurrent.futures.Executor, optional
         Executor that runs each choice as one task on one thread: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the

@@ -1,0 +1,220 @@
+"""Paths that run side by side, joined to ways over common nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._kernels.route import line_costs
+from locplan._kernels.search import bordered_half
+from locplan.costs import Costmap, Path
+from locplan.costs._degeneracy import density_of
+
+MERGED = 2.0
+"""Greatest distance of a lane that a way can join [m]."""
+SAME = 0.01
+"""Greatest distance of ends that are one place [m]."""
+GRAZED = 0.05
+"""Length of a line within blocked cells that counts as none [cells]: planned paths touch their
+corners, and Nav2 keeps positions in single precision."""
+DISCOUNT = 0.5
+"""Share by which a lane is cheaper for further ways, so that they take it."""
+SPACING = 0.5
+"""Greatest distance of the positions at which a way can join a lane [m]."""
+LINK = 3.0
+"""Greatest length of a line by which a way joins a lane [m]."""
+DEARER = 1.1
+"""Greatest cost of a way over the lanes of others, as a multiple of its own."""
+STRAIGHTER = 1.001
+"""Greatest cost of a straight line, as a multiple of the two that it replaces."""
+
+Positions = NDArray[np.float64]
+"""World positions (n, 2) [m]."""
+Pairs = NDArray[np.int64]
+"""Pairs of nodes (m, 2)."""
+Ways = dict[str, list[int]]
+"""The nodes of each way, from start to goal."""
+
+
+class Lines:
+    """The costs of straight lines on a map, also of those that graze blocked cells."""
+
+    def __init__(self, costs: Costmap) -> None:
+        grid, passable = costs.grid, np.isfinite(costs.density)
+        x, y, yaw = grid.origin
+        self.resolution = grid.resolution
+        self.columns = grid.shape[1] + 2
+        self.frame = np.cos(yaw) / grid.resolution, np.sin(yaw) / grid.resolution, x, y
+        price = costs.density if np.isnan(costs.weight) else density_of(costs.u, costs.weight)
+        priced = np.isfinite(price)
+        price = np.where(priced, price, price[priced].max(initial=1.0))
+        self.price = bordered_half(price, 1)
+        self.blocked = bordered_half(np.where(passable, 0.0, 1.0), 1)
+
+    def costs(self, xy: Positions, pairs: Pairs) -> NDArray[np.float64]:
+        """J of the lines between pairs of positions [m]; infinite through what is blocked."""
+        within = line_costs(self.blocked, self.columns, self.frame, xy, pairs)
+        price = line_costs(self.price, self.columns, self.frame, xy, pairs)
+        return np.where(within <= GRAZED, price * self.resolution, np.inf)
+
+    def integrals(
+        self, layer: NDArray[np.float64], xy: Positions, pairs: Pairs
+    ) -> NDArray[np.float64]:
+        """Integral of a layer along the lines between pairs of positions; NaN without a layer."""
+        if np.isnan(layer).all():
+            return np.full(len(pairs), np.nan)
+        half = bordered_half(np.nan_to_num(layer), 1)
+        result: NDArray[np.float64] = line_costs(half, self.columns, self.frame, xy, pairs)
+        return result * self.resolution
+
+    def along(self, xy: Positions) -> NDArray[np.float64]:
+        """J of the lines from each position to the next [m]."""
+        return self.costs(xy, np.column_stack([np.arange(len(xy) - 1), np.arange(1, len(xy))]))
+
+
+def joined(lines: Lines, paths: Mapping[str, Path]) -> tuple[Positions, Ways]:
+    """Nodes, and each path's way over them; a path takes the lanes of those before it.
+
+    The longest path comes first, since it is most likely to be the lane of others. The next ones
+    take the cheapest way over their own positions and over the lanes beside them.
+    """
+    nodes = np.empty((0, 2))
+    ways: Ways = {}
+    for name in sorted(paths, key=lambda name: -paths[name].length):
+        lanes = np.array([two for way in ways.values() for two in pairwise(way)], int)
+        nodes, way = _with_lane(lines, nodes, lanes.reshape(-1, 2), _divided(paths[name]))
+        for other in ways.values():
+            way = _between_same(lines, nodes, way, other)
+        ways[name] = way
+    return nodes, {name: ways[name] for name in paths}
+
+
+def _between_same(
+    lines: Lines, nodes: Positions, way: list[int], other: Sequence[int]
+) -> list[int]:
+    """The way, which takes that of another one between nodes of both where it is close and cheap.
+
+    A graph has one cheapest route between two nodes, so that different ways would contradict.
+    """
+    common = [node for node in way if node in other]
+    if len(common) < 2:
+        return way
+    (a, b), (i, j) = ([each.index(common[k]) for k in (0, -1)] for each in (way, list(other)))
+    own, theirs = way[a : b + 1], list(other[i : j + 1] if i < j else other[j : i + 1][::-1])
+    limit = DEARER * lines.along(nodes[own]).sum()
+    if own == theirs or lines.along(nodes[theirs]).sum() > limit or apart(nodes, own, theirs):
+        return way
+    return _without_loops(way[:a] + theirs + way[b + 1 :])
+
+
+def apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
+    """Whether two ways lie farther apart than ways that are one."""
+    one, two = (Path(nodes[list(each)]).resampled(SPACING).xy for each in (way, other))
+    away = np.hypot(*(one[:, None] - two[None]).transpose(2, 0, 1))
+    return bool(max(away.min(axis=0).max(), away.min(axis=1).max()) > MERGED)
+
+
+def _without_loops(way: list[int]) -> list[int]:
+    """A way that comes to no node twice."""
+    result: list[int] = []
+    for node in way:
+        if node in result:
+            del result[result.index(node) :]
+        result.append(node)
+    return result
+
+
+def _with_lane(
+    lines: Lines, nodes: Positions, lanes: Pairs, xy: Positions
+) -> tuple[Positions, list[int]]:
+    """The nodes with those that a path adds to them, and its way."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    old = len(nodes)
+    both = np.concatenate([nodes, xy])
+    of_own = np.arange(old, len(both))  # the number of each position, an old one where it is there
+    links = np.empty((0, 2), int)
+    if old:
+        away = np.hypot(*(nodes[:, None] - xy[None]).transpose(2, 0, 1))
+        there = away.min(axis=0) <= SAME
+        of_own[there] = away.argmin(axis=0)[there]
+        beside = away.min(axis=1) <= MERGED
+        lanes = lanes[beside[lanes].all(axis=1)]
+        link = np.argwhere((away <= LINK) & beside[:, None])
+        links = np.column_stack([link[:, 0], of_own[link[:, 1]]])
+    chain = np.column_stack([of_own[:-1], of_own[1:]])
+    pairs = np.concatenate([chain, links, lanes])
+    cost = lines.costs(both, pairs)
+    cost[len(chain) + len(links) :] *= 1 - DISCOUNT
+    usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
+    pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
+    graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(both), len(both))).tocsr()
+    start, goal = of_own[[0, -1]]
+    before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)[1]
+    way = [int(goal)]
+    while way[-1] != start:
+        way.append(int(before[way[-1]]))
+    way.reverse()
+    own = list(dict.fromkeys(of_own.tolist()))
+    if lines.along(both[way]).sum() > DEARER * lines.along(both[own]).sum():
+        way = own
+    added = sorted(node for node in way if node >= old)
+    number = {node: old + n for n, node in enumerate(added)}
+    return np.concatenate([nodes, both[added]]), [number.get(node, node) for node in way]
+
+
+def _divided(path: Path) -> Positions:
+    """The corners of a path, and positions between them, in the single precision of Nav2."""
+    between = np.arange(0.0, path.length, SPACING)
+    at = np.union1d(path.distance, between)
+    at = at[np.concatenate([[True], np.diff(at) > SAME])]
+    at[-1] = path.length
+    xy = np.stack([np.interp(at, path.distance, v) for v in path.xy.T], axis=1)
+    return xy.astype(np.float32).astype(np.float64)
+
+
+def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions, Ways]:
+    """Nodes and ways without the nodes that a straight line makes needless.
+
+    Ends and nodes where ways part stay, and no way moves farther than `SPACING`.
+    """
+    beside: dict[int, set[int]] = {}
+    for way in ways.values():
+        for one, other in pairwise(way):
+            beside.setdefault(one, set()).add(other)
+            beside.setdefault(other, set()).add(one)
+    ends = {end for way in ways.values() for end in (way[0], way[-1])}
+    replaced: dict[frozenset[int], list[int]] = {}
+    """The nodes that a line has replaced, by its ends."""
+    for node in sorted(beside):
+        if node in ends or len(beside[node]) != 2:
+            continue
+        one, other = sorted(beside[node])
+        gone = [node, *replaced.get(frozenset((one, node)), [])]
+        gone += replaced.get(frozenset((node, other)), [])
+        if other in beside[one] or _aside(nodes[[one, other]], nodes[gone]) > SPACING:
+            continue
+        pairs = np.array([(one, node), (node, other), (one, other)])
+        before, after, straight = lines.costs(nodes, pairs)
+        if straight <= STRAIGHTER * (before + after):
+            replaced[frozenset((one, other))] = gone
+            beside[one] = beside[one] - {node} | {other}
+            beside[other] = beside[other] - {node} | {one}
+            del beside[node]
+    left = sorted(beside)
+    number = {node: n for n, node in enumerate(left)}
+    kept = {name: [number[n] for n in way if n in number] for name, way in ways.items()}
+    return nodes[left], kept
+
+
+def _aside(ends: Positions, xy: Positions) -> Any:
+    """Greatest distance of positions from the line between two."""
+    along = ends[1] - ends[0]
+    away = xy - ends[0]
+    across = along[0] * away[:, 1] - along[1] * away[:, 0]
+    return np.abs(across).max() / max(np.hypot(*along), 1e-9)

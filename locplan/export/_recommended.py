@@ -1,0 +1,222 @@
+"""The recommended ways of many queries as one graph, and edge costs by which a server takes them.
+
+Where the cheapest route of a query is another one than its recommended way, a linear programme
+changes the costs of edges as little as that takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs import Costmap, Path
+from locplan.errors import ConfigError
+from locplan.export._joined_ways import (
+    Lines,
+    Pairs,
+    Positions,
+    apart,
+    joined,
+    straightened,
+)
+from locplan.export._roadmap import RouteGraph
+
+MARGIN = 0.02
+"""Least cost by which any other route exceeds a recommended way [m]."""
+CONTRADICTED = 1e3
+"""Price of a way that is dearer than another route, in changed costs: ways may contradict."""
+ROUNDS = 50
+"""Greatest number of rounds in which costs are changed."""
+CHANGED = 1e-6
+"""Least change of a cost that counts [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecommendedWays:
+    """A route graph, and the way on it that is recommended for each query."""
+
+    graph: RouteGraph
+    """The graph. The cost of a changed edge is no longer J, but still at least its length."""
+    ways: Mapping[str, tuple[int, ...]]
+    """The nodes of each query's way, from start to goal."""
+    changed: int
+    """Number of edges whose cost is not J."""
+    followed: tuple[str, ...]
+    """Names of the queries whose cheapest route on the graph is the recommended way."""
+
+    def __repr__(self) -> str:
+        return f"RecommendedWays({len(self.followed)} of {len(self.ways)} followed, {self.graph})"
+
+
+def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWays:
+    """Join paths to a graph on which the cheapest routes are these paths.
+
+    Ways within two metres of one another become one where that is free and costs little. Each edge
+    can be travelled both ways.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costs of travel, on the map of the paths.
+    paths : dict of Path
+        The recommended path of each query; one without a length is left out.
+
+    Returns
+    -------
+    RecommendedWays
+
+    Raises
+    ------
+    ConfigError
+        If no path has a length, or one leaves the free space of the map.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> costs = locplan.Costmap.blank(grid)
+    >>> there = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0)).path
+    >>> half = locplan.plan(costs, (2.0, 3.0), (20.0, 3.0)).path
+    >>> recommended_ways(costs, {"there": there, "half": half})
+    RecommendedWays(2 of 2 followed, RouteGraph(3 nodes, 2 edges each way))
+    """
+    paths = {name: path for name, path in paths.items() if path.length > 0}
+    if not paths:
+        raise ConfigError("there is no way to export; give at least one path of some length")
+    lines = Lines(costs)
+    for name, path in paths.items():
+        if not np.isfinite(lines.along(path.xy)).all():
+            raise ConfigError(f"path {name} leaves the map's free space; plan it on this map")
+    nodes, ways = straightened(lines, *joined(lines, paths))
+    edges = np.array(sorted({_ordered(*two) for way in ways.values() for two in pairwise(way)}))
+    length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
+    price = np.maximum(lines.costs(nodes, edges), length)
+    cost, followed = followed_costs(nodes, edges, price, length, list(ways.values()))
+    e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
+    return RecommendedWays(
+        RouteGraph(nodes, edges, length, cost, e, u),
+        {name: tuple(way) for name, way in ways.items()},
+        int((np.abs(cost - price) > CHANGED).sum()),
+        tuple(name for name, is_followed in zip(ways, followed, strict=True) if is_followed),
+    )
+
+
+def followed_costs(
+    nodes: Positions,
+    edges: Pairs,
+    price: NDArray[np.float64],
+    least: NDArray[np.float64],
+    ways: Sequence[Sequence[int]],
+) -> tuple[NDArray[np.float64], list[bool]]:
+    """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
+
+    The sum of the changes is the least there is. Not all ways are followed where they contradict
+    one another, such as two ways between the same nodes.
+
+    Parameters
+    ----------
+    nodes : (n, 2) array
+        World positions [m].
+    edges : (m, 2) array of int
+        Pairs of nodes, the lower one first.
+    price, least : (m,) arrays
+        The costs that are wanted, and their lower bounds.
+    ways : sequence of sequences of int
+        The nodes of each way.
+    """
+    index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
+    used = np.zeros((len(ways), len(edges)))
+    for n, way in enumerate(ways):
+        used[n, [index[_ordered(*two)] for two in pairwise(way)]] = 1
+    cost = price
+    excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
+    for _ in range(ROUNDS):
+        routes = {
+            n: route
+            for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
+            if apart(nodes, ways[n], route)
+        }
+        others = np.zeros((len(routes), len(edges)))
+        for row, route in zip(others, routes.values(), strict=True):
+            row[[index[_ordered(*two)] for two in pairwise(route)]] = 1
+        numbers = np.array(list(routes), int)
+        if _all_known(of_way, excess, numbers, used[numbers] - others):
+            break
+        of_way = np.concatenate([of_way, numbers])
+        excess = np.vstack([excess, used[numbers] - others])
+        cost = _least_changed(price, least, excess, of_way, len(ways))
+    return cost, [n not in routes for n in range(len(ways))]
+
+
+def _cheapest_routes(
+    edges: Pairs,
+    cost: NDArray[np.float64],
+    used: NDArray[np.float64],
+    ways: Sequence[Sequence[int]],
+) -> Iterator[list[int]]:
+    """The nodes of the cheapest route between the ends of each way."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    count = int(edges.max()) + 1
+    for way, own in zip(ways, used, strict=True):
+        dearer = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
+        graph = csr_array((dearer, edges.T), shape=(count, count))
+        before = dijkstra(graph, directed=False, indices=way[0], return_predecessors=True)[1]
+        route = [way[-1]]
+        while route[-1] != way[0]:
+            route.append(int(before[route[-1]]))
+        yield route[::-1]
+
+
+def _all_known(
+    of_way: NDArray[np.int64],
+    excess: NDArray[np.float64],
+    new_of: NDArray[np.int64],
+    new_excess: NDArray[np.float64],
+) -> bool:
+    """Whether all new rows are among the old ones."""
+    return all(
+        ((of_way == n) & (excess == row).all(axis=1)).any()
+        for n, row in zip(new_of, new_excess, strict=True)
+    )
+
+
+def _least_changed(
+    price: NDArray[np.float64],
+    least: NDArray[np.float64],
+    excess: NDArray[np.float64],
+    of_way: NDArray[np.int64],
+    ways: int,
+) -> NDArray[np.float64]:
+    """The costs nearest to `price` with ``excess @ cost <= -MARGIN``, but for contradictions.
+
+    The unknowns are the costs, their changes, and by how much each way misses its margin.
+    """
+    from scipy.optimize import linprog
+    from scipy.sparse import block_array, csr_array, eye_array
+
+    edges, one = len(price), eye_array(len(price))
+    missed = csr_array(
+        (np.ones(len(of_way)), (np.arange(len(of_way)), of_way)), (len(of_way), ways)
+    )
+    limits = block_array(
+        [[csr_array(excess), None, -missed], [one, -one, None], [-one, -one, None]]
+    )
+    found = linprog(
+        np.concatenate([np.zeros(edges), np.ones(edges), np.full(ways, CONTRADICTED)]),
+        limits,
+        np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
+        bounds=[(low, None) for low in least] + [(0, None)] * (edges + ways),
+    )
+    cost: NDArray[np.float64] = np.maximum(found.x[:edges], least)
+    return cost
+
+
+def _ordered(one: int, other: int) -> tuple[int, int]:
+    return (one, other) if one < other else (other, one)

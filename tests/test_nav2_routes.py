@@ -1,0 +1,219 @@
+"""Recommended ways as route graphs: joined, free, and followed by the server's search."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import yaml
+from conftest import drawn, refused
+from scipy.sparse.csgraph import dijkstra
+
+from locplan import export, load_or_compute, save_map
+from locplan.costs import Costmap, Path, path_metrics
+from locplan.errors import ConfigError
+from locplan.export._distros import DistroWarning
+from locplan.export._joined_ways import Lines, joined, straightened
+from locplan.export._recommended import followed_costs
+from locplan.export._value_maps import YawWarning
+from locplan.field import FieldConfig
+from locplan.maps import OccupancyGrid, environments
+from locplan.planners import plan
+
+STATIONS = {"dock": (2.0, 3.0), "gate": (38.0, 3.0), "desk": (5.0, 10.0), "shelf": (36.0, 12.0)}
+
+
+@pytest.fixture(scope="module")
+def costs():
+    grid = environments.make("two_corridors", resolution=0.1)
+    return Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot_radius=0.25)
+
+
+@pytest.fixture(scope="module")
+def paths(costs):
+    """The least costly paths from the dock and between two more, and one that is not the least."""
+    found = {
+        f"{a} to {b}": plan(costs, STATIONS[a], STATIONS[b]).path
+        for a, b in (("dock", "gate"), ("dock", "shelf"), ("desk", "shelf"), ("desk", "gate"))
+    }
+    short = plan(costs.with_weight(0.0), STATIONS["dock"], STATIONS["gate"]).path
+    assert short.xy[:, 1].max() < 6 < found["dock to gate"].xy[:, 1].max()
+    return found
+
+
+def cheapest(graph, start, goal):
+    before = dijkstra(graph.matrix, indices=start, return_predecessors=True)[1]
+    route = [goal]
+    while route[-1] != start:
+        route.append(int(before[route[-1]]))
+    return route[::-1]
+
+
+def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
+    found = export.recommended_ways(costs, paths)
+    apart = sum(path.length for path in paths.values())
+    assert found.graph.length.sum() < 0.7 * apart  # most of the corridor is one lane
+    assert found.graph.components == 1
+    for name, way in found.ways.items():
+        xy = found.graph.nodes[list(way)]
+        np.testing.assert_allclose(xy[[0, -1]], paths[name].xy[[0, -1]], atol=0.02)
+        density = np.array(
+            [costs.density[costs.grid.world_to_cell(*p)] for p in Path(xy).resampled(0.01)]
+        )
+        assert np.isinf(density).mean() < 0.002
+        assert path_metrics(costs, paths[name]).cost * 1.11 > Lines(costs).along(xy).sum()
+    e, u = found.graph.integrated_e, found.graph.integrated_u
+    assert np.isfinite(e).all()
+    assert (u >= 0).all()
+
+
+def test_the_cheapest_routes_are_the_recommended_ways(costs, paths):
+    for given in (
+        paths,
+        {**paths, "dock to gate": plan(costs.with_weight(0), *list(STATIONS.values())[:2]).path},
+    ):
+        found = export.recommended_ways(costs, given)
+        assert set(found.followed) == set(given)
+        for name, way in found.ways.items():
+            route = found.graph.nodes[cheapest(found.graph, way[0], way[-1])]
+            high, low = route[:, 1].max(), given[name].xy[:, 1].max()
+            assert high == pytest.approx(low, abs=2.1)
+        assert (found.graph.cost >= found.graph.length - 1e-12).all()
+
+
+def test_costs_change_only_where_another_route_is_cheaper(costs, paths):
+    least = export.recommended_ways(costs, {"dock to gate": paths["dock to gate"]})
+    assert least.changed == 0
+    graph = least.graph
+    expected = Lines(costs).costs(graph.nodes, graph.edges)
+    np.testing.assert_allclose(graph.cost, expected)
+
+
+def test_the_least_change_of_costs():
+    """A triangle whose detour is recommended; and two ways between the same nodes."""
+    nodes = np.array([[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]])
+    edges = np.array([[0, 1], [0, 2], [1, 2]])
+    length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
+    cost, followed = followed_costs(nodes, edges, length, length, [[0, 2, 1]])
+    assert followed == [True]
+    assert cost[0] > cost[1] + cost[2]
+    np.testing.assert_allclose(np.abs(cost - length).sum(), 2 * math.hypot(5, 8) - 10, atol=0.03)
+    cost, followed = followed_costs(nodes, edges, length, length, [[0, 2, 1], [0, 1]])
+    assert sorted(followed) == [False, True]
+    assert (cost >= length - 1e-9).all()
+
+
+def test_a_path_joins_a_lane_beside_it_and_leaves_it():
+    grid = OccupancyGrid(np.full((100, 400), 254), 0.1)
+    lines = Lines(Costmap.blank(grid, robot_radius=0.0))
+    lane = Path(np.array([[1.0, 5.0], [39.0, 5.0]]))
+    beside = Path(np.array([[8.0, 8.0], [12.0, 6.0], [30.0, 6.0], [33.0, 2.0]]))
+    far = Path(np.array([[8.0, 9.0], [33.0, 9.0]]))
+    nodes, ways = straightened(lines, *joined(lines, {"b": beside, "a": lane, "c": far}))
+    assert list(ways) == ["b", "a", "c"]
+    on_lane = [node for node in ways["b"] if node in ways["a"]]
+    assert len(on_lane) >= 2
+    assert np.ptp(nodes[on_lane][:, 0]) > 12
+    assert [nodes[n].tolist() for n in ways["c"]] == [[8.0, 9.0], [33.0, 9.0]]
+    assert all(one != other for way in ways.values() for one, other in pairwise(way))
+
+
+def test_what_cannot_be_joined(costs):
+    with pytest.raises(ConfigError, match="no way to export"):
+        export.recommended_ways(costs, {"stay": Path(np.array([[2.0, 3.0]]))})
+    with pytest.raises(ConfigError, match="path wall leaves the map's free space"):
+        export.recommended_ways(costs, {"wall": Path(np.array([[2.0, 3.0], [20.0, 6.0]]))})
+
+
+def features_of(folder):
+    found = json.loads((folder / "graph.geojson").read_text())["features"]
+    points = {f["properties"]["id"]: f for f in found if f["geometry"]["type"] == "Point"}
+    return points, [f["properties"] for f in found if f["geometry"]["type"] == "LineString"]
+
+
+def test_a_folder_holds_graph_bag_and_table(tmp_path, costs, paths):
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    found = export.nav2_routes(tmp_path / "routes", costs, paths, distro="humble")
+    points, lines = features_of(tmp_path / "routes")
+    assert len(points) == len(found.graph.nodes)
+    servers = yaml.safe_load((tmp_path / "routes" / "servers.yaml").read_text())
+    scorer = servers["route_server"]["ros__parameters"]["PenaltyScorer"]
+    assert (scorer["penalty_tag"], scorer["weight"]) == ("penalty", 1.0)
+    costs_of = {
+        (line["startid"], line["endid"]): line["metadata"]["length"] + line["metadata"]["penalty"]
+        for line in lines
+    }
+    with open(tmp_path / "routes" / "routes.csv", newline="") as file:
+        rows = {row["query"]: row for row in csv.DictReader(file)}
+    for name, way in found.ways.items():
+        start, goal = (points[int(rows[name][end])] for end in ("start_id", "goal_id"))
+        np.testing.assert_allclose(start["geometry"]["coordinates"], paths[name].xy[0], atol=0.02)
+        np.testing.assert_allclose(goal["geometry"]["coordinates"], paths[name].xy[-1], atol=0.02)
+        total = sum(costs_of[one + 1, other + 1] for one, other in pairwise(way))
+        assert float(rows[name]["cost_m"]) == pytest.approx(total, abs=1e-3)
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    with Reader(tmp_path / "routes" / "routes.mcap") as bag:
+        kinds = {c.topic: c.msgtype for c in bag.connections}
+        assert {t for t, kind in kinds.items() if kind == "nav_msgs/msg/Path"} == {
+            f"/locplan/path/{name.replace(' ', '_')}" for name in paths
+        }
+        for connection, _, raw in bag.messages():
+            if connection.topic == "/locplan/path/dock_to_gate":
+                poses = types.deserialize_cdr(raw, connection.msgtype).poses
+                assert len(poses) == len(paths["dock to gate"])
+    readme = (tmp_path / "routes" / "README.md").read_text()
+    assert "nav2_bringup has none in humble" in readme
+
+
+@pytest.mark.parametrize(
+    ("distro", "words"),
+    [("jazzy", "starts a route server in jazzy"), ("rolling", "graph:=$PWD/graph.geojson")],
+)
+def test_each_distribution_is_told_how_its_server_gets_the_graph(
+    tmp_path, costs, paths, distro, words
+):
+    if distro == "rolling":
+        with pytest.warns(DistroWarning):
+            export.nav2_routes(tmp_path / "r", costs, paths, distro=distro)
+    else:
+        export.nav2_routes(tmp_path / "r", costs, paths, distro=distro)
+    assert words in (tmp_path / "r" / "README.md").read_text()
+
+
+def test_routes_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs, paths):
+    grid = OccupancyGrid(costs.grid.cells, 0.1, (*costs.grid.origin[:2], 0.7), name="turned")
+    turned = Costmap.from_density(grid, costs.density)
+    here = {
+        name: Path(np.column_stack(grid.grid_to_world(*costs.grid.world_to_grid(*path.xy.T))))
+        for name, path in paths.items()
+    }
+    with pytest.warns(YawWarning):
+        export.nav2_routes(tmp_path / "turned", turned, here)
+    export.nav2_routes(tmp_path / "plain", Costmap.from_density(costs.grid, costs.density), paths)
+    both = (features_of(tmp_path / name)[0].values() for name in ("turned", "plain"))
+    one, other = (np.array([f["geometry"]["coordinates"] for f in each]) for each in both)
+    np.testing.assert_allclose(one, other, atol=1e-4)
+
+
+def test_the_command_drives_stations_and_says_what_is_missing(run, tmp_path):
+    rows = ["#" * 60, *["#" + "." * 58 + "#"] * 18, "#" * 60, "#" + "." * 58 + "#", "#" * 60]
+    save_map(drawn(*rows, resolution=0.25), tmp_path / "hall.yaml")
+    stations = tmp_path / "stations.csv"
+    stations.write_text("name,x,y\na,1,2\nb,13,2\nisland,2,0.37\n")
+    ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
+    assert "needs --queries FILE, or paths" in refused(run(*ask))
+    assert "cannot be read" in refused(run(*ask, "--queries", tmp_path / "none.csv"))
+    code, out, err = run(
+        *ask, "--queries", stations, "--drives", "2", "--json", "--robot-radius", "0.1"
+    )
+    assert (code, err) == (0, f"wrote {tmp_path / 'out'}\n")
+    about = json.loads(out)
+    assert about["no_path"] == ["a to island", "b to island"]
+    assert about["followed"] == ["a to b"]
+    assert about["nodes"] >= 2
