@@ -772,6 +772,8 @@ def test_a_field_as_arrays_is_all_there(tmp_path, costs):
     with np.load(tmp_path / "f.npz") as arrays:
         np.testing.assert_array_equal(arrays["covariance"], field.covariance)
         np.testing.assert_array_equal(arrays["e_map"], field.e_map())
+        u = Costmap.from_field(costs.grid, field).u
+        np.testing.assert_array_equal(arrays["u_map"], u)
         np.testing.assert_array_equal(arrays["cells"], costs.grid.cells)
         assert json.loads(str(arrays["config"]))["estimator"]["range"] == 1.0
         i, j = np.argwhere(field.evaluated)[17]

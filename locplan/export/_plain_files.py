@@ -13,7 +13,7 @@ import numpy as np
 from locplan import __version__
 from locplan._util.files import check_target, replacing
 from locplan._util.tables import write_csv
-from locplan.costs import Path
+from locplan.costs import Costmap, Path
 from locplan.field import CovarianceField, position_axes
 
 PATH_FILES = (".csv", ".json", ".yaml")
@@ -80,8 +80,9 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
 
     .csv: a row for each evaluated lattice point, its position, scalars and covariance. .npz: for
     ``numpy.load``, "covariance" on the lattice, its positions "x" and "y" in the world, "e" on the
-    lattice and "e_map" on the map's cells, "cells", "resolution", "origin" and "config" (JSON).
-    .png: e over the map. .csv and .png merge several headings by their mean information.
+    lattice, "e_map" and the degeneracy "u_map" on the map's cells, "cells", "resolution", "origin"
+    and "config" (JSON). .png: e over the map. .csv, .png and "u_map" merge several headings by
+    their mean information.
 
     Parameters
     ----------
@@ -133,6 +134,7 @@ def _field_npz(file: FilePath, computed: CovarianceField) -> None:
             y=y,
             e=computed.e,
             e_map=computed.e_map(),
+            u_map=Costmap.from_field(computed.grid, computed).u,
             cells=computed.grid.cells,
             resolution=computed.grid.resolution,
             origin=computed.grid.origin,

@@ -1,0 +1,168 @@
+"""The covariance field of a map, read from a file with numpy alone.
+
+The messages of ROS are compiled for one major version of numpy, and Humble has Python 3.10: a node
+that needs no more than numpy starts where locplan itself cannot be installed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+FREE = 254
+"""Level of free cells in a file's "cells"."""
+MIN_VARIANCE = 1e-12
+"""Variance that is added before covariances are inverted [m^2, rad^2], as locplan does."""
+
+
+@dataclass(frozen=True, eq=False)
+class FieldFile:
+    """Covariances of a pose match over a map, in the map's world frame."""
+
+    covariance: np.ndarray
+    """Covariances of (x, y, theta), or (x, y), on the lattice: (h, w, d, d), or (h, w, n, d, d) of
+    n headings [m, m, rad]; NaN where there is none."""
+    u: np.ndarray
+    """Degeneracy of the map's cells, 0..1, (H, W); NaN where there is none."""
+    free: np.ndarray
+    """Mask of the free cells, (H, W)."""
+    resolution: float
+    """Edge of a cell [m]."""
+    origin: tuple[float, float, float]
+    """World position of the corner of cell (0, 0) [m], and the yaw of the map [rad]."""
+    stride: int
+    """Spacing of the lattice [cells]."""
+
+    @classmethod
+    def load(cls, path: str) -> FieldFile:
+        """Read what ``locplan export MAP.yaml --to npz`` or ``locplan field -o`` (.zarr) wrote.
+
+        Only .zarr needs locplan. A ValueError says what is wrong with a file.
+        """
+        if str(path).rstrip("/").endswith(".zarr"):
+            return cls._of_locplan(path)
+        try:
+            with np.load(path) as arrays:
+                names = ("covariance", "u_map", "cells", "resolution", "origin", "config")
+                covariance, u, cells, resolution, origin, config = (arrays[n] for n in names)
+            step = float(json.loads(str(config))["stride"])
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            raise ValueError(
+                f"{path!r} is no field: {error}; write one by"
+                " locplan export MAP.yaml --to npz -o field.npz"
+            ) from error
+        return cls._of(covariance, u, cells, resolution, origin, step)
+
+    @classmethod
+    def _of_locplan(cls, path: str) -> FieldFile:
+        try:
+            import locplan
+        except ImportError as error:
+            raise ValueError(
+                f"{path!r} needs locplan ({error}); export the field as .npz instead"
+            ) from error
+        try:
+            field = locplan.CovarianceField.load(path)
+        except locplan.LocplanError as error:
+            raise ValueError(str(error)) from error
+        grid, u = field.grid, locplan.Costmap.from_field(field.grid, field).u
+        origin, step = grid.origin, field.config.stride
+        return cls._of(field.covariance, u, grid.cells, grid.resolution, origin, step)
+
+    @classmethod
+    def _of(
+        cls, covariance: Any, u: Any, cells: Any, resolution: Any, origin: Any, step: float
+    ) -> FieldFile:
+        x, y, yaw = (float(value) for value in origin)
+        stride = max(1, round(step / float(resolution)))
+        return cls(covariance, u, cells == FREE, float(resolution), (x, y, yaw), stride)
+
+    def degeneracy_at(self, x: float, y: float) -> float:
+        """u at a world position [m]; NaN in cells that are not free or outside the map."""
+        cell = self._cell(x, y)
+        return float(self.u[cell]) if cell else math.nan
+
+    def covariance_at(self, x: float, y: float, heading: float | None = None) -> np.ndarray:
+        """Covariance at a world position [m], (d, d), interpolated in the matrix logarithm.
+
+        `heading` [rad] counts where the field has several. NaN in cells that are not free or
+        outside the map.
+        """
+        nowhere = np.full(self.covariance.shape[-2:], np.nan)
+        if not self._cell(x, y):
+            return nowhere
+        around = [
+            (self.covariance[i, j], a * b)
+            for i, a in self._beside(self._grid(x, y)[0], 0)
+            for j, b in self._beside(self._grid(x, y)[1], 1)
+            if a * b > 0 and np.isfinite(self.covariance[i, j]).all()
+        ]
+        if not around:
+            return nowhere
+        towards = np.array([_towards(covariance, heading) for covariance, _ in around])
+        return _mean(towards, np.array([weight for _, weight in around]))
+
+    def positions(self, spacing: float) -> np.ndarray:
+        """World positions of free lattice points about `spacing` apart [m], (n, 2)."""
+        step = max(1, round(spacing / (self.stride * self.resolution)))
+        known = np.isfinite(self.covariance).reshape(*self.covariance.shape[:2], -1).all(axis=2)
+        known &= self.free[:: self.stride, :: self.stride]
+        chosen = np.zeros_like(known)
+        chosen[::step, ::step] = known[::step, ::step]
+        rows, cols = (index * self.stride + 0.5 for index in np.nonzero(chosen))
+        x0, y0, yaw = self.origin
+        along, up = cols * self.resolution, rows * self.resolution
+        x = x0 + math.cos(yaw) * along - math.sin(yaw) * up
+        y = y0 + math.sin(yaw) * along + math.cos(yaw) * up
+        return np.stack([x, y], axis=1)
+
+    def _grid(self, x: float, y: float) -> tuple[float, float]:
+        """Continuous row and column; the map's yaw is turned back."""
+        x0, y0, yaw = self.origin
+        dx, dy = x - x0, y - y0
+        up = math.cos(yaw) * dy - math.sin(yaw) * dx
+        along = math.cos(yaw) * dx + math.sin(yaw) * dy
+        return up / self.resolution, along / self.resolution
+
+    def _cell(self, x: float, y: float) -> tuple[int, int] | None:
+        """Row and column of a free cell, or None."""
+        if not (math.isfinite(x) and math.isfinite(y)):
+            return None
+        row, col = (math.floor(value) for value in self._grid(x, y))
+        inside = 0 <= row < self.free.shape[0] and 0 <= col < self.free.shape[1]
+        return (row, col) if inside and self.free[row, col] else None
+
+    def _beside(self, position: float, axis: int) -> list[tuple[int, float]]:
+        """Lattice indices on either side of a row or column, with their weights."""
+        last = self.covariance.shape[axis] - 1
+        position = min(max((position - 0.5) / self.stride, 0.0), float(last))
+        low = math.floor(position)
+        part = position - low
+        return [(low, 1.0 - part), (min(low + 1, last), part)]
+
+
+def _towards(covariance: np.ndarray, heading: float | None) -> np.ndarray:
+    """Covariance of a lattice point for one heading [rad], or of the mean information of all."""
+    if covariance.ndim == 2:
+        return covariance
+    if heading is None:
+        extended = covariance + MIN_VARIANCE * np.eye(covariance.shape[-1])
+        return np.linalg.inv(np.linalg.inv(extended).mean(axis=0))
+    position = heading / (2 * math.pi) * len(covariance)
+    low, part = math.floor(position), position % 1
+    both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
+    return _mean(both, np.array([1 - part, part]))
+
+
+def _mean(covariances: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Weighted mean of covariances (n, d, d) in the matrix logarithm."""
+    values, vectors = np.linalg.eigh(covariances)
+    logs = np.log(np.maximum(values, np.finfo(float).tiny))
+    parts = (vectors * logs[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    values, vectors = np.linalg.eigh(np.einsum("n,nij->ij", weights / weights.sum(), parts))
+    return (vectors * np.exp(values)) @ vectors.T
