@@ -135,6 +135,17 @@ def test_outside_the_map_there_is_no_value(corridors_npz):
     assert back.text == "back on the field at (2.00, 3.00)"
 
 
+def test_a_step_over_any_edge_of_the_map_is_outside():
+    covariance = np.broadcast_to(np.eye(3), (4, 6, 3, 3))
+    free = np.ones((4, 6), bool)
+    field = part("field_file").FieldFile(covariance, free * 0.5, free, 1.0, (0.0, 0.0, 0.0), 1)
+    for x, y in ((0.1, 0.1), (5.9, 3.9)):
+        assert field.degeneracy_at(x, y) == 0.5
+    for x, y in ((-0.1, 2.0), (6.1, 2.0), (3.0, -0.1), (3.0, 4.1)):
+        assert math.isnan(field.degeneracy_at(x, y))
+        assert np.isnan(field.covariance_at(x, y)).all()
+
+
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
@@ -461,7 +472,7 @@ def launched(monkeypatch):
         "launch.launch_description_sources": {"AnyLaunchDescriptionSource": str},
         "launch.substitutions": {"LaunchConfiguration": LaunchConfiguration},
         "launch_ros": {},
-        "launch_ros.actions": {name: kind(name) for name in ("Node", "SetParameter")},
+        "launch_ros.actions": {name: kind(name) for name in ("Node",)},
     }
     for name, names in stand_ins.items():
         module = ModuleType(name)
@@ -491,8 +502,7 @@ def folders(tmp_path):
 
 def test_the_launch_file_includes_each_folder(launched, folders):
     exports = f"{folders / 'mask'},{folders / 'layer'}"
-    clock, *included = launched(exports=exports, rviz="false", use_sim_time="true")
-    assert (clock.kind, clock.name, clock.value) == ("SetParameter", "use_sim_time", True)
+    included = launched(exports=exports, rviz="false")
     assert [action.given[0] for action in included] == [
         str(folders / name / LAUNCH) for name in ("mask", "layer")
     ]
@@ -510,7 +520,7 @@ def test_what_is_included_starts_nodes_with_parameters_that_nav2_declares(folder
 
 def test_the_launch_file_starts_the_servers_the_node_and_rviz(launched, folders):
     given = {"map": str(folders / "map.yaml"), "field": str(folders / "field.npz")}
-    _, server, manager, watch, rviz = launched(**given)
+    server, manager, watch, rviz = launched(**given, use_sim_time="true")
     assert (server.package, server.executable) == ("nav2_map_server", "map_server")
     assert (manager.package, manager.executable) == ("nav2_lifecycle_manager", "lifecycle_manager")
     for node in (server, manager):
@@ -520,14 +530,16 @@ def test_the_launch_file_starts_the_servers_the_node_and_rviz(launched, folders)
     assert manager.parameters[0]["node_names"] == [server.name]
     assert (watch.package, watch.executable) == ("locplan_ros", "watch")
     file, own = watch.parameters
-    assert own == {"field": given["field"]}
+    assert own == {"field": given["field"], "use_sim_time": True}
+    assert rviz.parameters == [{"use_sim_time": True}]
     assert set(yaml.safe_load(Path(file).read_text())) == {watch.name}
     assert (rviz.package, rviz.executable) == ("rviz2", "rviz2")
     assert Path(rviz.arguments[1]).is_file()
 
 
 def test_by_default_only_rviz_is_started(launched):
-    assert [action.kind for action in launched()] == ["SetParameter", "Node"]
+    (rviz,) = launched()
+    assert (rviz.executable, rviz.parameters) == ("rviz2", [{"use_sim_time": False}])
 
 
 @pytest.mark.parametrize("name", ["exports", "map", "field"])

@@ -10,7 +10,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import AnyLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node, SetParameter
+from launch_ros.actions import Node
 
 HERE = Path(__file__).resolve().parent.parent
 SERVERS = "localizability.launch.xml"
@@ -35,13 +35,14 @@ def generate_launch_description():
 def start(context):
     """The actions for the arguments given."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    actions = [SetParameter(name="use_sim_time", value=is_true(given["use_sim_time"]))]
-    for folder in filter(None, given["exports"].split(",")):
-        actions.append(servers_of(folder.strip()))
+    clock = {"use_sim_time": is_true(given["use_sim_time"])}
+    # The masks' servers keep the real clock: SetParameter would put their relative file names
+    # above the absolute ones, and what they publish holds at any time.
+    actions = [servers_of(folder.strip()) for folder in given["exports"].split(",") if folder]
     if given["map"]:
         actions += map_server(existing(given["map"]))
     if given["field"]:
-        parameters = [existing(given["params_file"]), {"field": existing(given["field"])}]
+        parameters = [existing(given["params_file"]), {"field": existing(given["field"]), **clock}]
         actions.append(
             Node(
                 package="locplan_ros",
@@ -53,7 +54,9 @@ def start(context):
         )
     if is_true(given["rviz"]):
         view = str(HERE / "rviz" / "localizability.rviz")
-        actions.append(Node(package="rviz2", executable="rviz2", arguments=["-d", view]))
+        actions.append(
+            Node(package="rviz2", executable="rviz2", arguments=["-d", view], parameters=[clock])
+        )
     return actions
 
 
