@@ -551,6 +551,10 @@ def test_what_is_missing_is_named(launched, tmp_path, name):
 # The node
 
 
+class WrongType(Exception):
+    """A stand-in of rclpy.exceptions.ParameterException."""
+
+
 class Parent:
     """A stand-in of rclpy.node.Node with the parameters that a test sets."""
 
@@ -561,7 +565,8 @@ class Parent:
         self.timers_made, self.topics = [], {}
 
     def declare_parameter(self, name, value):
-        assert type(self.given.get(name, value)) is type(value)
+        if type(self.given.get(name, value)) is not type(value):
+            raise WrongType(f"{name} must be a {type(value).__name__}")
         return SimpleNamespace(value=self.given.get(name, value))
 
     def create_publisher(self, kind, topic, qos):
@@ -614,6 +619,7 @@ def node_module(monkeypatch, corridors_npz):
             "spin": lambda node: calls.append("spin"),
             "try_shutdown": lambda: calls.append("shutdown"),
         },
+        "rclpy.exceptions": {"ParameterException": WrongType},
         "rclpy.executors": {"ExternalShutdownException": type("Ended", (Exception,), {})},
         "rclpy.node": {"Node": Parent},
         "rclpy.qos": {
@@ -690,7 +696,9 @@ def test_the_parameters_of_the_file_are_those_of_the_node(node_module):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"field": "gone.npz"}, {"rate": 0.0}, {"leave": 0.9}], ids=lambda w: str(*w)
+    "wrong",
+    [{"field": "gone.npz"}, {"rate": 0.0}, {"leave": 0.9}, {"enter": 1}],
+    ids=lambda w: str(*w),
 )
 def test_a_wrong_parameter_ends_the_node_with_one_line(node_module, monkeypatch, capsys, wrong):
     node_module.main()

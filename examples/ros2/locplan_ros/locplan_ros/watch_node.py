@@ -8,6 +8,7 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -114,7 +115,7 @@ def main() -> None:
     rclpy.init()
     try:
         rclpy.spin(WatchNode())
-    except ValueError as error:
+    except (ValueError, ParameterException) as error:
         sys.exit(_said(f"locplan_ros: {error}"))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
