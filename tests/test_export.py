@@ -508,6 +508,9 @@ def test_the_launch_file_starts_the_nodes_that_have_parameters(tmp_path, costs):
     manager = servers["lifecycle_manager_localizability_keepout"]["ros__parameters"]
     assert manager["node_names"] == list(servers)[:-1]
     mask, info = (servers[name]["ros__parameters"] for name in manager["node_names"])
+    assert "yaml_filename" not in mask  # it would hide the absolute one below a SetParameter
+    file = nodes[0].find("param[@name='yaml_filename']")
+    assert file.get("value") == "$(dirname)/mask.yaml"
     assert mask["topic_name"] == info["mask_topic"]
     nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
     costmap = nav2["global_costmap"]["global_costmap"]["ros__parameters"]
@@ -672,7 +675,7 @@ def test_route_graph_is_served_with_the_scorers_that_add_up_to_j(tmp_path, costs
     graph = export.route_graph(tmp_path / "graph", costs, spacing=1.0)
     servers = yaml.safe_load((tmp_path / "graph" / "servers.yaml").read_text())
     own = servers["route_server"]["ros__parameters"]
-    features = json.loads((tmp_path / "graph" / own["graph_filepath"]).read_text())["features"]
+    features = json.loads((tmp_path / "graph" / "graph.geojson").read_text())["features"]
     nodes = {
         f["properties"]["id"]: np.array(f["geometry"]["coordinates"])
         for f in features

@@ -23,7 +23,12 @@ class Server:
     name: str
     parameters: Mapping[str, Any]
     files: Mapping[str, str] = field(default_factory=dict)
-    """Parameters that name a file in the folder."""
+    """Parameters that name a file in the folder; the launch file alone has them.
+
+    It writes them for all nodes, "/**". rclcpp would take a name in the parameter file, written
+    for this node, instead of it where a -p comes before the files (parameter_map.cpp), as
+    launch_ros's SetParameter puts it.
+    """
 
 
 def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) -> None:
@@ -37,7 +42,7 @@ def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) ->
     nodes = [*servers, manager]
     write_yaml(
         folder / SERVERS,
-        {node.name: {"ros__parameters": {**node.parameters, **node.files}} for node in nodes},
+        {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes},
     )
     lines = ["<launch>"]
     for node in nodes:
