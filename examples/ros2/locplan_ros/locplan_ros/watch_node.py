@@ -34,6 +34,8 @@ PARAMETERS = {
     "ellipse_scale": 1.0,
 }
 """Names and defaults; config/watch.yaml says what they mean."""
+ANY_TIME = {"sec": 0, "nanosec": 0}
+"""The stamp of what holds whenever it is shown: tf takes the latest transform for it."""
 
 
 class WatchNode(Node):
@@ -56,9 +58,8 @@ class WatchNode(Node):
         self.ellipses = self.create_publisher(MarkerArray, "~/ellipses", latched)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         shown = given["ellipse_spacing"], given["ellipse_scale"]
-        self._send(
-            self.ellipses, MarkerArray(), messages.ellipses(self._now(), self.frame, field, *shown)
-        )
+        markers = messages.ellipses(ANY_TIME, self.frame, field, *shown)
+        self._send(self.ellipses, MarkerArray(), markers)
         if field.origin[2]:
             self.get_logger().warning("the map has a yaw, which Nav2's costmaps and AMCL ignore")
         if given["pose_topic"]:
