@@ -67,8 +67,8 @@ def lines_on_serving(runs: Distribution, graph: str) -> list[str]:
             own,
         ]
     return [
-        f"- Put `route_server` of {SERVERS} into your parameters, then"
-        f" `{BRINGUP} graph:=$PWD/{graph}`: the argument counts, not graph_filepath.",
+        f"- Put `route_server` of {SERVERS} into your parameters (without graph_filepath), then"
+        f" `{BRINGUP} graph:=$PWD/{graph}`.",
         own,
     ]
 
