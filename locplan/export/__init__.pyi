@@ -1,6 +1,9 @@
+from ._area_files import save_degenerate_areas as save_degenerate_areas
+from ._areas import DegenerateArea as DegenerateArea, degenerate_areas as degenerate_areas
 from ._bags import bag as bag
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
 from ._geojson import route_graph as route_graph, to_geojson as to_geojson
+from ._layer import layer as layer
 from ._nav2 import (
     keepout_mask as keepout_mask,
     nav2_keepout as nav2_keepout,

@@ -112,16 +112,19 @@ def bag(
         if topic in content:
             raise LocplanError(f"the names of two paths both become {topic}; rename one")
         content[topic] = "nav_msgs/Path", path_message(route, header)
-    messages = {topic: (kind, {"header": header} | m) for topic, (kind, m) in content.items()}
-    _write(target, messages, stamp)
+    write_messages(target, content, header, stamp)
 
 
-def _write(
-    target: str | os.PathLike[str], messages: Mapping[str, tuple[str, dict[str, Any]]], stamp: int
+def write_messages(
+    target: str | os.PathLike[str],
+    content: Mapping[str, tuple[str, dict[str, Any]]],
+    header: Mapping[str, Any],
+    stamp: int,
 ) -> None:
-    """Write one message on each topic."""
+    """Write one message on each topic, given by its type and its fields but for the header."""
     from mcap.writer import Writer
 
+    messages = {topic: (kind, {"header": header} | m) for topic, (kind, m) in content.items()}
     schemas: dict[str, int] = {}
     with replacing(target) as temporary, open(temporary, "wb") as file:
         writer = Writer(file)

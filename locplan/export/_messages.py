@@ -101,7 +101,7 @@ def grid_map(field: CovarianceField, layers: Mapping[str, NDArray[np.float64]]) 
     return {
         "info": {"resolution": step, **size, "pose": pose},
         "layers": list(layers),
-        "basic_layers": ["e"],
+        "basic_layers": list(layers)[:1],
         "data": [{"layout": {"dim": dim}, "data": values} for values in data],
     }
 

@@ -62,16 +62,21 @@ def draw_field_cells(
 ) -> AxesImage:
     """Draw as `draw_field` does a scalar that has been read at the map's cells, or its blocks."""
     draw_map(axes, field.grid)
-    layer, factor = name in field.layers, field.quantity(name).factor
-    values = factor * values
+    values = field.quantity(name).factor * values
+    norm = field_norm(field, name, values)
+    return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=norm)
+
+
+def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
+    """The scale of a scalar or layer of a field, in the unit that is shown, as are the values."""
+    factor = field.quantity(name).factor
     low, high = (factor * anchor for anchor in field.anchors(name))
-    if layer:
-        return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=Normalize(low, high))
+    if name in field.layers:
+        return Normalize(low, high)
     if not field.config.estimator.adds_q and field.evaluated.any():
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
-    norm = LogNorm(low, max(high, low * 1.001))
-    return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=norm)
+    return LogNorm(low, max(high, low * 1.001))
 
 
 def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any) -> Colorbar:

@@ -1,0 +1,282 @@
+"""Areas where a match is degenerate: the cells of high u, as polygons with their covariance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import instance, number
+from locplan.costs import DEGENERATE, Costmap, check_costs
+from locplan.errors import FieldError
+from locplan.export._outlines import QUARTERS, Ring, rings_of, signed_area, thinned, untangled
+from locplan.export._value_maps import check_has_field
+from locplan.field import CovarianceField, mean_information, position_axes, scalar
+from locplan.maps import OccupancyGrid
+
+MIN_AREA = 1.0
+"""Default of the least area [m^2]: some 25 points of a lattice of 0.2 m; fewer may be chance."""
+MIN_HOLE = 0.1
+"""Area below which a hole is filled [m^2]: stray cells and the legs of tables."""
+TOLERANCE = 1.0
+"""Greatest distance of a polygon from the cells' edges [cells]; it makes steps straight."""
+FALLBACK = 50
+"""Number of cells whose covariances are read where no lattice point lies in an area."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DegenerateArea:
+    """A polygon of cells whose degeneracy u is high, in the world frame."""
+
+    name: str
+    """Name, such as area-1; the largest area comes first."""
+    outline: NDArray[np.float64]
+    """Corners [m], counter-clockwise, the first one only once, (n, 2)."""
+    holes: tuple[NDArray[np.float64], ...]
+    """Corners of the holes [m], clockwise, (n, 2) each."""
+    middle: tuple[float, float]
+    """Position well inside the area, such as for its name [m]."""
+    area: float
+    """Area of the cells [m^2]."""
+    u_mean: float
+    """Mean of u over the cells, 0..1."""
+    u_max: float
+    """Greatest u, 0..1."""
+    position_std: float
+    """Median of the largest standard deviation of the position [m]."""
+    worst_position_std: float
+    """Greatest of the largest standard deviations of the position [m]."""
+    minor_position_std: float
+    """Median of the standard deviation of the position across the largest [m]."""
+    heading_std: float
+    """Median of the heading's standard deviation [rad]; NaN in a field without rotation."""
+    worst_heading_std: float
+    """Greatest standard deviation of the heading [rad]; NaN in a field without rotation."""
+    direction: float
+    """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
+    agreement: float
+    """1 where all places are uncertain along that line only, 0 where there is no common one."""
+    covariance: NDArray[np.float64]
+    """Covariance of the mean information over the area, (d, d) [m, m, rad]; d = 2 without
+    rotation. Where directions differ, it is smaller than each place's."""
+
+    def __repr__(self) -> str:
+        return (
+            f"DegenerateArea({self.name}: {self.area:.3g} m², u {self.u_mean:.2f},"
+            f" position std. deviation {100 * self.position_std:.3g} cm)"
+        )
+
+
+def degenerate_areas(
+    costs: Costmap,
+    field: CovarianceField,
+    *,
+    threshold: float | None = None,
+    min_area: float = MIN_AREA,
+) -> tuple[DegenerateArea, ...]:
+    """Find the areas where u is at least a threshold, the largest first.
+
+    Cells belong together that share an edge. Polygons follow the edges of cells to within a cell;
+    they do not meet themselves, their holes or each other. Holes below 0.1 m^2 are filled.
+
+    Parameters
+    ----------
+    costs : Costmap
+        A costmap that was made of the field; its law and criterion define u.
+    field : CovarianceField
+        The field; several headings count by their mean information.
+    threshold : float, optional
+        Least u of a cell, 0..1; by default `half_free`: .5 for `Scan`, .18 for `Sad`.
+    min_area : float
+        Least area [m^2], >= 0.
+
+    Returns
+    -------
+    tuple of DegenerateArea
+        None where no area is large enough.
+
+    Raises
+    ------
+    ConfigError
+        If a number is out of its limits, or the costmap has no field.
+    FieldError
+        If the field belongs to another map.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.maps import environments
+    >>> grid = environments.make("two_corridors", resolution=0.2)
+    >>> field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
+    >>> costs = locplan.Costmap.from_field(grid, field)
+    >>> area, *_ = locplan.export.degenerate_areas(costs, field)
+    >>> area.name, area.outline.shape[1], area.agreement > 0.9
+    ('area-1', 2, True)
+    """
+    import cv2
+
+    check_areas(threshold, min_area)
+    check_costs(costs)
+    instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
+    if field.grid.digest != costs.grid.digest:
+        raise FieldError("the field belongs to another map than the costmap; compute it for this")
+    check_has_field(costs)
+    threshold = half_free(costs, field) if threshold is None else threshold
+    grid = costs.grid
+    cell_area = grid.resolution**2
+    found = cv2.connectedComponentsWithStats(
+        (costs.u >= threshold).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S
+    )
+    labels, boxes = np.asarray(found[1]), np.asarray(found[2])
+    sizes = boxes[:, cv2.CC_STAT_AREA] * cell_area
+    large = np.flatnonzero(sizes[1:] >= min_area - 1e-9) + 1
+    large = large[np.argsort(-sizes[large], kind="stable")]
+    is_large = np.zeros(len(sizes), bool)
+    is_large[large] = True
+    polygons = _polygons(is_large[labels], labels, min(MIN_HOLE, min_area) / cell_area)
+    points = _points_of(field, labels)
+    areas = []
+    for n, label in enumerate(large.tolist(), start=1):
+        left, low, width, height = boxes[label, :4].tolist()
+        window = slice(low, low + height), slice(left, left + width)
+        inside = labels[window] == label
+        row, col = _middle(inside)
+        u = costs.u[window][inside]
+        covariance = points.get(label)
+        if covariance is None:
+            covariance = _read(field, np.argwhere(inside) + np.array([low, left]))
+        outline, *holes = (_in_world(grid, corners) for corners in polygons[label])
+        areas.append(
+            DegenerateArea(
+                f"area-{n}",
+                outline,
+                tuple(holes),
+                grid.cell_to_world(row + low, col + left),
+                float(sizes[label]),
+                float(u.mean()),
+                float(u.max()),
+                *_Spread.of(covariance),
+            )
+        )
+    return tuple(areas)
+
+
+def check_areas(threshold: float | None, min_area: float) -> None:
+    """Raise a ConfigError unless these are limits of areas."""
+    if threshold is not None:
+        number("threshold", threshold, 0, 1)
+    number("min_area", min_area, 0)
+
+
+def half_free(costs: Costmap, field: CovarianceField) -> float:
+    """Half of the u of a place that tells nothing along one line, and all across it.
+
+    Such a place is a corridor without features. Its u is 1 by the deviation of the position, and
+    less by e, to which the position across and the heading count as well. On a logarithmic scale
+    half of it is the geometric mean of the deviations of a perfect match and of none: .21 m for
+    `Scan`, .26 m for `Sad`. Where u is made of something else, it is that of degenerate metres.
+    """
+    settings, estimator = costs.settings, field.config.estimator
+    if settings is None or settings.criterion not in ("e", "position_std", "position_rms"):
+        return DEGENERATE
+    corridor = estimator.perfect(field.window).copy()
+    corridor[0, 0] = estimator.featureless(field.window)[0, 0]
+    least, greatest = field.anchors(settings.criterion)
+    value = float(scalar(corridor, settings.criterion))
+    if settings.law == "logarithmic":
+        return math.log(value / least) / math.log(greatest / least) / 2
+    share = value / greatest
+    return (share ** (1 / 3) if settings.law == "cube-root" else share) / 2
+
+
+def _polygons(
+    mask: NDArray[np.bool_], labels: NDArray[np.int32], min_hole: float
+) -> dict[int, list[NDArray[np.int64]]]:
+    """The rings of each label, its outline first, holes from so many cells on."""
+    of_label: dict[int, list[Ring]] = {}
+    for ring in rings_of(mask):
+        of_label.setdefault(int(labels[ring.cell]), []).append(ring)
+    rings, kept, owners = [], [], []
+    for label, own in of_label.items():
+        areas = [signed_area(ring.corners) / QUARTERS**2 for ring in own]
+        order = [n for n in np.argsort(areas)[::-1] if areas[n] > 0 or -areas[n] >= min_hole]
+        corners = [own[n].corners for n in order]
+        rings += corners
+        kept += thinned(corners, TOLERANCE)
+        owners += [label] * len(corners)
+    polygons: dict[int, list[NDArray[np.int64]]] = {}
+    if rings:
+        for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
+            polygons.setdefault(label, []).append(ring[few])
+    return polygons
+
+
+def _in_world(grid: OccupancyGrid, corners: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Corners [quarters of a cell] in the world [m]."""
+    cols, rows = corners.T / QUARTERS
+    return np.stack(grid.grid_to_world(rows, cols), axis=1)
+
+
+def _middle(inside: NDArray[np.bool_]) -> tuple[int, int]:
+    """Of the cells far from the edge of an area (H, W), that nearest to their mean."""
+    import cv2
+
+    distance = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)
+    cells = np.argwhere(distance[1:-1, 1:-1] >= 0.9 * distance.max())
+    row, col = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))].tolist()
+    return row, col
+
+
+def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, NDArray[np.float64]]:
+    """The covariances on the lattice points of each label, (n, d, d)."""
+    owner = np.where(field.evaluated, labels[:: field.stride, :: field.stride], 0)
+    rows, cols = np.nonzero(owner)
+    order = np.argsort(owner[rows, cols], kind="stable")
+    rows, cols = rows[order], cols[order]
+    found, starts = np.unique(owner[rows, cols], return_index=True)
+    parts = np.split(field.mean_covariance[rows, cols], starts[1:])
+    return dict(zip(found.tolist(), parts, strict=True)) if found.size else {}
+
+
+def _read(field: CovarianceField, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
+    some = cells[:: -(-len(cells) // FALLBACK)].tolist()
+    read = np.array([field.at(field.grid.cell_to_world(row, col)) for row, col in some])
+    return np.asarray(read[np.isfinite(read).all(axis=(1, 2))])
+
+
+class _Spread(NamedTuple):
+    """What the covariances of places say of their area, see `DegenerateArea`."""
+
+    position_std: float
+    worst_position_std: float
+    minor_position_std: float
+    heading_std: float
+    worst_heading_std: float
+    direction: float
+    agreement: float
+    covariance: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, covariance: NDArray[np.float64]) -> _Spread:
+        """The spread of covariances, (n, d, d)."""
+        major, minor, direction = position_axes(covariance)
+        heading = scalar(covariance, "heading_std")
+        if covariance.shape[-1] == 2:
+            heading = np.full_like(heading, np.nan)
+        total = major**2 + minor**2
+        longer = np.divide(major**2 - minor**2, total, where=total > 0, out=np.zeros_like(total))
+        mean = np.mean(longer * np.exp(2j * direction))  # a line's directions are alike, doubled
+        return cls(
+            float(np.median(major)),
+            float(major.max()),
+            float(np.median(minor)),
+            float(np.median(heading)),
+            float(heading.max()),
+            float(np.angle(mean) / 2),
+            float(np.abs(mean)),
+            mean_information(covariance),
+        )

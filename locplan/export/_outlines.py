@@ -1,0 +1,189 @@
+"""Outlines of areas of cells: rings along the cells' edges, and the same with fewer corners.
+
+Rings are (n, 2) arrays of whole numbers, the columns and rows of their corners in quarters of a
+cell, without the first corner once more at the end. The area lies to their left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+QUARTERS = 4
+"""Units of a ring along the edge of a cell."""
+MAX_AREA_ERROR = 0.02
+"""Greatest share by which fewer corners may change an area."""
+_STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+_CHUNK = 256
+
+
+class Ring(NamedTuple):
+    """A closed line around an area of cells, or around a hole in it."""
+
+    corners: NDArray[np.int64]
+    """Columns and rows of its corners [quarters of a cell], (n, 2), one a cell's edge."""
+    cell: tuple[int, int]
+    """Row and column of a cell of the area, beside the ring."""
+
+
+def rings_of(mask: NDArray[np.bool_]) -> list[Ring]:
+    """All rings along the edges of the cells of a mask, (H, W).
+
+    Cells that meet at a corner alone do not belong together: both sides keep a quarter of a cell
+    away from it, so that no ring meets itself or another one.
+    """
+    inside = np.pad(mask, 1)
+    width = inside.shape[1]
+    codes, cells = [], []
+    for side, (first, ahead) in enumerate([((0, 0), -1), ((0, 1), 1), ((1, 1), 1), ((1, 0), -1)]):
+        beside = np.roll(inside, -ahead, axis=side % 2)
+        rows, cols = np.nonzero(inside & ~beside)
+        starts = (rows + first[0]) * width + cols + first[1]
+        codes.append(4 * starts + side)
+        cells.append(np.column_stack([rows, cols]) - 1)
+    code, cell = np.concatenate(codes), np.concatenate(cells)
+    if not code.size:
+        return []
+    order = np.argsort(code)
+    code, cell = code[order], cell[order]
+    direction = code % 4
+    end = code // 4 + np.array([1, width, -1, -width])[direction]
+    after = np.empty(len(code), np.int64)
+    turns = {}
+    for turn in (3, 0, 1):  # a left turn, which stays at the same cell, comes last and wins
+        wanted = 4 * end + (direction + turn) % 4
+        found = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
+        turns[turn] = code[found] == wanted
+        after[turns[turn]] = found[turns[turn]]
+    corner = QUARTERS * (np.column_stack([end % width, end // width]) - 1)
+    away = _STEPS[(direction + 1) % 4] - _STEPS[direction]
+    corner[turns[1] & turns[3]] += away[turns[1] & turns[3]]
+    return [
+        Ring(corner[ring], (int(cell[ring[0], 0]), int(cell[ring[0], 1])))
+        for ring in _cycles(after.tolist())
+    ]
+
+
+def _cycles(after: list[int]) -> list[list[int]]:
+    """The cycles of a permutation."""
+    seen = bytearray(len(after))
+    cycles = []
+    for first in range(len(after)):
+        if not seen[first]:
+            cycle, at = [], first
+            while not seen[at]:
+                seen[at] = 1
+                cycle.append(at)
+                at = after[at]
+            cycles.append(cycle)
+    return cycles
+
+
+def signed_area(corners: NDArray[Any]) -> float:
+    """Area of a ring in the square of its unit, negative if it runs clockwise."""
+    x, y = (corners - corners[0]).T
+    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
+
+
+def thinned(rings: Sequence[NDArray[np.int64]], tolerance: float) -> list[NDArray[np.int64]]:
+    """The corners that are left of an area's rings, as sorted indices, by Douglas and Peucker.
+
+    `tolerance` is the greatest distance of a corner that is left out [cells]; less is taken where
+    the area would change by more than `MAX_AREA_ERROR`.
+    """
+    exact = sum(map(signed_area, rings))
+    while tolerance >= 1 / 8:
+        kept = [_kept(ring, tolerance) for ring in rings]
+        areas = [
+            signed_area(ring[k]) if len(k) > 2 else 0.0 for ring, k in zip(rings, kept, strict=True)
+        ]
+        alike = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
+        if alike and abs(sum(areas) - exact) <= MAX_AREA_ERROR * exact:
+            return kept
+        tolerance /= 2
+    return [np.arange(len(ring)) for ring in rings]
+
+
+def _kept(ring: NDArray[np.int64], tolerance: float) -> NDArray[np.int64]:
+    """Indices of the corners that Douglas and Peucker keep."""
+    import cv2
+
+    corners = cv2.approxPolyDP(ring.astype(np.int32)[:, None], QUARTERS * tolerance, True)[:, 0]
+    index = {(x, y): n for n, (x, y) in enumerate(ring.tolist())}
+    return np.sort([index[x, y] for x, y in corners.tolist()])
+
+
+def untangled(
+    rings: Sequence[NDArray[np.int64]], kept: Sequence[NDArray[np.int64]]
+) -> list[NDArray[np.int64]]:
+    """The corners that are left, and as many more as it takes that no lines meet."""
+    kept = list(kept)
+    while True:
+        corners = [ring[k] for ring, k in zip(rings, kept, strict=True)]
+        bounds = np.cumsum([0, *map(len, corners)])
+        met = meeting(corners)
+        if not met.any():
+            return kept
+        for n in np.flatnonzero(np.add.reduceat(met, bounds[:-1])).tolist():
+            lines = np.flatnonzero(met[bounds[n] : bounds[n + 1]]).tolist()
+            more = [_between(rings[n], kept[n], line) for line in lines]
+            kept[n] = np.unique(np.concatenate([kept[n], *more]))
+
+
+def _between(ring: NDArray[np.int64], kept: NDArray[np.int64], line: int) -> NDArray[np.int64]:
+    """Index of the corner farthest from a line that left it out; none if it left out none."""
+    first, last = kept[line], kept[(line + 1) % len(kept)]
+    left_out = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
+    if not left_out.size:
+        return left_out
+    (dx, dy), (x, y) = ring[last] - ring[first], (ring[left_out] - ring[first]).T
+    away = np.abs(dx * y - dy * x)
+    farthest = int(np.argmax(away)) if away.any() else len(away) // 2
+    return np.asarray(left_out[farthest : farthest + 1])
+
+
+def meeting(rings: Sequence[NDArray[np.int64]]) -> NDArray[np.bool_]:
+    """Whether each line of the rings, one after the other, meets any but its neighbours' ends."""
+    sizes = [len(ring) for ring in rings]
+    start = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    offsets = np.repeat(np.cumsum([0, *sizes[:-1]]), sizes)
+    after = offsets + (np.arange(len(start)) - offsets + 1) % np.repeat(sizes, sizes)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.argsort(low[:, 0], kind="stable")
+    lefts = low[order, 0]
+    met = np.zeros(len(start), bool)
+    for first in range(0, len(start), _CHUNK):
+        some = order[first : first + _CHUNK]
+        others = order[first : np.searchsorted(lefts, high[some, 0].max(), side="right")]
+        near = np.arange(len(others)) > np.arange(len(some))[:, None]
+        near &= low[others, 0] <= high[some, 0][:, None]
+        near &= low[others, 1] <= high[some, 1][:, None]
+        near &= high[others, 1] >= low[some, 1][:, None]
+        a, b = np.nonzero(near)
+        i, j = some[a], others[b]
+        along, across = end[i] - start[i], end[j] - start[j]
+        touch = _sides(along, start[i], start[j], end[j]) <= 0
+        touch &= _sides(across, start[j], start[i], end[i]) <= 0
+        neighbours = (after[i] == j) | (after[j] == i)
+        back = (_cross(along, across) == 0) & (np.sum(along * across, axis=1) < 0)
+        bad = np.where(neighbours, back, touch)
+        met[i[bad]] = met[j[bad]] = True
+    return met
+
+
+def _sides(
+    along: NDArray[np.int64],
+    origin: NDArray[np.int64],
+    one: NDArray[np.int64],
+    other: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """At most 0 where two points do not lie strictly on one side of a line."""
+    return np.sign(_cross(along, one - origin)) * np.sign(_cross(along, other - origin))
+
+
+def _cross(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
