@@ -109,7 +109,7 @@ def degenerate_areas(
     --------
     >>> import locplan
     >>> from locplan.maps import environments
-    >>> grid = environments.make("two_corridors", resolution=0.2)
+    >>> grid = environments.make("two_corridors", resolution=0.1)
     >>> field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
     >>> costs = locplan.Costmap.from_field(grid, field)
     >>> area, *_ = locplan.export.degenerate_areas(costs, field)

@@ -25,7 +25,7 @@ from locplan.maps import OccupancyGrid
 UNITS = {"position_std": "m", "heading_std": "rad"}
 """The scalars of a layer, with the unit in files."""
 BAG, LEGEND = "layer.mcap", "legend.png"
-_GDAL_NODATA = 42113
+_GDAL_NODATA, _PREDICTOR = 42113, 317
 
 
 def layer(folder: str | Path, field: CovarianceField, *, frame: str = "map") -> None:
@@ -104,6 +104,7 @@ def write_raster(file: Path, values: NDArray[np.float64]) -> None:
 
     tags = ImageFileDirectory_v2()
     tags[_GDAL_NODATA] = "nan"
+    tags[_PREDICTOR] = 3  # of floats: two thirds of the size
     picture = Image.fromarray(np.ascontiguousarray(values[::-1], np.float32))
     picture.save(file, "tiff", tiffinfo=tags, compression="tiff_adobe_deflate")
 

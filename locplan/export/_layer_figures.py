@@ -44,7 +44,7 @@ def write_coloured(file: Path, values: NDArray[np.float64], norm: Normalize) -> 
         colours[first : first + _ROWS][known] = FIELD_COLOURS(
             np.asarray(norm(some[known])), bytes=True
         )
-    Image.fromarray(colours, "RGBA").save(file, "png")
+    Image.fromarray(colours, "RGBA").save(file, "png", compress_level=3)
 
 
 def legend_figure(

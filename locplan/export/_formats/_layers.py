@@ -58,7 +58,9 @@ def write_areas(target: Path, job: ExportJob, options: AreaOptions) -> ExportSum
 
 
 FORMATS = (
-    Format("layer", "deviations for QGIS, RViz and Foxglove", write_layer, LayerOptions),
+    Format(
+        "layer", "deviations for QGIS, RViz and Foxglove", write_layer, LayerOptions, library="mcap"
+    ),
     Format(
         "degenerate-areas", "degenerate areas as GeoJSON and for Autoware", write_areas, AreaOptions
     ),
