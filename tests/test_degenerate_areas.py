@@ -216,6 +216,39 @@ def test_a_ring_follows_the_edges_of_cells():
     assert {tuple(each) for each in ring.corners[few].tolist()} == {(0, 0), (8, 0), (8, 8), (0, 8)}
 
 
+def test_narrow_holes_and_stripes_keep_their_shape():
+    mask = np.ones((40, 40), bool)
+    mask[20, 10:13] = False
+    rings = sorted((ring.corners for ring in rings_of(mask)), key=signed_area)
+    hole, outer = (ring[k] for ring, k in zip(rings, thinned(rings, 1.0), strict=True))
+    assert signed_area(hole) == pytest.approx(-3 * 16, rel=0.1)
+    assert signed_area(outer) == pytest.approx(1600 * 16, rel=0.01)
+    row, col = np.indices((30, 30))
+    stripe = np.abs(col - 2 * row) <= 1
+    (ring,) = rings_of(stripe)
+    (few,) = thinned([ring.corners], 1.0)
+    assert signed_area(ring.corners[few]) == pytest.approx(16 * stripe.sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_polygons_of_noise_are_valid_and_apart(seed):
+    costs, field = made_up(np.full((50, 60), FREE, np.uint8), blur=0)
+    noise = np.random.default_rng(seed).random((50, 60)) * 0.95
+    costs = dataclasses.replace(costs, u=np.maximum(noise, np.roll(noise, 1, axis=seed % 2)))
+    areas = degenerate_areas(costs, field, threshold=0.62, min_area=0.01)
+    assert len(areas) > 20
+    assert sum(len(area.holes) for area in areas) > 0
+    inside(areas, costs.grid)
+    lines = []
+    for n, area in enumerate(areas):
+        check_valid(area)
+        for ring in (area.outline, *area.holes):
+            lines += [(n, a, b) for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)]
+    for m, (n, a, b) in enumerate(lines):
+        for other, c, d in lines[m + 1 :]:
+            assert n == other or not crosses(a, b, c, d)
+
+
 def test_lines_that_meet_are_found():
     bow = np.array([[0, 0], [8, 8], [8, 0], [0, 8]])
     apart = np.array([[20, 0], [30, 0], [30, 10]])

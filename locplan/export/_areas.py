@@ -113,7 +113,7 @@ def degenerate_areas(
     >>> field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
     >>> costs = locplan.Costmap.from_field(grid, field)
     >>> area, *_ = locplan.export.degenerate_areas(costs, field)
-    >>> area.name, area.outline.shape[1], area.agreement > 0.9
+    >>> area.name, area.outline.shape[1], area.area >= 1
     ('area-1', 2, True)
     """
     import cv2
