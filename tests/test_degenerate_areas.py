@@ -170,8 +170,7 @@ def test_polygons_hold_the_cells_and_are_valid(seed, blur):
     found = inside(areas, grid)
     chosen = np.isin(labels, np.flatnonzero(sizes >= 0.2 - 1e-9) + 1)
     assert np.mean(found[chosen] > 0) >= 0.97
-    if blur == 1.0:  # the others have many small holes that are filled
-        assert np.mean(chosen[found > 0]) >= 0.97
+    assert np.mean(chosen[found > 0]) >= 0.95
     for n, area in enumerate(areas, start=1):
         check_valid(area)
         row, col = grid.world_to_cell(*area.middle)
@@ -269,6 +268,16 @@ def test_small_holes_are_filled_and_others_kept():
     assert -signed_area(hole) == pytest.approx(0.25)
     assert area.area == pytest.approx(80 * 100 * 0.0025 - 0.3125)
     assert signed_area(area.outline) == pytest.approx(80 * 100 * 0.0025)
+
+
+def test_many_small_holes_are_not_all_filled():
+    cells = np.full((80, 100), FREE, np.uint8)
+    cells[5::10, 5::10] = cells[5::10, 6::10] = 0  # 80 of 0.005 m²: 2 %
+    cells[2:4, 2:4] = 0
+    (area,) = degenerate_areas(*made_up(cells), threshold=0.0)
+    assert 1 <= len(area.holes) < 10
+    whole = signed_area(area.outline) + sum(map(signed_area, area.holes))
+    assert area.area < whole < 1.021 * area.area
 
 
 def test_areas_between_the_points_of_the_lattice_are_read():

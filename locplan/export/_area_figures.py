@@ -10,17 +10,18 @@ from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox
 
 from locplan.export._areas import DegenerateArea
 from locplan.export._autoware import AGREES
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import draw_map, map_axes
+from locplan.plotting._maps import draw_map, map_axes, map_size
 
 FILL, EDGE = "#e69f00", "#a0522d"
 ARM = 0.02
 """Half the length of the lines that show directions, as a share of the map's longer side."""
 NAMED = 25
-"""Number of areas, the largest first, that are named in a picture."""
+"""Greatest number of areas that are named in a picture, the largest first."""
 
 
 def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: str) -> Figure:
@@ -30,7 +31,7 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
     ----------
     grid : OccupancyGrid
     areas : sequence of DegenerateArea
-        The largest ones are named.
+        They are named where no name of a larger one stands.
     title : str
     """
     figure, axes = map_axes(grid)
@@ -46,12 +47,18 @@ def areas_figure(grid: OccupancyGrid, areas: Sequence[DegenerateArea], title: st
             arm = size * np.array([np.cos(area.direction), np.sin(area.direction)])
             lines.append([area.middle - arm, area.middle + arm])
     axes.add_collection(LineCollection(lines, colors="black", linewidths=2.0), autolim=False)
-    for area in areas[:NAMED]:
+    taken: list[Bbox] = []
+    metre = 72 * (map_size(grid)[0] - 2.0) / np.ptp(axes.get_xlim())  # in points, nearly
+    for area in areas:
         label = f"{area.name}: {100 * area.position_std:.0f} cm"
-        text = axes.annotate(
-            label, area.middle, (0, 5), textcoords="offset points", ha="center", fontsize=8
-        )
-        text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+        x, y = metre * np.array(area.middle)
+        box = Bbox.from_extents(x - 2.6 * len(label), y, x + 2.6 * len(label), y + 12)
+        if len(taken) < NAMED and not any(box.overlaps(other) for other in taken):
+            taken.append(box)
+            text = axes.annotate(
+                label, area.middle, (0, 4), textcoords="offset points", ha="center", fontsize=8
+            )
+            text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     below = "name: median position std. deviation; line: its direction"
     axes.set_title(f"{title}\n{below}" if areas else title, fontsize="medium")
     return figure

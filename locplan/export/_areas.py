@@ -19,8 +19,9 @@ from locplan.maps import OccupancyGrid
 
 MIN_AREA = 1.0
 """Default of the least area [m^2]: some 25 points of a lattice of 0.2 m; fewer may be chance."""
-MIN_HOLE = 0.1
-"""Area below which a hole is filled [m^2]: stray cells and the legs of tables."""
+MIN_HOLE, MAX_FILLED = 0.1, 0.02
+"""Area below which holes are filled [m^2], such as the legs of tables, and the greatest share of
+their area in all."""
 TOLERANCE = 1.0
 """Greatest distance of a polygon from the cells' edges [cells]; it makes steps straight."""
 FALLBACK = 50
@@ -80,7 +81,8 @@ def degenerate_areas(
     """Find the areas where u is at least a threshold, the largest first.
 
     Cells belong together that share an edge. Polygons follow the edges of cells to within a cell;
-    they do not meet themselves, their holes or each other. Holes below 0.1 m^2 are filled.
+    they do not meet themselves, their holes or each other. The smallest holes
+    are filled: those below 0.1 m^2, up to 2 % of an area.
 
     Parameters
     ----------
@@ -195,15 +197,17 @@ def half_free(costs: Costmap, field: CovarianceField) -> float:
 def _polygons(
     mask: NDArray[np.bool_], labels: NDArray[np.int32], min_hole: float
 ) -> dict[int, list[NDArray[np.int64]]]:
-    """The rings of each label, its outline first, holes from so many cells on."""
+    """The rings of each label, its outline first; holes of fewer cells are filled."""
     of_label: dict[int, list[Ring]] = {}
     for ring in rings_of(mask):
         of_label.setdefault(int(labels[ring.cell]), []).append(ring)
     rings, kept, owners = [], [], []
     for label, own in of_label.items():
-        areas = [signed_area(ring.corners) / QUARTERS**2 for ring in own]
-        order = [n for n in np.argsort(areas)[::-1] if areas[n] > 0 or -areas[n] >= min_hole]
-        corners = [own[n].corners for n in order]
+        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in own])
+        first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
+        total = np.cumsum(-areas[holes])
+        filled = (areas[holes] > -min_hole) & (total <= MAX_FILLED * areas[first])
+        corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
         rings += corners
         kept += thinned(corners, TOLERANCE)
         owners += [label] * len(corners)

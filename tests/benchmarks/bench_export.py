@@ -64,6 +64,10 @@ WRITERS = {
         field=field,
         paths={"a": Path(np.random.default_rng(0).uniform(0, 100, (3000, 2)))},
     ),
+    "layer": lambda folder, field, _: export.layer(folder, field),
+    "degenerate-areas": lambda folder, field, costs: export.save_degenerate_areas(
+        folder, costs, field
+    ),
     "csv": lambda folder, field, _: export.field(folder.with_suffix(".csv"), field),
     "npz": lambda folder, field, _: export.field(folder.with_suffix(".npz"), field),
     "png": lambda folder, field, _: export.field(folder.with_suffix(".png"), field),
