@@ -68,6 +68,7 @@ def export(
 ) -> None:
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
     from locplan._util.tables import table
+    from locplan._util.working import working
     from locplan.planners import plan
 
     format = FORMATS[to]
@@ -95,6 +96,7 @@ def export(
             reason = found.note or found.status
             raise ConfigError(f"no path leads from --start to --goal: {reason}")
         paths["aware"] = found.path
-    summary = format.write(target, ExportJob(costmap, field, paths), chosen)
+    with working(f"writing {target.name}"):
+        summary = format.write(target, ExportJob(costmap, field, paths), chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     show(json, about, table([], [("map", grid.name), ("format", to), *summary.rows]), target)
