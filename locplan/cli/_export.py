@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -96,7 +97,7 @@ def export(
             reason = found.note or found.status
             raise ConfigError(f"no path leads from --start to --goal: {reason}")
         paths["aware"] = found.path
-    with working(f"writing {target.name}"):
+    with nullcontext() if format.tells else working(f"writing {target.name}"):
         summary = format.write(target, ExportJob(costmap, field, paths), chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     show(json, about, table([], [("map", grid.name), ("format", to), *summary.rows]), target)

@@ -62,6 +62,8 @@ class Format:
     """The library of the extra `ros` that it needs."""
     paths: Literal["none", "one", "several"] = "none"
     """The number of paths that it takes."""
+    tells: bool = False
+    """Whether it shows how far it is; else only that it is being written is shown."""
     check: Callable[[Any, int], None] = lambda options, paths: None
     """The function that raises a ConfigError where the options and the number of paths do not go
     together; it is called before long work."""

@@ -218,6 +218,7 @@ FORMATS = (
         RoutesOptions,
         library="mcap",
         paths="several",
+        tells=True,
         check=check_routes,
     ),
 )
