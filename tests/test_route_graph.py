@@ -14,7 +14,8 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.export._geojson import MAX_ID, to_geojson
-from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.export._roadmap import roadmap
+from locplan.export._route_graphs import RouteGraph
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import plan_field
 

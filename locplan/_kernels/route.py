@@ -103,40 +103,6 @@ def line_costs(
 
 
 @njit(nogil=True, cache=True)
-def spanner(
-    pairs: NDArray[Any], cost: NDArray[Any], count: int, detour: float
-) -> NDArray[np.bool_]:
-    """True for the pairs to keep, of pairs in order of cost.
-
-    A pair is left out if two kept before it replace it at no more than `detour` times its cost.
-    """
-    kept = np.zeros(len(pairs), np.bool_)
-    last = np.full(count, -1)  # each node's half-edges are a chain; 2 n and 2 n + 1 are pair n's
-    before = np.full(2 * len(pairs), -1)
-    through = np.full(count, np.inf)
-    for n, (i, j) in enumerate(pairs):
-        if cost[n] == np.inf:
-            break
-        one = last[i]
-        while one >= 0:
-            through[pairs[one // 2, 1 - one % 2]] = cost[one // 2]
-            one = before[one]
-        least, other = np.inf, last[j]
-        while other >= 0:
-            least = min(least, cost[other // 2] + through[pairs[other // 2, 1 - other % 2]])
-            other = before[other]
-        one = last[i]
-        while one >= 0:
-            through[pairs[one // 2, 1 - one % 2]] = np.inf
-            one = before[one]
-        if least > detour * cost[n]:
-            kept[n] = True
-            before[2 * n], before[2 * n + 1] = last[i], last[j]
-            last[i], last[j] = 2 * n, 2 * n + 1
-    return kept
-
-
-@njit(nogil=True, cache=True)
 def usage(
     order: NDArray[Any], before: NDArray[Any], indptr: NDArray[Any], indices: NDArray[Any]
 ) -> NDArray[Any]:

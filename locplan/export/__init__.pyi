@@ -14,6 +14,7 @@ from ._registry import (
     Format as Format,
     formats as formats,
 )
-from ._roadmap import RouteGraph as RouteGraph, roadmap as roadmap
+from ._roadmap import roadmap as roadmap
+from ._route_graphs import RouteGraph as RouteGraph
 from ._travel_costs import Conversion as Conversion
 from ._value_maps import percent as percent, ros_map as ros_map

@@ -13,7 +13,8 @@ import numpy as np
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export._folders import export_folder
-from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.export._roadmap import roadmap
+from locplan.export._route_graphs import RouteGraph
 from locplan.export._servers import LAUNCH, SERVERS, Server, write_servers
 from locplan.export._value_maps import PREVIEW, without_yaw
 
@@ -23,7 +24,7 @@ MAX_ID = 65535
 
 
 def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
-    """A roadmap as Nav2's route server reads it, each edge in both directions.
+    """A route graph as Nav2's route server reads it, with an edge for each direction of travel.
 
     DistanceScorer and PenaltyScorer with their own defaults add up to J; so do DistanceScorer and
     a PenaltyScorer of `penalty_tag: integrated_u`, with any weight. `cost` is J for a server
@@ -34,7 +35,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     ConfigError
         If there are more nodes and edges than Nav2 has ids, or no edge.
     """
-    ids = len(graph.nodes) + 2 * len(graph.edges)
+    ids = len(graph.nodes) + (1 if graph.directed else 2) * len(graph.edges)
     if not len(graph.edges):
         raise ConfigError("Nav2 takes no graph without edges; a smaller spacing may make some")
     if ids > MAX_ID:
@@ -49,7 +50,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
     for (i, j), cost, row in zip(graph.edges.tolist(), graph.cost.tolist(), values, strict=True):
         metadata = {k: v for k, v in zip(names, row, strict=True) if math.isfinite(v)}
-        for start, end in ((i, j), (j, i)):
+        for start, end in ((i, j), (j, i))[: 1 if graph.directed else 2]:
             about = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
             about |= {"cost": cost, "overridable": True, "metadata": metadata}
             features.append(("LineString", [xy[start], xy[end]], about))
