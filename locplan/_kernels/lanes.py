@@ -88,9 +88,7 @@ def uncrossed(xy: NDArray[Any], pairs: NDArray[Any], size: float) -> NDArray[np.
     before, line = [-1], [-1]
     for n, (i, j) in enumerate(pairs):
         a, b = xy[i], xy[j]
-        cols = range(
-            int((min(a[0], b[0]) - left) / size), int((max(a[0], b[0]) - left) / size) + 1
-        )
+        cols = range(int((min(a[0], b[0]) - left) / size), int((max(a[0], b[0]) - left) / size) + 1)
         rows = range(int((min(a[1], b[1]) - low) / size), int((max(a[1], b[1]) - low) / size) + 1)
         free = True
         for row in rows:

@@ -113,8 +113,8 @@ def route_graph(
         (temporary / GRAPH).write_text(text + "\n", encoding="utf-8")
         files = {"graph_filepath": GRAPH}
         server = Server("nav2_route", "route_server", "route_server", parameters, files)
-        title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges"
-        figure = _figures.routes_figure(costs, graph.nodes, graph.edges, title)
+        title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges each way"
+        figure = _figures.routes_figure(costs, graph, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
         write_servers(temporary, [server], "lifecycle_manager_localizability_routes")
     return graph

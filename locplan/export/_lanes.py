@@ -108,7 +108,9 @@ class _Weighted:
                 passed.add(node)
                 node = int(before[node])
         ends = np.array(sorted(passed), np.int64)
-        return self._edge[np.searchsorted(self._key, ends * self._count + before[ends])]
+        found: NDArray[np.int64]
+        found = self._edge[np.searchsorted(self._key, ends * self._count + before[ends])]
+        return found
 
 
 def _routes(net: Net, places: NDArray[np.int64], detour: float) -> NDArray[np.bool_]:
@@ -127,7 +129,8 @@ def _routes(net: Net, places: NDArray[np.int64], detour: float) -> NDArray[np.bo
         )
         nearest = np.minimum(nearest, away[places])
         nearest[place] = -1
-        far = places[np.isfinite(away[places]) & (over[places] > detour * away[places] * (1 + 1e-9))]
+        long = over[places] > detour * away[places] * (1 + 1e-9)
+        far = places[long & np.isfinite(away[places])]
         if len(far):
             dear = weighted.matrix(np.where(chosen, net.cost, share * net.cost))
             _, before = dijkstra(dear, indices=start, return_predecessors=True, limit=2 * limit)

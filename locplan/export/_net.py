@@ -90,7 +90,9 @@ def relaxed(space: Space, net: Net, reach: float) -> NDArray[np.float64]:
     starts = np.unique(np.linspace(0, len(net.xy) - 1, LANDMARKS).astype(int))
     away, before = dijkstra(graph, indices=starts, return_predecessors=True)
     use = usage(np.argsort(away, kind="stable"), before, graph.indptr, graph.indices)
-    return moved(*space, net.xy, graph.indptr, graph.indices, use, SHIFT * reach, APART * reach)
+    xy: NDArray[np.float64]
+    xy = moved(*space, net.xy, graph.indptr, graph.indices, use, SHIFT * reach, APART * reach)
+    return xy
 
 
 def neighbours(count: int, pairs: NDArray[np.int64]) -> list[set[int]]:

@@ -71,9 +71,7 @@ def roadmap(
     return RouteGraph.over(costs, drawn.xy, drawn.edges)
 
 
-def _places(
-    costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net
-) -> NDArray[np.int64]:
+def _places(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -> NDArray[np.int64]:
     """Nodes of the net that are well spread over the free space, in the order of the net."""
     row, col = (np.floor(at).astype(np.int64) + 1 for at in costs.grid.world_to_grid(*net.xy.T))
     cells = row * inside.shape[1] + col

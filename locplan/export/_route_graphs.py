@@ -29,7 +29,7 @@ class RouteGraph:
     >>> import numpy as np
     >>> from locplan.costs import Costmap
     >>> from locplan.maps import environments
-    >>> costs = Costmap.blank(environments.make("office"))
+    >>> costs = Costmap.blank(environments.make("hall"))
     >>> graph = RouteGraph.over(costs, [(1.5, 2.0), (4.5, 6.0)], [(0, 1)], directed=True)
     >>> graph
     RouteGraph(2 nodes, 1 directed edges)
