@@ -518,6 +518,7 @@ def test_plot_refuses_what_it_cannot_draw(run, room, tmp_path, arguments, messag
     [
         *((to, "out") for to in ("nav2-keepout", "nav2-static", "nav2-speed", "ros-map")),
         pytest.param("route-graph", "out", marks=pytest.mark.draws),
+        ("lif", "out.json"),
         ("bag", "out.mcap"),
         ("path", "out.yaml"),
         *((to, f"out.{to}") for to in ("csv", "npz", "png")),
@@ -549,6 +550,8 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         (("--to", "nav2-keepout", "--planner-param", "inf"), "must be a positive number"),
         (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
         (("--to", "nav2-keepout", "--params", "none.yaml"), "none.yaml: cannot be read"),
+        (("--to", "lif", "--stations", "none.csv"), "none.csv: cannot be read"),
+        (("--to", "lif", "--speed", "0"), "speed must be a positive number"),
         (("--to", "path"), "needs one --path CSV, or"),
         (("--to", "path", "--start", "1,1"), "belong together"),
         (("--to", "path", "--start", "1,1,90", "--goal", "2,2"), "--start must be 2 numbers"),

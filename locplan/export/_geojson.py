@@ -68,7 +68,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
 def route_graph(
     folder: str | Path, costs: Costmap, *, spacing: float = 2.0, frame: str = "map"
 ) -> RouteGraph:
-    """Write a roadmap for Nav2's route server, with the scorers that make it charge J.
+    """Write lanes for Nav2's route server, with the scorers that make it charge J.
 
     Parameters
     ----------
@@ -78,7 +78,8 @@ def route_graph(
         The costs of travel; the map's yaw is left out, as Nav2 ignores it. Nodes lie as close to
         blocked cells as pays: make it with a radius one or two cells above the robot's.
     spacing : float
-        Distance of neighbouring nodes in open space [m].
+        How close lanes are [m]: nearly all free cells see a node within two spacings, and places
+        that far apart are joined, see `roadmap`.
     frame : str
         Frame of the nodes.
 
@@ -100,8 +101,9 @@ def route_graph(
     parameters = _route_server(costs)
     name = costs.grid.name or "a map"
     readme = [
-        f"- {GRAPH}: {len(graph.nodes)} nodes, {len(graph.edges)} edges both ways with length,"
-        " integrated_e, integrated_u and penalty [m]; export.json: the input.",
+        f"- {GRAPH}: lanes of {len(graph.nodes)} nodes and {len(graph.edges)} edges both ways, each"
+        " straight and free, with length, integrated_e, integrated_u and penalty [m]; export.json:"
+        " the input.",
         f"- {SERVERS}: the route server with the scorers that add up to J; {LAUNCH} starts it;"
         f" {PREVIEW}.",
         f"- `ros2 launch ./{LAUNCH}` (in this folder), or add the parameters to your own and",

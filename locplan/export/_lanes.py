@@ -11,20 +11,24 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
-from locplan._kernels.lanes import sights, spanner
-from locplan._kernels.route import line_cost
+from locplan._kernels.lanes import sights, spanner, uncrossed
+from locplan._kernels.route import line_cost, line_costs
 from locplan.export._net import MERGED, Net, Space, merged, relaxed, spanned, symmetric
 
-SEEN, KEPT, LONGEST = 2.0, 2.5, 4.0
-"""Distances in spacings: from which free space sees a node, and the greatest length of an edge that
-straightening makes."""
+SEEN, KEPT, NEAR, LONGEST = 2.0, 2.5, 4.0, 4.0
+"""Distances in spacings: from which free space sees a node at first and in the end, of nodes that
+are joined if that spares a detour, and the greatest length of an edge that straightening makes."""
+ROOM, CLOSE = 0.5, 1.5
+"""Nodes that are closer than this share of their clearance, or this many spacings, are merged."""
 SPAN = 4.0
 """A place is joined to those within this many times its distance from the nearest one before."""
 GAP = 1.8
@@ -42,6 +46,7 @@ def lanes(
     net: Net,
     places: NDArray[np.int64],
     points: NDArray[np.float64],
+    clearance: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     spacing: float,
     detour: float,
 ) -> Net:
@@ -56,12 +61,32 @@ def lanes(
     for _ in range(ROUNDS):
         drawn = spanned(space, drawn.xy, drawn.edges, detour, spacing)
         view = View(space, points, drawn.xy, KEPT * spacing)
-        xy, edges = merged(space, drawn.xy, drawn.edges, MERGED * spacing, view.leave)
+        room = np.minimum(ROOM * clearance(drawn.xy), CLOSE * spacing)
+        close = np.maximum(MERGED * spacing, room)
+        xy, edges = merged(space, drawn.xy, drawn.edges, close, view.leave)
         drawn = spanned(space, xy, edges, detour, spacing)
         view = View(space, points, drawn.xy, KEPT * spacing)
         drawn = _without_unused(_straightened(space, drawn, view, LONGEST * spacing))
         drawn = drawn._replace(xy=relaxed(space, drawn, reach))
-    return _without_unused(spanned(space, drawn.xy, drawn.edges, detour, spacing))
+    drawn = _without_unused(spanned(space, drawn.xy, drawn.edges, detour, spacing))
+    return _joined(space, drawn, NEAR * spacing, spacing)
+
+
+def _joined(space: Space, net: Net, within: float, size: float) -> Net:
+    """The net with lines between near nodes that spare a long detour and cross no other."""
+    near = cKDTree(net.xy).query_pairs(within, output_type="ndarray")
+    near = near[np.lexsort(near.T[::-1])]
+    cost = line_costs(*space, net.xy, near)
+    order = np.argsort(cost, kind="stable")
+    order = order[(cost[order] > 0) & np.isfinite(cost[order])]
+    pairs = np.vstack([net.edges, near[order]]).astype(np.int64)
+    cost = np.concatenate([net.cost, cost[order]])
+    sure = len(net.edges)
+    plane = uncrossed(net.xy, pairs, size)
+    plane[:sure] = True
+    pairs, cost = pairs[plane], cost[plane]
+    kept = spanner(pairs, cost, len(net.xy), GAP, sure)
+    return Net(net.xy, pairs[kept], cost[kept])
 
 
 class View:

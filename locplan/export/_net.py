@@ -108,7 +108,7 @@ def merged(
     space: Space,
     xy: NDArray[np.float64],
     pairs: NDArray[np.int64],
-    within: float,
+    within: float | NDArray[np.float64],
     leave: Callable[[int], bool] = lambda node: True,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """The nodes and lines without nodes that a near one replaces, as it sees their neighbours.
@@ -119,7 +119,8 @@ def merged(
     left = np.ones(len(xy), np.bool_)
     length = np.hypot(*(xy[pairs[:, 0]] - xy[pairs[:, 1]]).T)
     order = np.argsort(length, kind="stable")
-    for i, j in pairs[order[length[order] < within]].tolist():
+    limit = np.broadcast_to(within, len(xy))[pairs].min(axis=1)
+    for i, j in pairs[order[(length < limit)[order]]].tolist():
         if not (left[i] and left[j]) or len(joined[i]) + len(joined[j]) == 2:
             continue  # a piece of two nodes keeps both
         for stays, goes in ((i, j), (j, i)):

@@ -67,7 +67,13 @@ def roadmap(
         raise ConfigError(f"no connected free space is as large as {min_area:g} m^2")
     net = fine_net(costs, space, inside, max(FINE * spacing, 2 * grid.resolution))
     points = _points(costs, inside, reach, net)
-    drawn = lanes(space, net, _places(costs, inside, reach, net), points, spacing, detour)
+    places = _places(costs, inside, reach, net)
+
+    def clearance(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        row, col = (np.floor(at).astype(np.int64) for at in grid.world_to_grid(*xy.T))
+        return grid.clearance[row, col]
+
+    drawn = lanes(space, net, places, points, clearance, spacing, detour)
     return RouteGraph.over(costs, drawn.xy, drawn.edges)
 
 
