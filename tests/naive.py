@@ -723,7 +723,7 @@ def sights(density, resolution, origin, points, xy, within):
 
 
 def usage(starts, before, indptr, indices):
-    """Routes from the starts to all nodes, counted at each node's edges unless they end there."""
+    """Routes from the starts to all nodes, counted at the edges of the nodes between their ends."""
     use = np.zeros(len(indices))
     for start, parents in zip(starts, before, strict=True):
         for goal in range(len(parents)):
@@ -735,7 +735,7 @@ def usage(starts, before, indptr, indices):
             for pair in itertools.pairwise(route):
                 for node, other in itertools.permutations(pair):
                     for n in range(indptr[node], indptr[node + 1]):
-                        if indices[n] == other and node != goal:
+                        if indices[n] == other and node not in (start, goal):
                             use[n] += 1
     return use
 

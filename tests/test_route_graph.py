@@ -97,8 +97,8 @@ def test_lanes_follow_the_cheap_ways() -> None:
     for each in (roadmap(costs), roadmap(costs.with_weight(0.0))):
         graph = RouteGraph.over(costs, each.nodes, each.edges)
         shares.append(graph.cost.sum() / graph.length.sum())
-    assert shares[0] < 0.7 * np.mean(costs.density[np.isfinite(costs.density)])
-    assert shares[0] < 0.8 * shares[1]
+    assert shares[0] < 0.8 * np.mean(costs.density[np.isfinite(costs.density)])
+    assert shares[0] < 0.9 * shares[1]
 
 
 def test_open_floor_has_few_long_lanes_that_do_not_cross() -> None:
@@ -127,6 +127,24 @@ def test_a_corridor_is_a_chain_of_long_edges() -> None:
     straight = np.ptp(graph.nodes[:, 0])
     assert straight > 44
     assert graph.length.sum() < 1.001 * straight
+
+
+def test_every_block_has_lanes_around_it() -> None:
+    cells = np.full((170, 170), FREE, np.uint8)
+    for row, col in np.argwhere(np.ones((4, 4))) * 40:
+        cells[row + 10 : row + 40, col + 10 : col + 40] = OCCUPIED
+    graph = roadmap(Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.2))
+    assert len(graph.edges) - len(graph.nodes) + graph.components == 16
+    assert len(graph.edges) < 70  # 40 from crossing to crossing
+
+
+def test_lanes_lead_into_nooks() -> None:
+    cells = np.full((70, 300), OCCUPIED, np.uint8)
+    cells[30:40] = FREE
+    for col in range(20, 260, 34):
+        cells[40:70, col : col + 8] = cells[60:70, col : col + 26] = FREE
+    costs = Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.2)
+    assert seen_share(costs, roadmap(costs), np.isfinite(costs.density)) > 0.99
 
 
 def test_closer_lanes_are_more_and_cheaper() -> None:
@@ -171,19 +189,23 @@ def test_the_picture_has_each_edge_in_the_colour_of_its_cost_per_metre() -> None
     assert routes_figure(blank, roadmap(blank), "").axes[0].collections[0].get_clim() == (1.0, 1.1)
 
 
-def test_free_cells_see_a_node() -> None:
-    costs = rooms().with_weight(4.0)
-    graph = roadmap(costs)
-    piece, area = pieces(costs)
-    cells = np.argwhere((piece > 0) & (area[piece] * 0.01 >= 1.0))[::17]
-    xy = np.column_stack(costs.grid.grid_to_world(*(cells + 0.5).T))
+def seen_share(costs: Costmap, graph: RouteGraph, inside: NDArray[np.bool_]) -> float:
+    """The share of cells that see a node within 5 m."""
+    xy = np.column_stack(costs.grid.grid_to_world(*(np.argwhere(inside)[::17] + 0.5).T))
     seen = []
     for position in xy:
         near = graph.nodes[np.hypot(*(graph.nodes - position).T) < 5.0]
         lines = position + np.linspace(0, 1, 500)[:, None, None] * (near - position)
         density = costs.density[cells_of(costs, lines.reshape(-1, 2))].reshape(500, -1)
         seen.append(np.isfinite(density).all(axis=0).any())
-    assert np.mean(seen) > 0.98
+    return float(np.mean(seen))
+
+
+def test_free_cells_see_a_node() -> None:
+    costs = rooms().with_weight(4.0)
+    piece, area = pieces(costs)
+    inside = (piece > 0) & (area[piece] * 0.01 >= 1.0)
+    assert seen_share(costs, roadmap(costs), inside) > 0.98
 
 
 def test_integrals_and_determinism() -> None:

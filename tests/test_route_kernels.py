@@ -186,8 +186,8 @@ def test_usage_of_a_chain_from_its_end():
     use = kernels.usage(
         np.array([[0, 1, 2]]), np.array([[-9999, 0, 1]], np.int32), graph.indptr, graph.indices
     )
-    # To 1 and to 2 from 0; at 1 the route to 1 ends, and at 2 the one to 2.
-    assert use.tolist() == [2.0, 1.0, 1.0, 0.0]
+    # Of the routes from 0 to 1 and to 2, which count at no end, only the second passes a node.
+    assert use.tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
 def random_graph(density, resolution, origin, seed):

@@ -106,7 +106,7 @@ def line_costs(
 def usage(
     order: NDArray[Any], before: NDArray[Any], indptr: NDArray[Any], indices: NDArray[Any]
 ) -> NDArray[Any]:
-    """Number of routes over each of a node's edges, without those that end at the node."""
+    """Number of routes over each of a node's edges, without those that begin or end at the node."""
     use = np.zeros(len(indices))
     for nodes, parents in zip(order, before):  # noqa: B905, which numba does not know
         beyond = np.zeros(len(nodes))
@@ -115,7 +115,7 @@ def usage(
             if parent >= 0:
                 beyond[parent] += beyond[node] + 1
                 for n in range(indptr[parent], indptr[parent + 1]):
-                    use[n] += (beyond[node] + 1) * (indices[n] == node)
+                    use[n] += (beyond[node] + 1) * (indices[n] == node and parents[parent] >= 0)
                 for n in range(indptr[node], indptr[node + 1]):
                     use[n] += beyond[node] * (indices[n] == parent)
     return use
