@@ -108,5 +108,7 @@ def test_near_nodes_are_joined_if_that_spares_a_detour_and_crosses_nothing() -> 
     assert [0, 5] in joined.edges.tolist()
     assert len(joined.edges) == len(far) + 1
     assert len(lanes._joined(SPACE, ring, 9.0, 5.0).edges) == len(far)
-    across = net_of([*map(tuple, RING.xy), (2, 10), (8, 10)], [*map(tuple, far), (6, 7)])
-    assert [0, 5] not in lanes._joined(SPACE, across, 10.5, 5.0).edges.tolist()
+    across = net_of([(10, 12), (10, 14), (2, 13), (18, 13)], [(2, 3)])
+    assert lanes._joined(SPACE, across, 3.0, 5.0).edges.tolist() == [[2, 3]]
+    apart = net_of([(10, 12), (10, 14), (2, 15), (18, 15)], [(2, 3)])
+    assert lanes._joined(SPACE, apart, 3.0, 5.0).edges.tolist() == [[2, 3], [0, 1]]
