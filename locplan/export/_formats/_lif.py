@@ -15,7 +15,7 @@ class LifOptions:
     """The options of a layout."""
 
     spacing: float = 2.0
-    """Free space sees a node of the layout within two of these [m], and places that far apart are
+    """Free space sees a node of the graph within two of these [m], and places that far apart are
     joined; 2 by default."""
     stations: Path | None = None
     """Stations of the layout are read from this CSV file (name,x_m,y_m); each gets a node."""
