@@ -112,3 +112,15 @@ def test_near_nodes_are_joined_if_that_spares_a_detour_and_crosses_nothing() -> 
     assert lanes._joined(SPACE, across, 3.0, 5.0).edges.tolist() == [[2, 3]]
     apart = net_of([(10, 12), (10, 14), (2, 15), (18, 15)], [(2, 3)])
     assert lanes._joined(SPACE, apart, 3.0, 5.0).edges.tolist() == [[2, 3], [0, 1]]
+
+
+def test_points_that_see_no_node_get_an_end_that_they_see() -> None:
+    density = np.ones((30, 30))
+    density[10:12, :25] = np.inf
+    space = space_of(density, *WORLDS[0])
+    drawn = net_of([(2, 5), (27, 5), (27, 15)], [(0, 1), (1, 2)])
+    ends = np.array([(20.0, 15.0), (4.0, 5.0), (8.0, 20.0)])
+    for point, edges in (((14.5, 18.5), [(0, 1), (1, 2), (2, 3)]), ((9.5, 5.5), [(0, 1), (1, 2)])):
+        net = lanes._with_spurs(space, drawn, ends, np.array([point]), 10.0)
+        assert sorted(map(tuple, np.sort(net.edges, axis=1).tolist())) == edges
+    assert net.xy.tolist() == drawn.xy.tolist()

@@ -69,7 +69,41 @@ def lanes(
         drawn = _without_unused(_straightened(space, drawn, view, LONGEST * spacing))
         drawn = drawn._replace(xy=relaxed(space, drawn, reach))
     drawn = _without_unused(spanned(space, drawn.xy, drawn.edges, detour, spacing))
+    drawn = _with_spurs(space, drawn, net.xy, points, LONGEST * spacing)
     return _joined(space, drawn, NEAR * spacing, spacing)
+
+
+def _with_spurs(
+    space: Space,
+    drawn: Net,
+    ends: NDArray[np.float64],
+    points: NDArray[np.float64],
+    within: float,
+) -> Net:
+    """The net with lines to ends that are seen by points which see no node."""
+    blind = np.ones(len(points), np.bool_)
+    blind[sights(*space, points, drawn.xy, within, 1)[:, 0]] = False
+    added = _most_seen(sights(*space, points[blind], ends, within, len(ends)))
+    count = len(drawn.xy)
+    xy = np.vstack([drawn.xy, ends[added]])
+    lines = sights(*space, ends[added], drawn.xy, within, count)
+    lines = np.column_stack([lines[:, 1], count + lines[:, 0]])
+    cost = line_costs(*space, xy, lines)
+    order = np.lexsort((cost, lines[:, 1]))
+    _, first = np.unique(lines[order, 1], return_index=True)
+    least = order[first][cost[order[first]] > 0]
+    edges = np.vstack([drawn.edges, lines[least]]).astype(np.int64)
+    return _without_unused(Net(xy, edges, np.concatenate([drawn.cost, cost[least]])))
+
+
+def _most_seen(pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Nodes that all points of pairs (point, node) see one of, those first that most see."""
+    found = []
+    while len(pairs):
+        found.append(int(np.argmax(np.bincount(pairs[:, 1]))))
+        done = pairs[pairs[:, 1] == found[-1], 0]
+        pairs = pairs[~np.isin(pairs[:, 0], done)]
+    return np.array(found, np.int64)
 
 
 def _joined(space: Space, net: Net, within: float, size: float) -> Net:
@@ -181,12 +215,7 @@ def _look_everywhere(
     _, before, _ = dijkstra(
         weighted.matrix(net.cost), indices=on, min_only=True, return_predecessors=True
     )
-    left, found = np.ones(int(blind.sum()), np.bool_), []
-    while len(seen := seen[left[seen[:, 0]]]):
-        node = int(np.argmax(np.bincount(seen[:, 1])))
-        left[seen[seen[:, 1] == node, 0]] = False
-        found.append(node)
-    chosen[weighted.back(before, np.array(found, np.int64))] = True
+    chosen[weighted.back(before, _most_seen(seen))] = True
 
 
 def _close_gaps(net: Net, chosen: NDArray[np.bool_]) -> None:
