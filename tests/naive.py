@@ -677,24 +677,53 @@ def line_costs(density, resolution, origin, xy, pairs):
     return [line_cost(density, resolution, origin, xy[i], xy[j]) for i, j in pairs]
 
 
-def spanner(pairs, cost, detour):
-    """Which pairs no two kept before replace; they come with their costs, the cheapest first."""
+def spanner(pairs, cost, detour, sure):
+    """Which pairs no way over those kept before replaces; the first `sure` ones need no reason."""
     kept = []
-    for n, ends in enumerate(pairs):
-        replaced = math.isinf(cost[n])
-        for one, other in itertools.permutations(kept, 2):
-            for (a, k), (m, b) in itertools.product(
-                itertools.permutations(pairs[one]), itertools.permutations(pairs[other])
-            ):
-                if k == m and (a, b) == tuple(ends) and cost[one] + cost[other] <= detour * cost[n]:
-                    replaced = True
-        if not replaced:
+    for n, (i, j) in enumerate(pairs):
+        away = {i: 0.0}
+        for _ in range(len(kept)):
+            for edge in kept:
+                for a, b in itertools.permutations(pairs[edge]):
+                    if a in away:
+                        away[b] = min(away.get(b, math.inf), away[a] + cost[edge])
+        replaced = n >= sure and away.get(j, math.inf) <= detour * cost[n]
+        if not replaced and not math.isinf(cost[n]):
             kept.append(n)
     return [n in kept for n in range(len(pairs))]
 
 
+def uncrossed(xy, pairs):
+    """Which lines share no point within them with one kept before, unless they lie on one line."""
+    kept = []
+    for n, (i, j) in enumerate(pairs):
+        a, ab = complex(*xy[i]), complex(*xy[j]) - complex(*xy[i])
+        crossed = False
+        for other in kept:
+            c, d = (complex(*xy[end]) for end in pairs[other])
+            turn = (ab.conjugate() * (d - c)).imag
+            if turn != 0:  # a + s ab = c + t (d - c)
+                s = ((c - a).conjugate() * (d - c)).imag / turn
+                t = ((c - a).conjugate() * ab).imag / turn
+                crossed |= 1e-12 < s < 1 - 1e-12 and 1e-12 < t < 1 - 1e-12
+        if not crossed:
+            kept.append(n)
+    return [n in kept for n in range(len(pairs))]
+
+
+def sights(density, resolution, origin, points, xy, within):
+    """The pairs of a point and a position that is closer than `within`, with a free line."""
+    return [
+        (n, m)
+        for n, point in enumerate(points)
+        for m, position in enumerate(xy)
+        if math.dist(point, position) < within
+        and line_cost(density, resolution, origin, point, position) < math.inf
+    ]
+
+
 def usage(starts, before, indptr, indices):
-    """Routes from the starts to all nodes, counted at each node's edges unless they end there."""
+    """Routes from the starts to all nodes, counted at the edges of the nodes between their ends."""
     use = np.zeros(len(indices))
     for start, parents in zip(starts, before, strict=True):
         for goal in range(len(parents)):
@@ -706,7 +735,7 @@ def usage(starts, before, indptr, indices):
             for pair in itertools.pairwise(route):
                 for node, other in itertools.permutations(pair):
                     for n in range(indptr[node], indptr[node + 1]):
-                        if indices[n] == other and node != goal:
+                        if indices[n] == other and node not in (start, goal):
                             use[n] += 1
     return use
 

@@ -10,7 +10,14 @@ from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import Query, plan, random_queries, read_queries
+from locplan.planners import (
+    Query,
+    Station,
+    plan,
+    random_queries,
+    read_queries,
+    read_stations,
+)
 
 BENCHMARKS = SHARED_DATA / "movingai"
 
@@ -40,7 +47,9 @@ def test_queries_are_read(tmp_path):
     [
         ("", "its header must be name,start_x"),
         ("name,x\n", "its header must be"),
-        ("name,x,y\na,1,2\n", "has 1 stations"),
+        ("name,x,y\n", "has no stations"),
+        ("name,x,y\na,1,2\n", "has one station"),
+        ("name,x,y\n,1,2\n", "row 2: name is empty"),
         ("name,x,y\na,1,2\na,3,4\n", "row 3: there is another station named 'a'"),
         ("name,x,y\na,1,2\nb,inf,4\n", "row 3: x must be a finite"),
         ("name,start_x,start_y,goal_x,goal_y\n", "has no queries"),
@@ -61,6 +70,9 @@ def test_wrong_rows_are_named(tmp_path, text, complaint):
 
 def test_each_two_stations_are_a_query(tmp_path):
     file = written(tmp_path, "name,x,y\na,1,2\nb,3,4\nc,5,6\n")
+    assert read_stations(file)[1] == Station("b", 3.0, 4.0)
+    with pytest.raises(LocplanError, match="its header must be name,x,y"):
+        read_stations(written(tmp_path, "name,x_m,y_m\na,1,2\n", "other.csv"))
     assert read_queries(file) == [
         Query("a to b", (1.0, 2.0), (3.0, 4.0)),
         Query("a to c", (1.0, 2.0), (5.0, 6.0)),

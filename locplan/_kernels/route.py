@@ -103,44 +103,10 @@ def line_costs(
 
 
 @njit(nogil=True, cache=True)
-def spanner(
-    pairs: NDArray[Any], cost: NDArray[Any], count: int, detour: float
-) -> NDArray[np.bool_]:
-    """True for the pairs to keep, of pairs in order of cost.
-
-    A pair is left out if two kept before it replace it at no more than `detour` times its cost.
-    """
-    kept = np.zeros(len(pairs), np.bool_)
-    last = np.full(count, -1)  # each node's half-edges are a chain; 2 n and 2 n + 1 are pair n's
-    before = np.full(2 * len(pairs), -1)
-    through = np.full(count, np.inf)
-    for n, (i, j) in enumerate(pairs):
-        if cost[n] == np.inf:
-            break
-        one = last[i]
-        while one >= 0:
-            through[pairs[one // 2, 1 - one % 2]] = cost[one // 2]
-            one = before[one]
-        least, other = np.inf, last[j]
-        while other >= 0:
-            least = min(least, cost[other // 2] + through[pairs[other // 2, 1 - other % 2]])
-            other = before[other]
-        one = last[i]
-        while one >= 0:
-            through[pairs[one // 2, 1 - one % 2]] = np.inf
-            one = before[one]
-        if least > detour * cost[n]:
-            kept[n] = True
-            before[2 * n], before[2 * n + 1] = last[i], last[j]
-            last[i], last[j] = 2 * n, 2 * n + 1
-    return kept
-
-
-@njit(nogil=True, cache=True)
 def usage(
     order: NDArray[Any], before: NDArray[Any], indptr: NDArray[Any], indices: NDArray[Any]
 ) -> NDArray[Any]:
-    """Number of routes over each of a node's edges, without those that end at the node."""
+    """Number of routes over each of a node's edges, without those that begin or end at the node."""
     use = np.zeros(len(indices))
     for nodes, parents in zip(order, before):  # noqa: B905, which numba does not know
         beyond = np.zeros(len(nodes))
@@ -149,7 +115,7 @@ def usage(
             if parent >= 0:
                 beyond[parent] += beyond[node] + 1
                 for n in range(indptr[parent], indptr[parent + 1]):
-                    use[n] += (beyond[node] + 1) * (indices[n] == node)
+                    use[n] += (beyond[node] + 1) * (indices[n] == node and parents[parent] >= 0)
                 for n in range(indptr[node], indptr[node + 1]):
                     use[n] += beyond[node] * (indices[n] == parent)
     return use

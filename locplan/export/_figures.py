@@ -6,19 +6,26 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap
+from locplan.export._route_graphs import RouteGraph
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting._cells import draw_cells
-from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_size
+from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_axes, map_size
 from locplan.plotting._picture import Picture
 
-EDGE = "#0072b2"
+EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
+"""Colours of edges, the costly ones dark; all of them can be told from white."""
+LIGHT_MAP = ListedColormap(["0.45", "0.9", "white"])
+"""Colours of occupied, unknown and free cells below a route graph."""
+WIDTH = 0.07
+"""Width of an edge as a share of the median length, both as drawn; nodes are twice as wide."""
 LONGEST = 1000
 """Longest side of a picture [cells]; cells of larger maps are merged, and walls and the greatest
 values stay."""
@@ -55,25 +62,35 @@ def values_figure(
     return figure
 
 
-def routes_figure(
-    costs: Costmap, nodes: NDArray[np.float64], edges: NDArray[np.int64], title: str
-) -> Figure:
-    """A figure of a route graph over the map and its degeneracy.
+def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
+    """A figure of a route graph over its map, the edges coloured by their cost per metre.
 
     Parameters
     ----------
     costs : Costmap
-    nodes : (n, 2) array
-        World positions [m].
-    edges : (m, 2) array of int
-        Pairs of nodes.
+    graph : RouteGraph
     title : str
     """
-    percent = np.where(np.isnan(costs.u), -1, 100 * costs.u)
-    figure = values_figure(costs.grid, percent, "degeneracy u [%]", title)
-    (axes, *_) = figure.axes
-    axes.add_collection(LineCollection(list(nodes[edges]), colors=EDGE, linewidths=0.7))
-    axes.plot(*nodes.T, ".", color="black", markersize=2.5)
+    figure, axes = map_axes(costs.grid)
+    draw_map(axes, costs.grid)
+    axes.images[0].set_cmap(LIGHT_MAP)
+    per_metre = graph.cost / graph.length
+    order = np.argsort(per_metre, kind="stable")  # the costliest on top
+    width, _ = map_size(costs.grid)
+    shown = 72 * width / np.ptp(axes.get_xlim()) * np.median(graph.length) if len(order) else 0.0
+    lines = LineCollection(
+        list(graph.nodes[graph.edges[order]]),
+        array=per_metre[order],
+        cmap=EDGE_COLOURS,
+        norm=Normalize(1.0, max(1.1, per_metre.max(initial=1.0))),
+        linewidths=np.clip(WIDTH * shown, 0.6, 1.8),
+        capstyle="round",
+    )
+    axes.add_collection(lines)
+    size = np.clip(2 * WIDTH * shown, 0.8, 3.6)
+    axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
+    figure.colorbar(lines, ax=axes, label="cost J per metre of an edge", shrink=0.9)
+    axes.set_title(title, fontsize="medium")
     return figure
 
 

@@ -14,7 +14,8 @@ from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export._distros import distribution
 from locplan.export._folders import export_folder
-from locplan.export._roadmap import RouteGraph, roadmap
+from locplan.export._roadmap import roadmap
+from locplan.export._route_graphs import RouteGraph
 from locplan.export._servers import SERVERS, Server, lines_on_serving, write_servers
 from locplan.export._value_maps import PREVIEW, without_yaw
 
@@ -24,7 +25,7 @@ MAX_ID = 65535
 
 
 def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
-    """A roadmap as Nav2's route server reads it, each edge in both directions.
+    """A route graph as Nav2's route server reads it, with an edge for each direction of travel.
 
     DistanceScorer and PenaltyScorer with their own defaults add up to J; so do DistanceScorer and
     a PenaltyScorer of `penalty_tag: integrated_u`, with any weight. `cost` is J for a server
@@ -35,7 +36,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     ConfigError
         If there are more nodes and edges than Nav2 has ids, or no edge.
     """
-    ids = len(graph.nodes) + 2 * len(graph.edges)
+    ids = len(graph.nodes) + (1 if graph.directed else 2) * len(graph.edges)
     if not len(graph.edges):
         raise ConfigError("Nav2 takes no graph without edges; a smaller spacing may make some")
     if ids > MAX_ID:
@@ -50,7 +51,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
     for (i, j), cost, row in zip(graph.edges.tolist(), graph.cost.tolist(), values, strict=True):
         metadata = {k: v for k, v in zip(names, row, strict=True) if math.isfinite(v)}
-        for start, end in ((i, j), (j, i)):
+        for start, end in ((i, j), (j, i))[: 1 if graph.directed else 2]:
             about = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
             about |= {"cost": cost, "overridable": True, "metadata": metadata}
             features.append(("LineString", [xy[start], xy[end]], about))
@@ -73,7 +74,7 @@ def route_graph(
     frame: str = "map",
     distro: str = "jazzy",
 ) -> RouteGraph:
-    """Write a roadmap for Nav2's route server, with the scorers that make it charge J.
+    """Write lanes for Nav2's route server, with the scorers that make it charge J.
 
     Parameters
     ----------
@@ -83,7 +84,8 @@ def route_graph(
         The costs of travel; the map's yaw is left out, as Nav2 ignores it. Nodes lie as close to
         blocked cells as pays: make it with a radius one or two cells above the robot's.
     spacing : float
-        Distance of neighbouring nodes in open space [m].
+        How close lanes are [m]: nearly all free cells see a node within two spacings, and places
+        that far apart are joined, see `roadmap`.
     frame : str
         Frame of the nodes.
     distro : str
@@ -108,16 +110,17 @@ def route_graph(
     text = json.dumps(to_geojson(graph, frame), allow_nan=False)
     name = costs.grid.name or "a map"
     readme = [
-        f"- {GRAPH}: {len(graph.nodes)} nodes, {len(graph.edges)} edges both ways with length,"
-        " integrated_e, integrated_u and penalty [m]; export.json: the input.",
+        f"- {GRAPH}: lanes of {len(graph.nodes)} nodes and {len(graph.edges)} edges both ways, each"
+        " straight and free, with length, integrated_e, integrated_u and penalty [m]; export.json:"
+        " the input.",
         f"- {SERVERS}: the route server with the scorers that add up to J; {PREVIEW}.",
         *lines_on_serving(runs, GRAPH),
     ]
     about = {"kind": "route-graph", "spacing": spacing, "distro": distro} | about_costs(costs)
     with export_folder(Path(folder), f"Route graph of {name}", about, readme) as temporary:
         (temporary / GRAPH).write_text(text + "\n", encoding="utf-8")
-        title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges"
-        figure = _figures.routes_figure(costs, graph.nodes, graph.edges, title)
+        title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges each way"
+        figure = _figures.routes_figure(costs, graph, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
         write_route_server(temporary, None if np.isnan(costs.weight) else costs.weight)
     return graph

@@ -92,7 +92,7 @@ def nav2_routes(
         bag(temporary / BAG, unturned.grid, paths=paths, frame=frame)
         _write_table(temporary / TABLE, ways)
         title = f"{name}: recommended ways of {len(ways.ways)} queries"
-        figure = _figures.routes_figure(unturned, graph.nodes, graph.edges, title)
+        figure = _figures.routes_figure(unturned, graph, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
     return ways
 

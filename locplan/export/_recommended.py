@@ -23,7 +23,7 @@ from locplan.export._joined_ways import (
     joined,
     straightened,
 )
-from locplan.export._roadmap import RouteGraph
+from locplan.export._route_graphs import RouteGraph
 
 MARGIN = 0.02
 """Least cost by which any other route exceeds a recommended way [m]."""

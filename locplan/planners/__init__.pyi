@@ -35,5 +35,6 @@ from ._request import (
     with_options as with_options,
 )
 from ._result import Plan as Plan
+from ._stations import Station as Station, read_stations as read_stations
 from ._suggestions import NamedPlace as NamedPlace, PlacePair as PlacePair
 from .ompl._planner import Ompl as Ompl

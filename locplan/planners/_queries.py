@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -15,18 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, is_whole, number, shown, whole
-from locplan._util.reading import read_text
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._grid import connected
+from locplan.planners._named_rows import finite_number, header_of, named_rows
 from locplan.planners._protocol import Position
+from locplan.planners._stations import STATION, Station, read_stations
 
 COLUMNS = ("name", "start_x", "start_y", "goal_x", "goal_y")
 """The columns of a file of queries, which come first."""
 HEADINGS = ("start_heading_deg", "goal_heading_deg")
 """The columns that may follow."""
-STATION = ("name", "x", "y")
-"""The columns of a file of stations, between which all queries are made."""
 CANDIDATES = 20
 """Number of random pairs of which the one farthest from all before is taken."""
 MAX_RANDOM = 10_000
@@ -88,7 +85,7 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
     """Read queries from a CSV file with columns name, start_x, start_y, goal_x and goal_y [m].
 
     Columns start_heading_deg and goal_heading_deg [degrees] may follow, and be empty. A file with
-    columns name, x and y [m] has stations, and each pair of them is a query.
+    columns name, x and y [m] has stations, and each two of them are a query.
 
     Raises
     ------
@@ -96,47 +93,32 @@ def read_queries(file: str | os.PathLike[str]) -> list[Query]:
         If the file cannot be read, or a row is wrong.
     """
     path = file_path("a file of queries", file)
-    rows = csv.reader(read_text(path).splitlines())
-    queries: dict[str, Query] = {}
-    stations: dict[str, Position] = {}
-    try:
-        header = [column.strip() for column in next(rows, [])]
-        has_stations = tuple(header) == STATION
-        if not has_stations:
-            _check_header(path, header)
-        for row in rows:
-            if any(value.strip() for value in row):
-                where = f"{path}: row {rows.line_num}"
-                values = _values(where, header, row)
-                name = values["name"]
-                if name in queries or name in stations:
-                    what = "station" if has_stations else "query"
-                    raise LocplanError(
-                        f"{where}: there is another {what} named {shown(name)};"
-                        " give each its own name"
-                    )
-                if has_stations:
-                    stations[name] = _number(where, "x", values), _number(where, "y", values)
-                else:
-                    ends = (_pose(where, values, end) for end in ("start", "goal"))
-                    queries[name] = Query(name, *ends)
-    except csv.Error as error:
-        raise LocplanError(f"{path}: row {rows.line_num}: is no CSV ({error})") from None
-    if has_stations and len(stations) < 2:
-        raise LocplanError(
-            f"{path}: has {len(stations)} stations; add a row for each, at least two"
-        )
-    if has_stations:
+    header = header_of(path)
+    if tuple(header) == STATION:
+        stations = read_stations(path)
+        if len(stations) < 2:
+            raise LocplanError(f"{path}: has one station; add a row for each, at least two")
         return between(stations)
+    beside = set(header[len(COLUMNS) :])
+    if tuple(header[: len(COLUMNS)]) != COLUMNS or not beside <= set(HEADINGS):
+        raise LocplanError(
+            f"{path}: its header must be {','.join(COLUMNS)}, and if wanted"
+            f" {','.join(HEADINGS)}, or {','.join(STATION)} of stations, not"
+            f" {shown(','.join(header))}"
+        )
+    queries = [
+        Query(values["name"], _pose(where, values, "start"), _pose(where, values, "goal"))
+        for where, values in named_rows(path, "query")
+    ]
     if not queries:
         raise LocplanError(f"{path}: has no queries; add a row for each below the header")
-    return list(queries.values())
+    return queries
 
 
-def between(stations: Mapping[str, Position]) -> list[Query]:
-    """A query for each pair of stations, from the one that comes first to the other."""
+def between(stations: Sequence[Station]) -> list[Query]:
+    """A query for each two stations, from the one that comes first to the other."""
     return [
-        Query(f"{one} to {other}", stations[one], stations[other])
+        Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
         for one, other in combinations(stations, 2)
     ]
 
@@ -185,40 +167,12 @@ def random_queries(
     return queries
 
 
-def _check_header(path: str | os.PathLike[str], header: Sequence[str]) -> None:
-    beside = set(header[len(COLUMNS) :])
-    if tuple(header[: len(COLUMNS)]) != COLUMNS or not beside <= set(HEADINGS):
-        raise LocplanError(
-            f"{path}: its header must be {','.join(COLUMNS)}, and if wanted"
-            f" {','.join(HEADINGS)}, or {','.join(STATION)} of stations, not"
-            f" {shown(','.join(header))}"
-        )
-
-
-def _values(where: str, header: Sequence[str], row: Sequence[str]) -> dict[str, str]:
-    """The values in a row of a file by their columns."""
-    if len(row) != len(header):
-        raise LocplanError(f"{where}: has {len(row)} values, but the header {len(header)} columns")
-    values = dict(zip(header, (value.strip() for value in row), strict=True))
-    if not values["name"]:
-        raise LocplanError(f"{where}: name is empty; give it one")
-    return values
-
-
 def _pose(where: str, values: Mapping[str, str], end: str) -> Position:
     """The position in the columns of an end, and its heading if there is one."""
-    pose = [_number(where, f"{end}_{axis}", values) for axis in "xy"]
+    pose = [finite_number(where, f"{end}_{axis}", values) for axis in "xy"]
     if values.get(f"{end}_heading_deg"):
-        pose.append(math.radians(_number(where, f"{end}_heading_deg", values)))
+        pose.append(math.radians(finite_number(where, f"{end}_heading_deg", values)))
     return tuple(pose)
-
-
-def _number(where: str, column: str, values: Mapping[str, str]) -> float:
-    """The finite number in a column."""
-    with contextlib.suppress(ValueError):
-        if math.isfinite(value := float(values[column])):
-            return value
-    raise LocplanError(f"{where}: {column} must be a finite number, not {shown(values[column])}")
 
 
 class _Parts:

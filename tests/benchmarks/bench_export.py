@@ -57,6 +57,7 @@ WRITERS = {
     "nav2-speed": lambda folder, _, costs: export.nav2_speed(folder, costs),
     "ros-map": lambda folder, _, costs: export.ros_map(folder, costs),
     "route-graph": lambda folder, _, costs: export.route_graph(folder, costs),
+    "lif": lambda folder, _, costs: export.lif(folder.with_suffix(".json"), costs),
     "bag": lambda folder, field, costs: export.bag(
         folder.with_suffix(".mcap"),
         costs.grid,

@@ -95,7 +95,8 @@ class GraphOptions:
     """The options of a route graph."""
 
     spacing: float = 2.0
-    """Nodes of the graph are this far apart in open space [m]; 2 by default."""
+    """Free space sees a node of the graph within two of these [m], and places that far apart are
+    joined; 2 by default."""
     frame: str = "map"
     """The frame of the coordinates is map by default."""
     distro: Distro = "jazzy"
@@ -106,7 +107,7 @@ class GraphOptions:
 
 
 def write_graph(target: Path, job: ExportJob, options: GraphOptions) -> ExportSummary:
-    """Write a roadmap, with the scorers that make the server charge J."""
+    """Write lanes, with the scorers that make the server charge J."""
     from locplan.export._geojson import route_graph
 
     graph = route_graph(

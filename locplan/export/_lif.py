@@ -1,0 +1,189 @@
+"""Route graphs as VDMA LIF, the Layout Interchange Format 1.0.0 of fleet managers (VDA 5050).
+
+The format: Intralogistics-2X-LIF/Layout-Interchange-Format, LIF.md of branch release/V1.0.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from locplan import __version__
+from locplan._util.checks import positive
+from locplan._util.files import check_target, replacing
+from locplan.costs import Costmap
+from locplan.errors import ConfigError
+from locplan.export._roadmap import roadmap
+from locplan.export._route_graphs import RouteGraph
+from locplan.export._stations import with_stations
+from locplan.planners import Station
+
+VERSION = "1.0.0"
+"""Version of the format."""
+SUFFIX = ".json"
+VEHICLE = "locplan.robot"
+"""Type of vehicle unless another is named, as MANUFACTURER.SERIES."""
+
+
+def to_lif(
+    graph: RouteGraph,
+    *,
+    name: str,
+    timestamp: datetime,
+    vehicle: str = VEHICLE,
+    speed: float | None = None,
+    stations: Sequence[Station] = (),
+    at: Sequence[int] = (),
+) -> dict[str, Any]:
+    """A route graph as a LIF layout, with an edge for each direction of travel.
+
+    The format knows no cost of an edge: a fleet manager goes by lengths, or by times of travel.
+    With `speed` each edge gets a maxSpeed of speed · length / J, so that its time of travel is
+    J / speed, and a manager that minimizes time minimizes J; vehicles do drive more slowly there.
+    In any case edgeDescription holds J and the integrals as text, for people and scripts.
+
+    Parameters
+    ----------
+    graph : RouteGraph
+    name : str
+        Name of the map; it is the layout's and the map's id.
+    timestamp : datetime
+        Time of the export, with its zone.
+    vehicle : str
+        The type of vehicle that may use the layout, as MANUFACTURER.SERIES.
+    speed : float, optional
+        Speed of the vehicle where u is 0 [m/s]; without it edges have no maxSpeed.
+    stations : sequence of Station
+        The stations.
+    at : sequence of int
+        The node of each station.
+
+    Raises
+    ------
+    ConfigError
+        If the graph has no edge, there is not one node for each station, the speed is not
+        positive, or the time has no zone.
+    """
+    if not len(graph.edges):
+        raise ConfigError("a layout needs edges; a smaller spacing may make some")
+    if len(at) != len(stations):
+        raise ConfigError(f"there are {len(stations)} stations, but nodes for {len(at)}")
+    if timestamp.tzinfo is None:
+        raise ConfigError("the timestamp needs a time zone, such as datetime.timezone.utc")
+    if speed is not None:
+        speed = positive("speed", speed, "metres a second")
+    nodes = [
+        {
+            "nodeId": f"n{n}",
+            "mapId": name,
+            "nodePosition": {"x": x, "y": y},
+            "vehicleTypeNodeProperties": [{"vehicleTypeId": vehicle}],
+        }
+        for n, (x, y) in enumerate(graph.nodes.tolist(), start=1)
+    ]
+    edges = []
+    for edge, (i, j) in enumerate(graph.edges.tolist()):
+        length, cost = float(graph.length[edge]), float(graph.cost[edge])
+        rules: dict[str, Any] = {"vehicleTypeId": vehicle, "rotationAllowed": True}
+        if speed is not None:
+            rules["maxSpeed"] = speed * length / cost
+        about = f"length {length:.3f} m, J {cost:.3f} m"
+        if graph.integrated_u[edge] >= 0:  # not NaN
+            about += f", degenerate {graph.integrated_u[edge]:.3f} m"
+        for start, end in ((i, j), (j, i))[: 1 if graph.directed else 2]:
+            edges.append(
+                {
+                    "edgeId": f"n{start + 1}-n{end + 1}",
+                    "edgeDescription": about,
+                    "startNodeId": f"n{start + 1}",
+                    "endNodeId": f"n{end + 1}",
+                    "vehicleTypeEdgeProperties": [rules],
+                }
+            )
+    utc = timestamp.astimezone(UTC)
+    stamp = utc.strftime("%Y-%m-%dT%H:%M:%S.") + f"{utc.microsecond // 10000:02}Z"
+    return {
+        "metaInformation": {
+            "projectIdentification": name,
+            "creator": f"locplan {__version__}",
+            "exportTimestamp": stamp,
+            "lifVersion": VERSION,
+        },
+        "layouts": [
+            {
+                "layoutId": name,
+                "layoutName": name,
+                "layoutVersion": "1",
+                "layoutDescription": "lanes along the ways where a lidar localizes well",
+                "nodes": nodes,
+                "edges": edges,
+                "stations": [
+                    {
+                        "stationId": station.name,
+                        "stationName": station.name,
+                        "interactionNodeIds": [f"n{node + 1}"],
+                        "stationPosition": {"x": station.x, "y": station.y},
+                    }
+                    for station, node in zip(stations, at, strict=True)
+                ],
+            }
+        ],
+    }
+
+
+def lif(
+    target: str | os.PathLike[str],
+    costs: Costmap,
+    *,
+    spacing: float = 2.0,
+    stations: Sequence[Station] = (),
+    vehicle: str = VEHICLE,
+    speed: float | None = None,
+    timestamp: datetime | None = None,
+) -> RouteGraph:
+    """Write lanes as a LIF layout, in the map's world coordinates.
+
+    Parameters
+    ----------
+    target : path
+        The file, .json.
+    costs : Costmap
+        The costs of travel.
+    spacing : float
+        How close lanes are [m], see `roadmap`.
+    stations : sequence of Station
+        Positions that get nodes.
+    vehicle, speed
+        See `to_lif`.
+    timestamp : datetime, optional
+        Time of the export, with its zone; it is now by default.
+
+    Returns
+    -------
+    RouteGraph
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be written, or no layout can be made, see `roadmap` and `to_lif`.
+    """
+    file = Path(target)
+    check_target(file, SUFFIX)
+    graph, at = with_stations(costs, roadmap(costs, spacing=spacing), stations)
+    layout = to_lif(
+        graph,
+        name=costs.grid.name or "map",
+        timestamp=timestamp or datetime.now(UTC),
+        vehicle=vehicle,
+        speed=speed,
+        stations=stations,
+        at=at,
+    )
+    text = json.dumps(layout, indent=1, allow_nan=False, ensure_ascii=True)
+    with replacing(file) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return graph

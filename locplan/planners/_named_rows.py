@@ -1,0 +1,63 @@
+"""CSV files of named rows: their header, and the values of each row."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from locplan._util.checks import shown
+from locplan._util.reading import read_text
+from locplan.errors import LocplanError
+
+
+def header_of(path: Path) -> list[str]:
+    """The columns that the first line names."""
+    try:
+        return [each.strip() for each in next(csv.reader(read_text(path).splitlines()[:1]), [])]
+    except csv.Error as error:
+        raise LocplanError(f"{path}: row 1: is no CSV ({error})") from None
+
+
+def named_rows(path: Path, what: str) -> Iterator[tuple[str, dict[str, str]]]:
+    """Where each row below the header stands, and its values by column; empty ones are left out.
+
+    Raises
+    ------
+    LocplanError
+        If a row has another number of values than the header, or no name of its own.
+    """
+    header, names = header_of(path), set()
+    rows = csv.reader(read_text(path).splitlines())
+    next(rows, None)
+    try:
+        for row in rows:
+            if not any(value.strip() for value in row):
+                continue
+            where = f"{path}: row {rows.line_num}"
+            if len(row) != len(header):
+                raise LocplanError(
+                    f"{where}: has {len(row)} values, but the header {len(header)} columns"
+                )
+            values = dict(zip(header, (value.strip() for value in row), strict=True))
+            name = values["name"]
+            if not name:
+                raise LocplanError(f"{where}: name is empty; give the {what} one")
+            if name in names:
+                raise LocplanError(
+                    f"{where}: there is another {what} named {shown(name)}; give each its own name"
+                )
+            names.add(name)
+            yield where, values
+    except csv.Error as error:
+        raise LocplanError(f"{path}: row {rows.line_num}: is no CSV ({error})") from None
+
+
+def finite_number(where: str, column: str, values: Mapping[str, str]) -> float:
+    """The finite number in a column of a row."""
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(values[column])):
+            return value
+    raise LocplanError(f"{where}: {column} must be a finite number, not {shown(values[column])}")
