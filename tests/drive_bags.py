@@ -74,6 +74,7 @@ class BagWriter:
         width = math.radians(lidar.field_of_view_deg)
         step = width / (lidar.beams if lidar.sees_all_round else lidar.beams - 1)
         values = {
+            "header": self.header(time, frame),
             "angle_min": float(lidar.angles[0]),
             "angle_max": float(lidar.angles[-1]),
             "angle_increment": step,
@@ -81,10 +82,10 @@ class BagWriter:
             "scan_time": 0.1,
             "range_min": lidar.least_range,
             "range_max": lidar.range,
-            "ranges": np.asarray(ranges, np.float32),
+            "ranges": np.ascontiguousarray(ranges, np.float32),
             "intensities": np.empty(0, np.float32),
         }
-        content = self.type(SCAN)(header=self.header(time, frame), **values | changes)
+        content = self.type(SCAN)(**values | changes)
         self.write(topic, SCAN, time, content)
 
     def odometry(self, time, pose, *, topic="/odom", frame="odom", child="base_link") -> None:

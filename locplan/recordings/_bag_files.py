@@ -127,13 +127,17 @@ def opened(path: Path) -> Iterator[Bag]:
             # These types are alike in all distributions: those that the bag holds are not needed.
             store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
             if ros1:  # its TFMessage is missing
-                store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
+                store.register(
+                    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF)
+                )
             yield Bag(reader, store, ros1)
     except LocplanError:
         raise
     except Exception as error:  # rosbags lets errors of many kinds out where a bag is damaged
         remedy = REMEDIES.get(file.suffix, "record it again")
-        raise RecordingError(f"cannot be read as a bag ({_reason(error)}); {remedy}") from None
+        raise RecordingError(
+            f"cannot be read as a bag ({_reason(error, file)}); {remedy}"
+        ) from None
 
 
 def is_bag(path: Path) -> bool:
@@ -152,6 +156,6 @@ def _storage(path: Path) -> Path:
     return files[0]
 
 
-def _reason(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return (lines[0] if lines else type(error).__name__).rstrip(".")[:200]
+def _reason(error: Exception, file: Path) -> str:
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]

@@ -20,10 +20,11 @@ from locplan.recordings._bag_files import (
     Bag,
     opened,
 )
+from locplan.recordings._contents import Source
 from locplan.recordings._frames import FrameTree, Track, Transform, frame_name
 from locplan.recordings._options import Options
 from locplan.recordings._places import Heard, located
-from locplan.recordings._recording import Recording, Source
+from locplan.recordings._recording import Recording
 from locplan.recordings._scans import ScanRows
 
 BACK = 0.5

@@ -12,10 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import GREATEST
 from locplan.errors import RecordingError
 from locplan.recordings._carmen_odometry import odometry_at
+from locplan.recordings._contents import Source
+from locplan.recordings._geometry import Numbers, wrapped
 from locplan.recordings._options import Options
-from locplan.recordings._recording import Numbers, Recording, Source, wrapped
+from locplan.recordings._recording import Recording
 from locplan.recordings._scans import MAX_RANGE, ScanRows
 
 SUFFIXES = (".log", ".clf", ".log.gz", ".clf.gz")
@@ -169,7 +172,7 @@ def _parsed(path: Path, options: Options) -> _Log:
                 log.scans[name] = scans
             elif not name.startswith("#") and len(log.others) < 100:
                 log.others.add(name if name.isprintable() else "?")
-        except (ValueError, IndexError):
+        except (ValueError, IndexError, OverflowError):
             bad = number  # the last line of a log whose writer was stopped is no fault
     if bad:
         log.notes.append(f"its last line, {bad}, is cut off, and left out")
@@ -203,9 +206,9 @@ def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -
 
 
 def _finite(words: tuple[str, ...] | list[str]) -> Pose:
-    """Numbers as floats; a ValueError if one is not finite."""
+    """Numbers as floats; a ValueError if one is not finite, or beyond all places and times."""
     values = tuple(map(float, words))
-    if not all(map(math.isfinite, values)):
+    if not all(abs(value) <= GREATEST for value in values):
         raise ValueError
     return values
 

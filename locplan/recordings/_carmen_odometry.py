@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.recordings._recording import Numbers, wrapped
+from locplan.recordings._geometry import Numbers, wrapped
 
 Indices = NDArray[np.int64]
 SAME = 1e-5

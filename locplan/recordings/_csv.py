@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from locplan._util.checks import shown
 from locplan.errors import LocplanError, RecordingError
 from locplan.field import Lidar
+from locplan.recordings._contents import Contents, Source
+from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options, with_options
-from locplan.recordings._recording import Numbers, Recording, Source
 from locplan.recordings._scans import MAX_BEAMS
 
 POSE = ("x_m", "y_m", "heading_rad")
@@ -33,7 +34,7 @@ MAX_LINE = 2**22
 LIDAR = "# lidar:"
 
 
-def read_csv(path: Path, options: Options) -> Recording:
+def read_csv(path: Path, options: Options) -> Contents:
     """Read a recording from CSV; only every n-th row is kept in memory.
 
     Raises
@@ -64,7 +65,8 @@ def read_csv(path: Path, options: Options) -> Recording:
             if texts % options.every == 0:
                 row = _row(line, len(names), first, number)
                 places.append(row[:first])
-                rows.append(row[first:].astype(np.float32))
+                with np.errstate(over="ignore"):
+                    rows.append(row[first:].astype(np.float32))
             elif line.count(",") + 1 != len(names):
                 _row(line, len(names), first, number)
             texts += 1
@@ -77,7 +79,7 @@ def read_csv(path: Path, options: Options) -> Recording:
         notes.append("its times do not rise from scan to scan, and are left out")
     poses = table[:, with_time : with_time + 3]
     odometry = table[:, with_time + 3 : first] if with_odometry else None
-    drive = Recording(
+    return Contents(
         np.array(rows),
         _lidar(values, beams, options),
         poses,
@@ -85,10 +87,9 @@ def read_csv(path: Path, options: Options) -> Recording:
         odometry,
         Source(file=path.name, scans="range_0_m", poses="x_m", notes=tuple(notes)),
     )
-    return drive if options.window is None else drive.window(*options.window)
 
 
-def write_csv(drive: Recording, target: Path) -> None:
+def write_csv(drive: Contents, target: Path) -> None:
     """Write a recording as CSV: metres to 0.1 mm, angles and times to a millionth."""
     settings = {
         each.name: getattr(drive.lidar, each.name)

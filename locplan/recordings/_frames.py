@@ -13,7 +13,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from locplan.recordings._recording import Numbers
+from locplan._util.checks import FARTHEST
+from locplan.recordings._geometry import Numbers
 
 MAX_GAP = 1.0
 """Greatest time between two samples of a moving pose that are interpolated [s]."""
@@ -41,8 +42,7 @@ class Track:
 
     def add(self, time: float, pose: Transform) -> None:
         """Take a sample; one that is not finite, or has no rotation, is counted and left out."""
-        turn = math.hypot(*pose[3:])
-        if not (math.isfinite(turn) and turn > 0.5 and all(map(math.isfinite, pose))):
+        if not is_transform(pose):
             self.left_out += 1
             return
         if self._first is None:
@@ -122,7 +122,7 @@ class FrameTree:
 
     def add_static(self, parent: str, child: str, pose: Transform) -> None:
         """Take a transform that holds at all times."""
-        if all(map(math.isfinite, pose)) and math.hypot(*pose[3:]) > 0.5:
+        if is_transform(pose):
             self._edges[frame_name(parent), frame_name(child)] = pose
 
     def add(self, time: float, parent: str, child: str, pose: Transform) -> None:
@@ -204,6 +204,12 @@ class FrameTree:
             source, edge, backwards = came[source]
             chain.append((edge, backwards))
         return chain[::-1]
+
+
+def is_transform(pose: Transform) -> bool:
+    """Return whether the numbers are a place within all maps, and a rotation."""
+    near = all(abs(value) <= FARTHEST for value in pose)  # False for NaN
+    return near and 0.5 < math.hypot(*pose[3:]) < 2.0
 
 
 def frame_name(name: object) -> str:

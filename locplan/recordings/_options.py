@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from locplan._util.checks import Settings, keep, keep_checked, number, positive, shown, whole
 from locplan.errors import ConfigError
 from locplan.field import Lidar
-from locplan.recordings._recording import checked_move
 from locplan.recordings._scans import MAX_RANGE
 
 FOR_BAGS = ("pose_topic", "odom_topic", "base_frame")
@@ -55,7 +54,7 @@ class Options(Settings):
                 )
             keep(self, range_limits=(least, most))
         if self.mount is not None:
-            keep(self, mount=checked_move(self.mount))
+            keep(self, mount=_move(self.mount))
 
     def refuse_those_for_bags(self, what: str) -> None:
         """Raise a ConfigError if an option is set that only a bag can follow."""
@@ -83,3 +82,14 @@ def _pair(name: str, value: object) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise ConfigError(f"{name} must be two numbers, not {shown(value)}") from None
     return number(name, first), number(name, second)
+
+
+def _move(move: object) -> tuple[float, float, float]:
+    """A mount or a move as three numbers [m, m, rad]."""
+    try:
+        x, y, turn = (number("mount", each) for each in move)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise ConfigError(
+            f"mount must be x, y [m] and yaw [rad] of the lidar, not {shown(move)}"
+        ) from None
+    return x, y, turn

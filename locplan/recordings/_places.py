@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import ODOMETRY, POSE, POSE_WITH_COVARIANCE
 from locplan.recordings._frames import FrameTree, Track, in_plane, upward
+from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options
-from locplan.recordings._recording import Numbers
 
 BASES = ("base_footprint", "base_link", "base")
 """Usual names of a robot's frame, after a prefix."""

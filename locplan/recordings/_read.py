@@ -126,9 +126,12 @@ def read_drive(
             options.refuse_those_for_bags("a log of CARMEN")
             return read_carmen(path, options)
         if path.suffix == ".csv":
-            return read_csv(path, options)
+            drive = Recording(*read_csv(path, options))
+            return drive if window is None else drive.window(*window)
         if path.suffix == ".npz":
-            return read_npz(path, options)
+            drive = Recording(*read_npz(path, options))
+            drive = drive if window is None else drive.window(*window)
+            return drive.every(every) if every > 1 else drive
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     except LocplanError as error:

@@ -2,53 +2,29 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import (
-    FARTHEST,
-    Settings,
-    instance,
-    keep,
-    number,
-    printable,
-    shown,
-    whole,
-)
-from locplan.errors import ConfigError, RecordingError
+from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
+from locplan.errors import RecordingError
 from locplan.field import Lidar
+from locplan.recordings._contents import Contents, Source
+from locplan.recordings._geometry import (
+    Numbers,
+    ends_in_map,
+    ends_on_robot,
+    has_return,
+    moved,
+    wrapped,
+)
+from locplan.recordings._summary import DriveSummary
+from locplan.recordings._tables import load, save
 
-if TYPE_CHECKING:
-    from locplan.recordings._summary import DriveSummary
-
-Numbers = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Source(Settings):
-    """Where a recording comes from: its file, and the topics and frames that were used."""
-
-    file: str = ""
-    """Name of the file or folder, without its path."""
-    scans: str = ""
-    """Topic of the scans, or the kind of lines."""
-    poses: str = ""
-    """Topic of the poses, or the frames that TF relates."""
-    odometry: str = ""
-    """Topic of the odometry, or the frames that TF relates; empty if there is none."""
-    map_frame: str = ""
-    """Frame that the poses are in."""
-    base_frame: str = ""
-    """Frame of the robot, whose poses these are."""
-    lidar_frame: str = ""
-    """Frame of the lidar."""
-    notes: tuple[str, ...] = ()
-    """What was assumed or left out, in sentences without a full stop."""
+NO_SOURCE = Source()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +64,7 @@ class Recording:
     """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
     odometry: Numbers | None = None
     """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
-    source: Source = Source()
+    source: Source = NO_SOURCE
     """The file, topics and frames that it was read from."""
 
     def __post_init__(self) -> None:
@@ -204,6 +180,11 @@ class Recording:
         return replace(self, poses=moved(self.poses, (x, y, turn)))
 
     @property
+    def contents(self) -> Contents:
+        """All fields."""
+        return Contents(self.ranges, self.lidar, self.poses, self.times, self.odometry, self.source)
+
+    @property
     def length(self) -> float:
         """Length of the way from scan to scan [m]."""
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
@@ -218,9 +199,7 @@ class Recording:
 
     def summary(self) -> DriveSummary:
         """Length, duration, spacing and shares of returns, as a table or JSON."""
-        from locplan.recordings._summary import DriveSummary
-
-        return DriveSummary.of(self)
+        return DriveSummary.of(self.contents)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save as .npz, without loss, or as .csv, to 0.1 mm; `locplan.recordings.read_drive` says
@@ -233,9 +212,7 @@ class Recording:
         LocplanError
             If it cannot be written.
         """
-        from locplan.recordings._tables import save
-
-        save(self, path)
+        save(self.contents, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recording:
@@ -246,46 +223,7 @@ class Recording:
         RecordingError
             If the file cannot be read, or holds no recording.
         """
-        from locplan.recordings._tables import load
-
-        return load(path)
-
-
-def has_return(ranges: NDArray[np.float32], lidar: Lidar) -> NDArray[np.bool_]:
-    """Mask of the beams with a return: within the lidar's range, and above 0."""
-    with np.errstate(invalid="ignore"):
-        least = np.float32(lidar.least_range)
-        within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(lidar.range))
-    return np.asarray(within)
-
-
-def ends_on_robot(ranges: NDArray[np.float32], lidar: Lidar) -> Numbers:
-    """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
-    bearings = lidar.mount_yaw + lidar.angles
-    known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
-    ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
-    return np.asarray(ends + np.array([lidar.mount_x, lidar.mount_y]))
-
-
-def ends_in_map(ends: Numbers, poses: Numbers) -> Numbers:
-    """Ends (n, beams, 2) on robots at poses (n, 3), in the frame of the poses [m]."""
-    cos, sin = (part(poses[:, 2])[:, None] for part in (np.cos, np.sin))
-    x = poses[:, 0, None] + cos * ends[..., 0] - sin * ends[..., 1]
-    y = poses[:, 1, None] + sin * ends[..., 0] + cos * ends[..., 1]
-    return np.stack([x, y], axis=-1)
-
-
-def moved(poses: Numbers, move: tuple[float, float, float]) -> Numbers:
-    """Poses (n, 3) after a rigid move: a turn about the origin, then a shift [m, m, rad]."""
-    dx, dy, turn = move
-    cos, sin = math.cos(turn), math.sin(turn)
-    x, y, heading = poses.T
-    return np.column_stack([dx + cos * x - sin * y, dy + sin * x + cos * y, heading + turn])
-
-
-def wrapped(angles: Any) -> Numbers:
-    """Angles within -pi to pi [rad]."""
-    return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)
+        return cls(*load(path))
 
 
 def _poses(name: str, values: object) -> Numbers:
@@ -307,7 +245,8 @@ def _poses(name: str, values: object) -> Numbers:
 def _array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
     """Array of numbers that nobody changes any more: a copy unless it is read-only already."""
     try:
-        array = np.asarray(values, kind)
+        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+            array = np.asarray(values, kind)
     except (TypeError, ValueError, OverflowError):
         raise RecordingError(f"{name} must be an array of numbers, not {shown(values)}") from None
     if array.ndim != dimensions:
@@ -318,14 +257,3 @@ def _array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> N
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     array.setflags(write=False)
     return array
-
-
-def checked_move(move: object) -> tuple[float, float, float]:
-    """A mount or a move as three numbers [m, m, rad]."""
-    try:
-        x, y, turn = (number("mount", each) for each in move)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise ConfigError(
-            f"mount must be x, y [m] and yaw [rad] of the lidar, not {shown(move)}"
-        ) from None
-    return x, y, turn

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from locplan.errors import RecordingError
 from locplan.field import Lidar
-from locplan.recordings._recording import has_return
+from locplan.recordings._geometry import has_return
 
 MAX_BEAMS = 100_000
 MAX_RANGE = 10_000.0
@@ -55,7 +55,8 @@ class ScanRows:
         RecordingError
             If it has no beams, or its angles cannot be.
         """
-        values = np.asarray(ranges, np.float32)
+        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+            values = np.asarray(ranges, np.float32)
         if not self._count:
             self._begin(first, step, len(values), least, greatest)
         if self._count == len(self._rows):

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from locplan._util.tables import finite, table
-from locplan.recordings._recording import Recording, wrapped
+from locplan.recordings._contents import Contents
+from locplan.recordings._geometry import wrapped
 
 
 @dataclass(frozen=True)
@@ -44,17 +45,17 @@ class DriveSummary:
     """What was assumed or left out."""
 
     @classmethod
-    def of(cls, drive: Recording) -> DriveSummary:
+    def of(cls, drive: Contents) -> DriveSummary:
         """The summary of a recording."""
         known = drive.ranges[np.isfinite(drive.ranges)]
         steps = np.hypot(*np.diff(drive.poses[:, :2], axis=0).T)
         has_odometry = drive.odometry is not None
         return cls(
             file=drive.source.file,
-            scans=len(drive),
+            scans=len(drive.poses),
             beams=drive.lidar.beams,
             lidar=drive.lidar.title,
-            length=drive.length,
+            length=float(steps.sum()),
             turned=float(np.abs(wrapped(np.diff(drive.poses[:, 2]))).sum()),
             seconds=None if drive.times is None else float(drive.times[-1] - drive.times[0]),
             spacing=float(np.median(steps)) if len(steps) else 0.0,

@@ -19,18 +19,19 @@ from locplan._util.files import replacing
 from locplan._util.reading import parsed_json
 from locplan.errors import LocplanError, RecordingError
 from locplan.field import Lidar
+from locplan.recordings._contents import Contents, Source
 from locplan.recordings._csv import read_csv, write_csv
+from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options, with_options
-from locplan.recordings._recording import Numbers, Recording, Source
 
 NONE_MM = 65535
 """No return among ranges in whole millimetres, uint16."""
 NPZ_ARRAYS = ("ranges", "poses", "times", "odometry", "lidar", "source")
 MAX_ARRAY_BYTES = 2**33
-Reader = Callable[[Path, Options], Recording]
+Reader = Callable[[Path, Options], Contents]
 
 
-def save(drive: Recording, target: str | os.PathLike[str]) -> None:
+def save(drive: Contents, target: str | os.PathLike[str]) -> None:
     """Write a recording as .npz or .csv, whole or not at all."""
     path = file_path("a file to write", target)
     if path.suffix not in (".npz", ".csv"):
@@ -42,7 +43,7 @@ def save(drive: Recording, target: str | os.PathLike[str]) -> None:
             write_csv(drive, temporary)
 
 
-def load(source: str | os.PathLike[str]) -> Recording:
+def load(source: str | os.PathLike[str]) -> Contents:
     """Read a recording from .npz or .csv."""
     path = file_path("a recording", source)
     readers: dict[str, Reader] = {".npz": read_npz, ".csv": read_csv}
@@ -56,7 +57,7 @@ def load(source: str | os.PathLike[str]) -> Recording:
         raise RecordingError(f"{path}: {error}") from None
 
 
-def read_npz(path: Path, options: Options) -> Recording:
+def read_npz(path: Path, options: Options) -> Contents:
     """Read a recording from .npz.
 
     Raises
@@ -84,13 +85,10 @@ def read_npz(path: Path, options: Options) -> Recording:
         metres = (ranges / np.float64(1000)).astype(np.float32)
         ranges = np.where(ranges == NONE_MM, np.float32(np.inf), metres)
     lidar = _lidar(arrays["lidar"], options)
-    drive = Recording(
+    return Contents(
         ranges, lidar, arrays["poses"], arrays.get("times"), arrays.get("odometry"),
         _source(arrays.get("source"), path),
     )  # fmt: skip
-    if options.window is not None:
-        drive = drive.window(*options.window)
-    return drive.every(options.every) if options.every > 1 else drive
 
 
 def _lidar(text: NDArray[Any], options: Options) -> Lidar:
@@ -146,7 +144,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _write_npz(drive: Recording, target: Path) -> None:
+def _write_npz(drive: Contents, target: Path) -> None:
     ranges: NDArray[Any] = drive.ranges
     whole = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NONE_MM)
     if whole.max() <= NONE_MM and _same(whole, ranges):
