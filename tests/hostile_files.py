@@ -5,6 +5,7 @@ A case is the name of a reader and a seed: from them alone follow the file and t
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 import os
@@ -545,6 +546,7 @@ def carmen_log(folder: Path) -> None:
         lines.append(f"ODOM {x + 0.1} {y} {heading} 0 0 0 {n} host {n}")
         lines.append(f"FLASER 6 {readings} {x} {y} {heading} {x} {y} {heading} {n} host {n}")
     (folder / "drive.log").write_text("\n".join(lines) + "\n")
+    (folder / "drive.log.gz").write_bytes(gzip.compress((folder / "drive.log").read_bytes()))
 
 
 def drive_tables(folder: Path) -> None:
@@ -578,7 +580,7 @@ def use_drive(drive: Recording) -> None:
 
 
 READERS = {
-    "CARMEN log": Reader(carmen_log, "drive.log", read_changed_drive, share=8),
+    "CARMEN log": Reader(carmen_log, "drive.log*", read_changed_drive, share=8),
     "drive CSV": Reader(drive_tables, "drive.csv", read_changed_drive, share=8),
     "drive NPZ": Reader(drive_tables, "drive.npz", read_changed_drive, ANY, 8),
     "bag": Reader(drive_bags, "drive*.*", read_changed_drive, ANY, 15),

@@ -400,6 +400,16 @@ def test_samples_that_arrive_late_are_used():
         np.testing.assert_allclose(track.at_times()[:, 0], wanted)
 
 
+def test_a_quaternion_and_its_negative_are_the_same_turn():
+    from locplan.recordings._frames import Track, in_plane
+
+    track = Track([1.0])
+    for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
+        turn = (sign * math.sin(yaw / 2), sign * math.cos(yaw / 2))
+        track.add(time, (yaw, 0.0, 0.0, 0.0, 0.0, *turn))
+    np.testing.assert_allclose(in_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12)
+
+
 def test_a_transform_and_its_inverse_cancel():
     from locplan.recordings._frames import composed, in_plane, inverse
 

@@ -38,9 +38,10 @@ def read_drive(
     lead there, those of the only topic of PoseWithCovarianceStamped (as AMCL's), PoseStamped (as of
     motion capture), or Odometry in the map's frame. They are interpolated at the stamps of the
     scans, but not over more than a second of motion; scans without a pose are left out. The motion
-    of the robot during a scan is not undone. The lidar's mount comes from TF; one that is mounted
-    upside down has its beams reversed. Scans are read in a first pass, poses in a second: memory is
-    taken by what is kept, not by the bag.
+    of the robot during a scan is not undone. AMCL dates its transform ahead by transform_tolerance:
+    ``pose_topic="/amcl_pose"`` gives the poses of the scans that it matched. The lidar's mount
+    comes from TF; one that is mounted upside down has its beams reversed. Scans are read in a first
+    pass, poses in a second: memory is taken by what is kept, not by the bag.
 
     Logs of CARMEN (.log, .clf, also .gz) are read in the order of their lines, ODOM and FLASER or
     ROBOTLASER1. FLASER does not tell its angles: the beams are taken to begin at -90 deg, 180 deg
