@@ -23,7 +23,7 @@ from locplan.recordings._bag_files import (
 from locplan.recordings._contents import Source
 from locplan.recordings._frames import FrameTree, Track, Transform, frame_name
 from locplan.recordings._options import Options
-from locplan.recordings._places import Heard, located
+from locplan.recordings._places import Heard, leave_out_others, located
 from locplan.recordings._recording import Recording
 from locplan.recordings._scans import ScanRows
 
@@ -31,6 +31,8 @@ BACK = 0.5
 """Time by which a stamp may lie before an earlier one, as messages overtake each other [s]."""
 MARGIN = 5 * 10**9
 """Time around a window in which poses are read [ns]."""
+LOOK = 500
+"""Number of messages of TF after which transforms that are not needed are left out."""
 NOT_ROBOTS = ("initialpose", "goal_pose", "goal", "move_base_simple/goal")
 """Ends of topics whose poses are not where the robot is."""
 
@@ -133,7 +135,8 @@ def _read_scans(
     stop: int | None,
     progress: ProgressCallback | None,
 ) -> _Scans:
-    rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
+    expected = bag.count([topic]) // options.every + 1 if options.window is None else 0
+    rows, stamps, frame = ScanRows(options.range_limits, expected), list[float](), ""
     latest = -np.inf
     for message in bag.messages([topic], start, stop, options.every, progress):
         scan = message.content
@@ -188,6 +191,7 @@ def _listen(
             raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
     first = None if start is None else start - MARGIN
     last = None if stop is None else stop + MARGIN
+    heard_of_tf = 0
     for message in bag.messages(topics, first, last, progress=progress):
         content, kind = message.content, topics[message.topic]
         if kind == TF:
@@ -195,6 +199,9 @@ def _listen(
                 time = seconds(each.header.stamp, message.logged)
                 pose = transform(each.transform)
                 tree.add(time, each.header.frame_id, each.child_frame_id, pose)
+            heard_of_tf += 1
+            if heard_of_tf % LOOK == 0:
+                leave_out_others(tree, options, scans.frame)
             continue
         if message.topic not in heard.topics:
             child = frame_name(content.child_frame_id) if kind == ODOMETRY else ""

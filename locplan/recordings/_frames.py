@@ -21,6 +21,7 @@ MAX_GAP = 1.0
 STILL = 0.05
 """Distance [m] and turn [rad] up to which a pose counts as the same across any gap."""
 Transform = tuple[float, ...]
+Edge = tuple[str, str]
 IDENTITY: Transform = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -33,8 +34,7 @@ class Track:
 
     def __init__(self, times: Sequence[float], *, steady: bool = False) -> None:
         self._times, self._steady = times, steady
-        self._before: dict[int, tuple[float, Transform]] = {}
-        self._after: dict[int, tuple[float, Transform]] = {}
+        self._before, self._after = (np.full((len(times), 8), np.nan) for _ in range(2))
         self._first: Transform | None = None
         self._moves = False
         self.left_out = 0
@@ -50,14 +50,10 @@ class Track:
         self._moves |= pose != self._first
         self.begin, self.end = min(self.begin, time), max(self.end, time)
         at = bisect_left(self._times, time)
-        if at < len(self._times) and not (at in self._before and self._before[at][0] > time):
-            self._before[at] = (time, pose)
-        if at and not (at - 1 in self._after and self._after[at - 1][0] < time):
-            self._after[at - 1] = (time, pose)
-
-    def __len__(self) -> int:
-        """Return the number of samples that are kept."""
-        return len(self._before) + len(self._after)
+        if at < len(self._times) and not self._before[at, 0] > time:
+            self._before[at] = (time, *pose)
+        if at and not self._after[at - 1, 0] < time:
+            self._after[at - 1] = (time, *pose)
 
     @property
     def empty(self) -> bool:
@@ -66,23 +62,18 @@ class Track:
 
     def at_times(self) -> Numbers:
         """Transforms at all times, (n, 7); NaN where no samples are near enough."""
-        count = len(self._times)
         if self._first is None:
-            return np.full((count, 7), np.nan)
+            return np.full((len(self._times), 7), np.nan)
         if self._steady and not self._moves:
-            return np.tile(np.array(self._first), (count, 1))
-        before, after = np.full((count, 8), np.nan), np.full((count, 8), np.nan)
-        last: tuple[float, Transform] | None = None
-        for n in range(count):
-            last = self._before.get(n, last)
-            if last is not None:
-                before[n, 0], before[n, 1:] = last
-        last = None
-        for n in range(count - 1, -1, -1):
-            last = self._after.get(n, last)
-            if last is not None:
-                after[n, 0], after[n, 1:] = last
+            return np.tile(np.array(self._first), (len(self._times), 1))
+        before, after = _filled(self._before), _filled(self._after[::-1])[::-1]
         return interpolated(np.asarray(self._times, np.float64), before, after)
+
+
+def _filled(samples: Numbers) -> Numbers:
+    """Samples with those before them where there are none, (n, 8)."""
+    known = np.where(np.isfinite(samples[:, 0]), np.arange(len(samples)), 0)
+    return np.asarray(samples[np.maximum.accumulate(known)])
 
 
 def interpolated(times: Numbers, before: Numbers, after: Numbers) -> Numbers:
@@ -118,7 +109,8 @@ class FrameTree:
 
     def __init__(self, times: Sequence[float]) -> None:
         self._times = times
-        self._edges: dict[tuple[str, str], Transform | Track] = {}
+        self._edges: dict[Edge, Transform | Track] = {}
+        self._left_out: set[Edge] = set()
 
     def add_static(self, parent: str, child: str, pose: Transform) -> None:
         """Take a transform that holds at all times."""
@@ -128,11 +120,20 @@ class FrameTree:
     def add(self, time: float, parent: str, child: str, pose: Transform) -> None:
         """Take a transform at a time."""
         edge = frame_name(parent), frame_name(child)
+        if edge in self._left_out:
+            return
         track = self._edges.get(edge)
         if track is None:
             track = self._edges[edge] = Track(self._times, steady=True)
         if isinstance(track, Track):
             track.add(time, pose)
+
+    def keep_between(self, target: str, sources: Iterable[str]) -> None:
+        """Leave out what moves on no way from one frame to others, as a robot's wheels do."""
+        needed = {edge for each in sources for edge, _ in self._chain(target, each) or ()}
+        moving = {edge for edge, each in self._edges.items() if isinstance(each, Track)}
+        self._left_out |= moving - needed
+        self._edges = {k: each for k, each in self._edges.items() if k not in self._left_out}
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -180,12 +181,12 @@ class FrameTree:
         """The frame in which another one is given, or None."""
         return next((parent for parent, each in self._edges if each == child), None)
 
-    def _chain(self, target: str, source: str) -> list[tuple[tuple[str, str], bool]] | None:
+    def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
         """Edges from target to source, each with whether it is taken backwards."""
         if target == source:
             return []
-        came: dict[str, tuple[str, tuple[str, str], bool]] = {}
-        near: dict[str, list[tuple[str, tuple[str, str], bool]]] = {}
+        came: dict[str, tuple[str, Edge, bool]] = {}
+        near: dict[str, list[tuple[str, Edge, bool]]] = {}
         for edge in self._edges:
             parent, child = edge
             near.setdefault(parent, []).append((child, edge, False))

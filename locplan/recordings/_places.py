@@ -16,6 +16,7 @@ from locplan.recordings._frames import FrameTree, Track, in_plane, upward
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options
 
+ODOM = "odom"
 BASES = ("base_footprint", "base_link", "base")
 """Usual names of a robot's frame, after a prefix."""
 LEVEL = math.cos(math.radians(10.0))
@@ -99,6 +100,14 @@ def located(heard: Heard, lidar_frame: str, times: Sequence[float], options: Opt
         base,
         tuple(notes),
     )
+
+
+def leave_out_others(tree: FrameTree, options: Options, lidar_frame: str) -> None:
+    """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
+    world = options.map_frame.lstrip("/")
+    if tree.connected(world, lidar_frame):
+        usual = {each for each in tree.frames if each.rpartition("/")[2] in (*BASES, ODOM)}
+        tree.keep_between(world, {lidar_frame, (options.base_frame or "").lstrip("/"), *usual})
 
 
 def _base_frame(heard: Heard, lidar_frame: str, options: Options, notes: list[str]) -> str:
@@ -240,7 +249,7 @@ def _odometry(
             raise RecordingError(f"has no message on {options.odom_topic} near the scans")
         topics = [options.odom_topic]
     frames = [heard.topics[name].frame for name in topics]
-    frames += [each for each in tree.frames if each.rpartition("/")[2] == "odom"]
+    frames += [each for each in tree.frames if each.rpartition("/")[2] == ODOM]
     found, source = None, ""
     for frame in frames if options.odom_topic is None else ():
         if frame in tree.frames and base in tree.frames and frame != base:

@@ -25,6 +25,8 @@ from locplan.recordings._summary import DriveSummary
 from locplan.recordings._tables import load, save
 
 NO_SOURCE = Source()
+BLOCK = 4096
+"""Number of scans that are checked at once, which saves memory."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,14 +79,16 @@ class Recording:
                 f"ranges must be (scans, beams) for {len(poses)} poses and {self.lidar.beams} beams"
                 f" of the lidar, not {ranges.shape}"
             )
-        found = has_return(ranges, self.lidar)
-        if not found.any():
+        parts = [ranges[n : n + BLOCK] for n in range(0, len(ranges), BLOCK)]
+        if not any(has_return(part, self.lidar).any() for part in parts):
             raise RecordingError(
                 f"no beam of {len(ranges)} scans ends within {self.lidar.least_range:g} to"
                 f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
             )
-        if not (found | (ranges == np.inf)).all():
-            ranges = _frozen(np.where(found, ranges, np.float32(np.inf)))
+        if not all((has_return(part, self.lidar) | (part == np.inf)).all() for part in parts):
+            none = np.float32(np.inf)
+            cleaned = [np.where(has_return(part, self.lidar), part, none) for part in parts]
+            ranges = _frozen(np.concatenate(cleaned))
         keep(self, ranges=ranges, poses=poses)
         if self.times is not None:
             times = _array("times", self.times, np.dtype(np.float64), 1)

@@ -16,6 +16,8 @@ from locplan.recordings._geometry import has_return
 MAX_BEAMS = 100_000
 MAX_RANGE = 10_000.0
 FIRST_ROWS = 256
+MAX_ROOM = 2**28
+"""Number of ranges that room is made for before they are read."""
 DIGITS = 4
 """Decimals of angles that were stored in single precision [deg]."""
 Limits = tuple[float, float]
@@ -26,10 +28,11 @@ class ScanRows:
 
     Beams are kept counter-clockwise. A scan with other angles, as lidars whose motor is not
     regulated have, takes for each beam the nearest of its own, if there is one within a step.
+    `expected` is the number of scans, if that is known.
     """
 
-    def __init__(self, range_limits: Limits | None = None) -> None:
-        self._limits = range_limits
+    def __init__(self, range_limits: Limits | None = None, expected: int = 0) -> None:
+        self._limits, self._expected = range_limits, expected
         self._rows: NDArray[np.float32] = np.empty((0, 0), np.float32)
         self._count = 0
         self._first, self._step, self._beams = 0.0, 0.0, 0
@@ -60,7 +63,7 @@ class ScanRows:
         if not self._count:
             self._begin(first, step, len(values), least, greatest)
         if self._count == len(self._rows):
-            self._rows.resize((max(FIRST_ROWS, 2 * self._count), self._beams), refcheck=False)
+            self._rows.resize((FIRST_ROWS + self._count * 5 // 4, self._beams), refcheck=False)
         if step < 0:
             first, step, values = first + step * (len(values) - 1), -step, values[::-1]
         row = self._rows[self._count]
@@ -118,7 +121,9 @@ class ScanRows:
         )
         lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, DIGITS))
         self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
-        self._rows = np.empty((FIRST_ROWS, lidar.beams), np.float32)
+        # Room that is not written yet takes no memory; a damaged file may promise anything.
+        room = min(max(self._expected, FIRST_ROWS), max(FIRST_ROWS, MAX_ROOM // lidar.beams))
+        self._rows = np.empty((room, lidar.beams), np.float32)
 
     def _resampled(
         self, first: float, step: float, values: NDArray[np.float32]
