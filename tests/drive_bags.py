@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from locplan.recordings import Recording
@@ -109,8 +109,8 @@ class BagWriter:
 
 
 @contextmanager
-def writing(folder: Path, kind: str) -> Iterator[tuple[Path, BagWriter]]:
-    """A new bag of a kind in a folder, and its path."""
+def writing(folder: Path, kind: str, packed: str = "") -> Iterator[tuple[Path, BagWriter]]:
+    """A new bag of a kind in a folder, and its path; `packed` names a mode or a format."""
     ros1 = kind == "ros1"
     path = folder / ("drive.bag" if ros1 else f"drive_{kind}")
     if ros1:
@@ -120,6 +120,11 @@ def writing(folder: Path, kind: str) -> Iterator[tuple[Path, BagWriter]]:
         plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
         writer = Writer2(path, version=9, storage_plugin=plugin)
         store = get_typestore(Stores.ROS2_JAZZY)
+    if packed:
+        if ros1:
+            writer.set_compression(Writer1.CompressionFormat[packed])
+        else:
+            writer.set_compression(CompressionMode[packed], CompressionFormat.ZSTD)
     with writer:
         yield path, BagWriter(writer, store, ros1)
 
@@ -144,9 +149,9 @@ def times_of(drive: Recording) -> np.ndarray:
     return whole + 1e-9 * np.rint((times - whole) * 1e9)
 
 
-def write_drive(folder: Path, drive: Recording, kind: str) -> Path:
+def write_drive(folder: Path, drive: Recording, kind: str, packed: str = "") -> Path:
     """Write a drive as a robot with Nav2 records it: scans, TF, and odometry if it has some."""
-    with writing(folder, kind) as (path, bag):
+    with writing(folder, kind, packed) as (path, bag):
         lidar, times = drive.lidar, times_of(drive)
         mount = (lidar.mount_x, lidar.mount_y, lidar.mount_yaw)
         fixed = bag.transform(times[0], "base_link", "laser", mount)

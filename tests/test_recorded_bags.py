@@ -67,6 +67,18 @@ def test_bags_of_all_kinds_give_back_the_drive(tmp_path, kind, lidar):
         same(read_drive(path), wanted)
 
 
+@pytest.mark.parametrize(
+    ("kind", "packed"),
+    [
+        *(("mcap", mode) for mode in ("STORAGE", "MESSAGE", "FILE")),
+        *(("sqlite3", mode) for mode in ("MESSAGE", "FILE")),
+        *(("ros1", mode) for mode in ("BZ2", "LZ4")),
+    ],
+)
+def test_bags_that_are_packed_are_read(tmp_path, kind, packed):
+    same(read_drive(write_drive(tmp_path, drive(), kind, packed)), drive())
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_small_drive_is_the_same_as_a_bag(tmp_path, kind):
     small = Recording.load(FILE)
@@ -145,7 +157,9 @@ def test_clockwise_scans_are_turned_round_and_others_resampled(tmp_path):
     ranges = wanted.ranges.copy()
     ranges[3, 0] = np.inf
     same(read, replace(wanted, ranges=ranges, odometry=None))
-    assert read.source.notes == ("1 scans of other angles were brought to those of the first",)
+    assert read.source.notes == (
+        "scans of other angles were brought to those of the first (1 of 8)",
+    )
 
 
 def test_a_full_circle_with_its_first_beam_twice_has_it_once(tmp_path):
@@ -374,6 +388,30 @@ def test_rosbags_is_asked_for_where_it_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(LocplanError, match=r"needs rosbags: pip install 'locplan\[ros\]'"):
         read_drive(path)
+
+
+def test_progress_counts_messages_in_two_passes(tmp_path):
+    path, seen = write_drive(tmp_path, drive(), "mcap"), []
+    read_drive(path, progress=lambda *each: seen.append(each))
+    assert seen == [(0, 8), (8, 8), (0, 24), (24, 24)]
+
+
+def test_transforms_that_no_pose_needs_are_left_out():
+    from locplan.recordings._frames import IDENTITY, FrameTree
+    from locplan.recordings._options import Options
+    from locplan.recordings._places import leave_out_others
+
+    tree = FrameTree([1.0])
+    tree.add_static("base_link", "laser", IDENTITY)
+    edges = (("odom", "base_link"), ("base_link", "wheel"), ("world", "camera"))
+    for parent, child in edges:
+        tree.add(1.0, parent, child, IDENTITY)
+    leave_out_others(tree, Options(), "laser")
+    assert "wheel" in tree.frames  # nothing leads to the map yet
+    tree.add(1.0, "map", "odom", IDENTITY)
+    leave_out_others(tree, Options(), "laser")
+    tree.add(1.0, "base_link", "wheel", IDENTITY)
+    assert tree.frames == ("base_link", "laser", "map", "odom")
 
 
 def test_memory_is_taken_by_what_is_kept(tmp_path):

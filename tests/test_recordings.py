@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import json
 import math
@@ -365,6 +366,25 @@ def test_real_logs_are_read(name):
     ways = [np.hypot(*np.diff(each[:, :2], axis=0).T) for each in (read.odometry, read.poses)]
     assert np.median(np.abs(ways[0] - ways[1])) < 0.06
     assert np.abs(read.odometry - read.poses)[:, :2].max() > 1.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_poses_and_returns_of_real_logs_are_those_of_their_reference(name):
+    if not (SHARED_DATA / "carmen").is_dir():
+        pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
+    limits = (0.05, 30.0 if name in ("intel", "orebro") else 40.0)
+    log = SHARED_DATA / "carmen" / f"{name}-corrected.log.gz"
+    with (SHARED_DATA / "carmen" / f"localizability_{name}.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    reference = {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
+    read = read_drive(log, range_limits=limits)[reference["scan"].astype(int)]
+    assert np.abs(read.poses[:, 0] - reference["x"]).max() < 0.001
+    assert np.abs(read.poses[:, 1] - reference["y"]).max() < 0.001
+    assert np.abs(np.sin(read.poses[:, 2] - reference["theta"])).max() < 0.001
+    returns = np.isfinite(read.ranges)
+    assert (returns.sum(1) == reference["n_beams"]).all()
+    means = [row[known].mean() for row, known in zip(read.ranges, returns, strict=True)]
+    np.testing.assert_allclose(means, reference["mean_range"], atol=1e-4)
 
 
 def test_the_small_drive_suits_the_replay_of_a_filter():

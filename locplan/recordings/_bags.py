@@ -58,7 +58,8 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
         notes.append(f"{len(scans.times) - len(kept)} of {len(scans.times)} scans have no pose")
     rows = scans.rows
     if rows.resampled:
-        notes.append(f"{rows.resampled} scans of other angles were brought to those of the first")
+        of = f"{rows.resampled} of {len(rows)}"
+        notes.append(f"scans of other angles were brought to those of the first ({of})")
     lidar = rows.lidar(place.mount, place.upside_down)
     ranges = rows.finish([scans.order[n] for n in kept] if scans.in_order else range(len(rows)))
     if not scans.in_order:

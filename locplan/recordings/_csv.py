@@ -85,7 +85,13 @@ def read_csv(path: Path, options: Options) -> Contents:
         poses,
         times,
         odometry,
-        Source(file=path.name, scans="range_0_m", poses="x_m", notes=tuple(notes)),
+        Source(
+            file=path.name,
+            scans="columns range_0_m ...",
+            poses=f"columns {', '.join(POSE)}",
+            odometry=f"columns {', '.join(ODOMETRY)}" if with_odometry else "",
+            notes=tuple(notes),
+        ),
     )
 
 
