@@ -217,6 +217,29 @@ def test_poses_come_from_topics_where_tf_tells_none(tmp_path, topics, options, f
     assert mounted.lidar.mount_yaw_deg == pytest.approx(30.0, abs=1e-4)
 
 
+def test_poses_of_amcl_are_carried_to_the_scans_by_odometry(tmp_path):
+    """It tells few, long apart; in between the robot goes there and back."""
+    count = 31
+    along = np.abs(np.linspace(-1.5, 1.5, count))
+    poses = np.column_stack([along, 0.1 * np.arange(count), np.linspace(2.5, 4.0, count)])
+    drift = [(0.02 * n, 0.0, 0.3 + 0.001 * n) for n in range(count)]
+    with writing(tmp_path, "sqlite3") as (path, bag):
+        for n, pose in enumerate(poses):
+            time = BEGIN + 0.5 * n
+            bag.odometry(time, on(drift[n], pose))
+            if n % 6 == 3:  # half way to the next scan
+                bag.amcl_pose(time + 0.25, (pose + poses[n + 1]) / 2)
+            bag.scan(time, LIDAR, np.ones(7))
+    read = read_drive(path)
+    index = np.rint((read.times - BEGIN) / 0.5).astype(int)
+    assert set(range(28)) <= set(index.tolist())
+    turned = np.abs(np.angle(np.exp(1j * (read.poses[:, 2] - poses[index, 2]))))
+    assert turned.max() < 0.01
+    assert np.abs(read.poses[:, :2] - poses[index, :2]).max() < 0.15  # the drift of 5 to 10 scans
+    between = (index > 3) & (index < 27)
+    assert np.abs(read.poses[between, :2] - poses[index[between], :2]).max() < 0.005
+
+
 def test_several_topics_are_named(tmp_path):
     path, _ = poses_only(tmp_path, "/a/mocap", "/b/mocap")
     with pytest.raises(

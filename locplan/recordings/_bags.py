@@ -18,6 +18,7 @@ from locplan.recordings._bag_files import (
     SCAN,
     TF,
     Bag,
+    Message,
     opened,
 )
 from locplan.recordings._contents import Source
@@ -175,23 +176,31 @@ def _listen(
     progress: ProgressCallback | None,
 ) -> Heard:
     """Transforms, poses and odometry near the times of the scans."""
-    tree = FrameTree(scans.times)
+    first = None if start is None else start - MARGIN
+    last = None if stop is None else stop + MARGIN
+    topics = _pose_topics(bag, options)
+    others = {each: kind for each, kind in topics.items() if kind != ODOMETRY}
+    told = Heard(FrameTree([]), "", np.empty(0, np.int64))
+    for message in bag.messages(others, first, last, progress=progress):
+        _take(message, others, told, scans.times)
+    # Odometry has to be known at the poses of AMCL, too, which are few.
+    samples = [
+        np.concatenate([part[:, 0] for part in each.track.samples()])
+        for each in told.topics.values()
+        if each.kind == POSE_WITH_COVARIANCE
+    ]
+    knots = np.unique(np.concatenate([scans.times, *samples]))
+    knots = knots[np.isfinite(knots)]
+    times = knots.tolist()
+    tree = FrameTree(times)
     of_tf = near_namespace(bag.of_type(TF), topic)
     static = [each for each in of_tf if each.endswith("tf_static")]
-    heard = Heard(tree, bag.listed())
+    heard = Heard(tree, bag.listed(), np.searchsorted(knots, scans.times), told.topics)
     for message in bag.messages(static):
         for each in message.content.transforms:
             tree.add_static(each.header.frame_id, each.child_frame_id, transform(each.transform))
-    topics = {each: TF for each in of_tf if each not in static}
-    for kind in (POSE_WITH_COVARIANCE, POSE, ODOMETRY):
-        topics |= {each: kind for each in bag.of_type(kind) if _wanted(each, kind, options)}
-    for name, option in ((options.pose_topic, "pose_topic"), (options.odom_topic, "odom_topic")):
-        if name is not None and topics.get(name, TF) == TF:
-            others = (POSE_WITH_COVARIANCE, POSE) if option == "pose_topic" else ()
-            have = ", ".join(bag.of_type(*others, ODOMETRY)) or "none"
-            raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
-    first = None if start is None else start - MARGIN
-    last = None if stop is None else stop + MARGIN
+    topics = {each: kind for each, kind in topics.items() if kind == ODOMETRY}
+    topics |= {each: TF for each in of_tf if each not in static}
     heard_of_tf = 0
     for message in bag.messages(topics, first, last, progress=progress):
         content, kind = message.content, topics[message.topic]
@@ -204,16 +213,35 @@ def _listen(
             if heard_of_tf % LOOK == 0:
                 leave_out_others(tree, options, scans.frame)
             continue
-        if message.topic not in heard.topics:
-            child = frame_name(content.child_frame_id) if kind == ODOMETRY else ""
-            frame = frame_name(content.header.frame_id)
-            heard.add_topic(message.topic, kind, frame, child, Track(scans.times))
-        pose = content.pose if kind == POSE else content.pose.pose
-        heard.topics[message.topic].track.add(
-            seconds(content.header.stamp, message.logged),
-            transform_of(pose.position, pose.orientation),
-        )
+        _take(message, topics, heard, times)
     return heard
+
+
+def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequence[float]) -> None:
+    """Take a pose of a topic, of the type that is named for it."""
+    content, kind = message.content, topics[message.topic]
+    if message.topic not in heard.topics:
+        child = frame_name(content.child_frame_id) if kind == ODOMETRY else ""
+        frame = frame_name(content.header.frame_id)
+        heard.add_topic(message.topic, kind, frame, child, Track(times))
+    pose = content.pose if kind == POSE else content.pose.pose
+    heard.topics[message.topic].track.add(
+        seconds(content.header.stamp, message.logged),
+        transform_of(pose.position, pose.orientation),
+    )
+
+
+def _pose_topics(bag: Bag, options: Options) -> dict[str, str]:
+    """Topics of poses and odometry that may be needed, and their types."""
+    topics: dict[str, str] = {}
+    for kind in (POSE_WITH_COVARIANCE, POSE, ODOMETRY):
+        topics |= {each: kind for each in bag.of_type(kind) if _wanted(each, kind, options)}
+    for name, option in ((options.pose_topic, "pose_topic"), (options.odom_topic, "odom_topic")):
+        if name is not None and name not in topics:
+            others = (POSE_WITH_COVARIANCE, POSE) if option == "pose_topic" else ()
+            have = ", ".join(bag.of_type(*others, ODOMETRY)) or "none"
+            raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
+    return topics
 
 
 def _wanted(topic: str, kind: str, options: Options) -> bool:

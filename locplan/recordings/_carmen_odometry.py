@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.recordings._geometry import Numbers, wrapped
+from locplan.recordings._geometry import Numbers, after_way, way_between, wrapped
 
 Indices = NDArray[np.int64]
 SAME = 1e-5
@@ -59,22 +58,8 @@ def _put_together(lines: Numbers, ends: Indices, begins: Indices) -> Numbers:
     found[0] = lines[ends[0], :3]
     for n in range(1, len(ends)):
         begin = min(begins[n - 1], ends[n])
-        found[n] = _on(found[n - 1], _from(lines[begin, :3], lines[ends[n], :3]))
+        found[n] = after_way(found[n - 1], way_between(lines[begin, :3], lines[ends[n], :3]))
     return found
-
-
-def _from(one: Numbers, other: Numbers) -> tuple[float, float, float]:
-    """The pose `other` as it is seen from `one`."""
-    dx, dy, turn = other - one
-    cos, sin = math.cos(one[2]), math.sin(one[2])
-    return cos * dx + sin * dy, cos * dy - sin * dx, turn
-
-
-def _on(pose: Numbers, way: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The pose to which a way leads from another one."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    ahead, left, turn = way
-    return pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left, pose[2] + turn
 
 
 def _between(lines: Numbers, before: Indices, after: Indices, stamps: Numbers) -> Numbers:

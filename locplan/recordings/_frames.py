@@ -66,8 +66,11 @@ class Track:
             return np.full((len(self._times), 7), np.nan)
         if self._steady and not self._moves:
             return np.tile(np.array(self._first), (len(self._times), 1))
-        before, after = _filled(self._before), _filled(self._after[::-1])[::-1]
-        return interpolated(np.asarray(self._times, np.float64), before, after)
+        return interpolated(np.asarray(self._times, np.float64), *self.samples())
+
+    def samples(self) -> tuple[Numbers, Numbers]:
+        """The samples before and after each time: its time and transform, (n, 8) each, or NaN."""
+        return _filled(self._before), _filled(self._after[::-1])[::-1].copy()
 
 
 def _filled(samples: Numbers) -> Numbers:
@@ -108,7 +111,7 @@ class FrameTree:
     """Frames, and the transforms between them at the times of the scans."""
 
     def __init__(self, times: Sequence[float]) -> None:
-        self._times = times
+        self._times = self.times = times
         self._edges: dict[Edge, Transform | Track] = {}
         self._left_out: set[Edge] = set()
 

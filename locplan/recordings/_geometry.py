@@ -45,6 +45,22 @@ def moved(poses: Numbers, move: tuple[float, float, float]) -> Numbers:
     return np.column_stack([dx + cos * x - sin * y, dy + sin * x + cos * y, heading + turn])
 
 
+def way_between(one: Numbers, other: Numbers) -> Numbers:
+    """Poses `other` as they are seen from `one`, (..., 3) [m, m, rad]."""
+    dx, dy, turn = np.moveaxis(other - one, -1, 0)
+    cos, sin = np.cos(one[..., 2]), np.sin(one[..., 2])
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
+
+
+def after_way(poses: Numbers, ways: Numbers) -> Numbers:
+    """The poses to which ways lead from others, (..., 3) [m, m, rad]."""
+    ahead, left, turn = np.moveaxis(ways, -1, 0)
+    cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x = poses[..., 0] + cos * ahead - sin * left
+    y = poses[..., 1] + sin * ahead + cos * left
+    return np.stack([x, y, poses[..., 2] + turn], axis=-1)
+
+
 def wrapped(angles: Any) -> Numbers:
     """Angles within -pi to pi [rad]."""
     return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import ODOMETRY, POSE, POSE_WITH_COVARIANCE
+from locplan.recordings._carried import carried_poses
 from locplan.recordings._frames import FrameTree, Track, in_plane, upward
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options
@@ -43,11 +44,18 @@ class Heard:
     tree: FrameTree
     listed: str
     """All topics and types, for error messages."""
+    at_scans: NDArray[np.int64]
+    """Index of each scan's time among the times of the tree and of odometry."""
     topics: dict[str, PoseTopic] = field(default_factory=dict)
 
     def add_topic(self, name: str, kind: str, frame: str, child: str, track: Track) -> None:
         """Take a topic of poses at its first message."""
         self.topics[name] = PoseTopic(kind, frame, child, track)
+
+    def poses_of(self, topic: str) -> Numbers:
+        """Poses of a topic at the scans, (n, 3); NaN where unknown."""
+        found = in_plane(self.topics[topic].track.at_times())
+        return found[self.at_scans] if self.topics[topic].kind == ODOMETRY else found
 
 
 @dataclass(frozen=True)
@@ -85,10 +93,16 @@ def located(heard: Heard, lidar_frame: str, times: Sequence[float], options: Opt
     notes: list[str] = []
     base = _base_frame(heard, lidar_frame, options, notes)
     mount, upside_down = _mount(heard.tree, base, lidar_frame, options, notes)
-    poses, poses_from, map_frame = _poses(heard, base, options, notes)
+    reported, odometry_from = _odometry(heard, base, options, notes)
+    poses, poses_from, map_frame = _poses(heard, base, reported, times, options, notes)
     if not np.isfinite(poses).all(1).any():
         raise RecordingError(_apart(heard, poses_from, times))
-    odometry, odometry_from = _odometry(heard, base, poses, poses_from, options, notes)
+    odometry = None if reported is None else reported[heard.at_scans]
+    if odometry is not None:
+        known = np.isfinite(odometry[np.isfinite(poses).all(axis=1)]).all(axis=1).mean()
+        if known < ENOUGH:
+            notes.append(f"{odometry_from} tells odometry at only {known:.0%} of the scans")
+            odometry = None
     return Place(
         poses,
         odometry,
@@ -175,7 +189,14 @@ def _mount(
     return (x, y, yaw), bool(up[0] < 0)
 
 
-def _poses(heard: Heard, base: str, options: Options, notes: list[str]) -> tuple[Numbers, str, str]:
+def _poses(
+    heard: Heard,
+    base: str,
+    reported: Numbers | None,
+    times: Sequence[float],
+    options: Options,
+    notes: list[str],
+) -> tuple[Numbers, str, str]:
     """Poses of the robot at the scans, where they come from, and the frame they are in."""
     tree, frame = heard.tree, options.map_frame.lstrip("/")
     topic = options.pose_topic
@@ -184,7 +205,7 @@ def _poses(heard: Heard, base: str, options: Options, notes: list[str]) -> tuple
     if topic is None:
         pose = tree.pose(frame, base) if {frame, base} <= set(tree.frames) else None
         if pose is not None:
-            return in_plane(pose), f"TF {frame} -> {base}", frame
+            return in_plane(pose)[heard.at_scans], f"TF {frame} -> {base}", frame
         topic = _only_topic(heard, base, frame)
     found = heard.topics[topic]
     if found.track.left_out:
@@ -193,7 +214,11 @@ def _poses(heard: Heard, base: str, options: Options, notes: list[str]) -> tuple
         raise RecordingError(f"the poses of {topic} are all not numbers (NaN, or no rotation)")
     if found.frame != frame:
         notes.append(f"the poses of {topic} are in {found.frame!r}, which is taken for the map's")
-    return in_plane(found.track.at_times()), topic, found.frame
+    poses = heard.poses_of(topic)
+    if reported is not None and found.kind == POSE_WITH_COVARIANCE:
+        carried = carried_poses(times, found.track, heard.tree.times, reported)
+        poses = np.where(np.isfinite(carried), carried, poses)
+    return poses, topic, found.frame
 
 
 def _only_topic(heard: Heard, base: str, frame: str) -> str:
@@ -235,14 +260,16 @@ def _apart(heard: Heard, poses_from: str, times: Sequence[float]) -> str:
 
 
 def _odometry(
-    heard: Heard, base: str, poses: Numbers, poses_from: str, options: Options, notes: list[str]
+    heard: Heard, base: str, options: Options, notes: list[str]
 ) -> tuple[Numbers | None, str]:
-    """Odometry at the scans, if there is some that is not the poses themselves."""
+    """Odometry at all times of the tree, if there is some that is not the poses themselves."""
     tree = heard.tree
     topics = [
         name
         for name, each in heard.topics.items()
-        if each.kind == ODOMETRY and name != poses_from and each.frame != options.map_frame
+        if each.kind == ODOMETRY
+        and name != options.pose_topic
+        and each.frame != options.map_frame.lstrip("/")
     ]
     if options.odom_topic is not None:
         if options.odom_topic not in heard.topics:
@@ -264,9 +291,5 @@ def _odometry(
             notes.append(
                 f"odometry is on {' and '.join(topics)}, and none was taken; choose by odom_topic="
             )
-        return None, ""
-    known = np.isfinite(found[np.isfinite(poses).all(axis=1)]).all(axis=1).mean()
-    if known < ENOUGH:
-        notes.append(f"the odometry of {source} is known at only {known:.0%} of the scans")
         return None, ""
     return found, source

@@ -37,11 +37,12 @@ def read_drive(
     are found by their type. Poses are those of TF from the map to the robot; where TF does not
     lead there, those of the only topic of PoseWithCovarianceStamped (as AMCL's), PoseStamped (as of
     motion capture), or Odometry in the map's frame. They are interpolated at the stamps of the
-    scans, but not over more than a second of motion; scans without a pose are left out. The motion
-    of the robot during a scan is not undone. AMCL dates its transform ahead by transform_tolerance:
+    scans, but not over more than a second of motion; those of AMCL are carried there by odometry if
+    there is some. Scans without a pose are left out. The motion of the robot during a scan is not
+    undone. AMCL dates its transform ahead by transform_tolerance:
     ``pose_topic="/amcl_pose"`` gives the poses of the scans that it matched. The lidar's mount
     comes from TF; one that is mounted upside down has its beams reversed. Scans are read in a first
-    pass, poses in a second: memory is taken by what is kept, not by the bag.
+    pass, poses in others: memory is taken by what is kept, not by the bag.
 
     Logs of CARMEN (.log, .clf, also .gz) are read in the order of their lines, ODOM and FLASER or
     ROBOTLASER1. FLASER does not tell its angles: the beams are taken to begin at -90 deg, 180 deg
@@ -78,7 +79,7 @@ def read_drive(
     mount : (x, y, yaw), optional
         Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
     progress : callable, optional
-        Called with (done, total) messages of a bag, in each of the two passes.
+        Called with (done, total) messages of a bag, in each pass.
 
     Returns
     -------
