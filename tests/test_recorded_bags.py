@@ -236,6 +236,8 @@ def test_poses_of_amcl_are_carried_to_the_scans_by_odometry(tmp_path):
     turned = np.abs(np.angle(np.exp(1j * (read.poses[:, 2] - poses[index, 2]))))
     assert turned.max() < 0.01
     assert np.abs(read.poses[:, :2] - poses[index, :2]).max() < 0.15  # the drift of 5 to 10 scans
+    reported = np.array([on(drift[n], poses[n]) for n in index])
+    np.testing.assert_allclose(read.odometry[:, :2], reported[:, :2], atol=1e-9)
     between = (index > 3) & (index < 27)
     assert np.abs(read.poses[between, :2] - poses[index[between], :2]).max() < 0.005
 
@@ -253,14 +255,13 @@ def test_several_topics_are_named(tmp_path):
         read_drive(path, pose_topic="/c")
     with pytest.raises(RecordingError, match="no scans on /c; scan_topic= can be: /scan"):
         read_drive(path, scan_topic="/c")
-    with writing(tmp_path / "..", "ros1") as (path, bag):
+    with writing(tmp_path, "ros1") as (path, bag):
         for topic in ("/front", "/rear"):
             bag.scan(BEGIN, LIDAR, np.ones(7), topic=topic)
     with pytest.raises(
         RecordingError, match="scans on /front and /rear; choose one with scan_topic"
     ):
         read_drive(path)
-    path.unlink()
 
 
 def test_missing_things_are_told(tmp_path):
