@@ -206,8 +206,7 @@ class Recording:
         return DriveSummary.of(self.contents)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save as .npz, without loss, or as .csv, to 0.1 mm; `locplan.recordings.read_drive` says
-        what is in them.
+        """Save as .npz, without loss, or as .csv, to 0.1 mm; `read_drive` says what is in them.
 
         Raises
         ------
