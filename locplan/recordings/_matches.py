@@ -23,7 +23,7 @@ from locplan.recordings._recording import Recording
 
 Numbers = NDArray[np.float64]
 WINDOW = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
-"""Search window about a recorded pose, whose heading is known better than a place's is to `Scan`."""
+"""Search window about a recorded pose; its heading is known better than that of a match."""
 EFFECTIVE_BEAMS = 15.0
 """Number of independent beams that tell as much as a whole scan."""
 BATCH = 64
