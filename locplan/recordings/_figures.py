@@ -73,7 +73,8 @@ def drive_figure(found: DriveEvaluation) -> Figure:
         Line2D([], [], color=MEASURED, label=f"measured ellipse{magnify}"),
     ]
     if found.outdated.any():
-        label = f"{found.outdated.sum()} scans unlike the map"
+        count = int(found.outdated.sum())
+        label = f"{count} scan{'s' * (count > 1)} unlike the map"
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
     _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
