@@ -38,13 +38,13 @@ def drive_table(found: DriveEvaluation) -> str:
         ("set apart", f"{apart} that saw what is not on the map, {left} off the free space"),
         ("deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
     ]
-    columns = ["", "rank correlation", "AUC, worst fifth", "direction", "factor"]
+    columns = ["", "rank correlation", "AUC", "direction", "factor"]
     estimators = [[name, *agreement_texts(each)] for name, each in found.agreements.items()]
     said = textwrap.fill(" ".join(verdict(found)), WIDTH, break_on_hyphens=False)
     about = (
-        "predicted against measured deviations of the position [95 % intervals by stretches of"
-        " 10 m];\ndirection: share of long ellipses right to 15 deg; factor: predicted over"
-        " measured"
+        "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
+        "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
+        " predicted\nover measured"
     )
     return "\n".join([table([], rows), table(columns, estimators), about, said])
 

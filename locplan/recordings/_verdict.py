@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.intervals import Interval
 from locplan.recordings._evaluation import Agreement, DriveEvaluation
 from locplan.simulation._formats import plain, short
 
@@ -99,14 +98,6 @@ def agreement_texts(each: Agreement) -> list[str]:
     return [
         short(each.rank.spearman),
         short(each.rank.auc),
-        _share(each.aligned),
+        "-" if math.isnan(each.aligned.value) else f"{each.aligned.value:.0%}",
         short(each.factor),
     ]
-
-
-def _share(interval: Interval) -> str:
-    if math.isnan(interval.value):
-        return "-"
-    if math.isnan(interval.low):
-        return f"{interval.value:.0%}"
-    return f"{interval.value:.0%} [{interval.low:.0%}, {interval.high:.0%}]"
