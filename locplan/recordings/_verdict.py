@@ -65,7 +65,7 @@ def _about_places(found: DriveEvaluation) -> str:
         median, direction = float(np.median(std[here])), _axis(found.matches.direction[here])
         x, y = found.matches.recording.poses[here, :2].mean(axis=0)
         text = (
-            f"The worst 10 m lie around {x:.1f},{y:.1f}, where the position is known to"
+            f"The worst 10 m lie around {_place(x, y)}, where the position is known to"
             f" {100 * median:.0f} cm along {math.degrees(direction):.0f}°"
         )
     outdated = found.outdated
@@ -76,7 +76,7 @@ def _about_places(found: DriveEvaluation) -> str:
     x, y = found.matches.recording.poses[most, :2].mean(axis=0)
     return (
         f"{text}; {outdated.sum()} of {len(std)} scans saw what is not on the map, most around"
-        f" {x:.1f},{y:.1f}: people, or the map is out of date there."
+        f" {_place(x, y)}: people, or the map is out of date there."
     )
 
 
@@ -91,6 +91,11 @@ def _worst_block(blocks: NDArray[np.int64], values: NDArray[np.float64]) -> int:
 def _axis(directions: NDArray[np.float64]) -> float:
     """Mean of axes, which have no sense, 0 to pi [rad]."""
     return float(np.angle(np.exp(2j * directions).mean()) / 2 % np.pi)
+
+
+def _place(x: float, y: float) -> str:
+    """A position to 0.1 m; no -0.0."""
+    return ",".join(f"{round(value, 1) + 0.0:.1f}" for value in (x, y))
 
 
 def agreement_texts(each: Agreement) -> list[str]:
