@@ -2,10 +2,10 @@
 
 Run: python examples/lasers.py DATA [FOLDER]
 
-DATA holds carmen/localizability_NAME.csv, the reference: one row per scan, matched on a map of the
-other scans; and rosmaps_carmen/NAME_even, that map. The lowest tenth by score of each log is left
-out: people, or places that are not on the map. Each field has 8 headings and is read at the poses
-of the reference.
+DATA holds carmen/NAME-corrected.log.gz, a recorded drive; carmen/localizability_NAME.csv, the
+reference: one row per scan, matched on a map of the other scans; and rosmaps_carmen/NAME_even, that
+map. The lowest tenth by score of each log is left out: people, or places that are not on the map.
+Each field has 8 headings and is read at the poses of the reference.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from scipy.stats import spearmanr
 
 import locplan
 from locplan.field import position_axes, scalar
+from locplan.recordings import read_drive
 
+LEAST = 0.05
+"""Range above which beams count as returns in the reference [m]."""
 RETURNS = {"intel": 30.0, "orebro": 30.0}
 """Range up to which beams count as returns in the reference [m]; 40 in the other logs."""
-BEAMS = {"csail": 361, "seattle": 361}
-"""Number of beams of the lasers; 181 in the other logs."""
 LEFT_OUT = 0.1
 ELONGATED = 3.0
 """Ratio of the measured deviations from which an ellipse has a direction."""
@@ -36,18 +37,21 @@ class Log(NamedTuple):
 
     grid: locplan.OccupancyGrid
     lidar: locplan.Lidar
-    poses: np.ndarray  # (n, 3) x, y [m], heading [rad]
-    major: np.ndarray  # (n,) measured deviation along the ellipse's major axis [m]
-    ratio: np.ndarray  # (n,) of the major to the minor deviation
-    direction: np.ndarray  # (n,) of the major axis [rad]
-    heading: np.ndarray  # (n,) measured deviation of the heading [deg]
+    measured: dict[str, np.ndarray]  # columns of the reference, (n,) each
+
+    @property
+    def poses(self) -> np.ndarray:
+        """Poses of the scans, (n, 3) [m, m, rad]."""
+        return np.column_stack([self.measured[key] for key in ("x", "y", "theta")])
+
+    @property
+    def elongated(self) -> np.ndarray:
+        """Mask of the poses at which the measured ellipse has a direction."""
+        return self.measured["sd_major"] > ELONGATED * self.measured["sd_minor"]
 
 
 def main(data: str, folder: str = "lasers") -> None:
-    logs = {
-        file.stem.removeprefix("localizability_"): read(file)
-        for file in sorted((Path(data) / "carmen").glob("localizability_*.csv"))
-    }
+    logs = read_logs(Path(data))
     if not logs:
         sys.exit(f"{data}: holds no carmen/localizability_NAME.csv")
     lines = ["| estimator | " + " | ".join(logs) + " | pooled / within | heading | < 15° | in m |"]
@@ -62,6 +66,12 @@ def main(data: str, folder: str = "lasers") -> None:
     print(f"wrote {target}")
 
 
+def read_logs(data: Path) -> dict[str, Log]:
+    """All logs with a reference, by name."""
+    files = sorted((data / "carmen").glob("localizability_*.csv"))
+    return {file.stem.removeprefix("localizability_"): read(file) for file in files}
+
+
 def read(file: Path) -> Log:
     """The reference in a file, without the scans that match worst."""
     name = file.stem.removeprefix("localizability_")
@@ -69,21 +79,11 @@ def read(file: Path) -> Log:
         rows = list(csv.DictReader(opened))
     column = {key: np.array([float(each[key]) for each in rows]) for key in rows[0]}
     kept = column["score_per_beam"] >= np.quantile(column["score_per_beam"], LEFT_OUT)
-    column = {key: values[kept] for key, values in column.items()}
-    lidar = locplan.Lidar(
-        range=RETURNS.get(name, 40.0),
-        least_range=0.05,
-        field_of_view_deg=180.0,
-        beams=BEAMS.get(name, 181),
-    )
+    limits = LEAST, RETURNS.get(name, 40.0)
     return Log(
         locplan.load_map(file.parent.parent / "rosmaps_carmen" / f"{name}_even"),
-        lidar,
-        np.column_stack([column[key] for key in ("x", "y", "theta")]),
-        column["sd_major"],
-        column["sd_major"] / column["sd_minor"],
-        column["major_dir"],
-        column["sd_theta_deg"],
+        read_drive(file.parent / f"{name}-corrected.log.gz", range_limits=limits).lidar,
+        {key: values[kept] for key, values in column.items()},
     )
 
 
@@ -103,16 +103,19 @@ def row(name: str, logs: dict[str, Log], predicted: dict[str, np.ndarray]) -> st
     """The ranks of one estimator as a row of a table."""
     criterion = "e" if name == "sad" else "position_std"
     values = {each: scalar(found, criterion) for each, found in predicted.items()}
-    each = [rank(values[log], logs[log].major) for log in logs]
+    measured = {each: log.measured["sd_major"] for each, log in logs.items()}
+    turns = {each: log.measured["sd_theta_deg"] for each, log in logs.items()}
+    each = [rank(values[log], measured[log]) for log in logs]
     headings = {log: scalar(found, "heading_std") for log, found in predicted.items()}
-    of_headings = [rank(headings[log], logs[log].heading) for log in logs]
-    pooled = rank(together(values), np.concatenate([log.major for log in logs.values()]))
-    turned = rank(together(headings), np.concatenate([log.heading for log in logs.values()]))
+    of_headings = [rank(headings[log], turns[log]) for log in logs]
+    pooled = rank(together(values), together(measured))
+    turned = rank(together(headings), together(turns))
     off, metres = [], []
     for log, found in predicted.items():
         major, _, direction = position_axes(found)
-        off.append(angle_between(direction, logs[log].direction)[logs[log].ratio > ELONGATED])
-        metres.append(np.log(major / logs[log].major))
+        apart = angle_between(direction, logs[log].measured["major_dir"])
+        off.append(apart[logs[log].elongated])
+        metres.append(np.log(major / measured[log]))
     right = np.mean(np.concatenate(off) < math.radians(15.0))
     factor = np.exp(np.nanmean(np.concatenate(metres)))
     cells = [f"{name}, {criterion}", *map(plain, each)]

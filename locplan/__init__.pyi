@@ -7,6 +7,7 @@ from . import (
     paper as paper,
     planners as planners,
     plotting as plotting,
+    recordings as recordings,
     simulation as simulation,
 )
 from .comparison import Comparison as Comparison, PlannerSpec as PlannerSpec, compare as compare

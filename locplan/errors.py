@@ -30,6 +30,10 @@ class FieldError(LocplanError):
     """A stored covariance field cannot be read, or does not belong to the map."""
 
 
+class RecordingError(LocplanError):
+    """A recorded drive cannot be read, or holds nothing that can be used."""
+
+
 class PoseError(LocplanError):
     """A start or a goal lies where the robot cannot stand."""
 

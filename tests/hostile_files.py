@@ -5,6 +5,7 @@ A case is the name of a reader and a seed: from them alone follow the file and t
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 import os
@@ -26,6 +27,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from drive_bags import KINDS, write_drive
 from PIL import Image
 
 from locplan.comparison._journal import Journal
@@ -38,6 +40,7 @@ from locplan.export._parameters import with_costmap
 from locplan.field import (
     CovarianceField,
     FieldConfig,
+    Lidar,
     Sad,
     SearchWindow,
     _cache as cache,
@@ -51,6 +54,7 @@ from locplan.field._zarr import write
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, read_parameters, save_map
 from locplan.maps._files import files_of
 from locplan.planners import read_queries
+from locplan.recordings import Recording, read_drive
 from locplan.simulation import read_amcl
 
 MAX_LINE = 1050
@@ -525,7 +529,67 @@ one,1.5,2.0,3.0,4.0,90
 "two, too",0.0,-1.0,2,5,
 """
 OPEN = OccupancyGrid(np.full((3, 4), FREE, np.uint8), 1.0)
+
+
+def recorded() -> Recording:
+    """A drive of a few scans."""
+    poses = np.column_stack([0.3 * np.arange(5), np.ones(5), np.linspace(0, 1, 5)])
+    ranges = np.round(np.random.default_rng(1).uniform(0.5, 7.5, (5, 6)), 3)
+    lidar = Lidar(range=8.0, field_of_view_deg=180.0, beams=6, mount_x=0.1)
+    return Recording(ranges, lidar, poses, 100.0 + np.arange(5) / 4, poses + 0.1)
+
+
+def carmen_log(folder: Path) -> None:
+    drive, lines = recorded(), ["# made up", "PARAM robot_length 1 0 host 0"]
+    for n, (x, y, heading) in enumerate(drive.poses):
+        readings = " ".join(map(str, drive.ranges[n]))
+        lines.append(f"ODOM {x + 0.1} {y} {heading} 0 0 0 {n} host {n}")
+        lines.append(f"FLASER 6 {readings} {x} {y} {heading} {x} {y} {heading} {n} host {n}")
+    (folder / "drive.log").write_text("\n".join(lines) + "\n")
+    (folder / "drive.log.gz").write_bytes(gzip.compress((folder / "drive.log").read_bytes()))
+
+
+def drive_tables(folder: Path) -> None:
+    for suffix in (".csv", ".npz"):
+        recorded().save(folder / f"drive{suffix}")
+
+
+def drive_bags(folder: Path) -> None:
+    for kind in KINDS:
+        path = write_drive(folder, recorded(), kind)
+        if path.is_dir():
+            (path / "metadata.yaml").rename(folder / f"{kind}.yaml")
+            for file in path.iterdir():
+                file.rename(folder / file.name)
+            path.rmdir()
+
+
+def drive_folder(folder: Path) -> None:
+    write_drive(folder, recorded(), "mcap")
+
+
+def read_changed_drive(folder: Path) -> None:
+    use_drive(read_drive(folder / CHANGED[0]))
+
+
+def use_drive(drive: Recording) -> None:
+    repr(drive)
+    drive.summary().table()
+    json.dumps(drive.summary().to_json(), allow_nan=False)
+    drive.ends()
+
+
 READERS = {
+    "CARMEN log": Reader(carmen_log, "drive.log*", read_changed_drive, share=8),
+    "drive CSV": Reader(drive_tables, "drive.csv", read_changed_drive, share=8),
+    "drive NPZ": Reader(drive_tables, "drive.npz", read_changed_drive, ANY, 8),
+    "bag": Reader(drive_bags, "drive*.*", read_changed_drive, ANY, 15),
+    "folder of a bag": Reader(
+        drive_folder,
+        "drive_mcap/metadata.yaml",
+        lambda folder: use_drive(read_drive(folder / "drive_mcap")),
+        share=6,
+    ),
     "map YAML": Reader(map_files, "map.yaml", read_map, share=20),
     "image": Reader(pictures, "*.p*m", read_pictures, ANY, 15),
     "PNG": Reader(pictures, "*.png", read_pictures, PNG, 15),

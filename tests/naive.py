@@ -570,6 +570,23 @@ def score(levels, row, col, ends, step, half_steps, angles, cost):
     return result
 
 
+def recorded_posteriors(levels, cells, ends, step, half_steps, angles, cost, share, excess):
+    """Mean, covariance, best offset in steps, entropy, ambiguity and mean loss of each scan.
+
+    ``share`` of what a beam tells counts, and modes are connected up to `excess` more of it.
+    """
+    found = []
+    for (row, col), scan in zip(cells, ends, strict=True):
+        losses = score(levels, row, col, scan, step, half_steps, angles, cost)
+        mode = central_mode(losses * share, excess)
+        mean, covariance, entropy, ambiguity = moments(losses * share, mode)
+        k, j, i = np.unravel_index(np.argmin(losses), losses.shape)
+        best = (i - half_steps, j - half_steps, k - len(angles) // 2)
+        returns = sum(not math.isnan(x) for x, _ in scan)
+        found.append((mean, covariance, best, entropy, ambiguity, -losses.min() / max(returns, 1)))
+    return found
+
+
 def moments(losses, mode):
     """Mean and covariance of (dx, dy, theta) in steps, entropy [nat], mass outside the mode."""
     weights = np.exp(-(losses - losses.min()))

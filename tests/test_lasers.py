@@ -7,56 +7,33 @@ seven others.
 
 from __future__ import annotations
 
-import csv
-from typing import NamedTuple
+import importlib.util
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import SHARED_DATA
 from scipy.stats import spearmanr
 
-from locplan.field import Estimator, Fused, Lidar, MapPart, Scan, position_axes, scalar
-from locplan.maps import OccupancyGrid, load_map
+from locplan.field import Estimator, Fused, MapPart, Scan, position_axes, scalar
 
 pytestmark = pytest.mark.long
 
-LOGS = {
-    "aces": (180, 40.0),
-    "csail": (361, 40.0),
-    "fhw": (180, 40.0),
-    "intel": (180, 30.0),
-    "orebro": (181, 30.0),
-    "seattle": (361, 40.0),
-}
-"""Beams of each log's laser, and the greatest distance that counts as a return [m]."""
-
-
-class Log(NamedTuple):
-    """A log's map, its laser, and what was measured at its poses by column."""
-
-    grid: OccupancyGrid
-    lidar: Lidar
-    measured: dict[str, np.ndarray]
-
-
-def read_log(name: str) -> Log:
-    """Read a log, without the tenth of its poses whose scans fit the map worst."""
-    with (SHARED_DATA / "carmen" / f"localizability_{name}.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    table = {column: np.array([float(row[column]) for row in rows]) for column in rows[0]}
-    fits = table["score_per_beam"] >= np.quantile(table["score_per_beam"], 0.1)
-    beams, farthest = LOGS[name]
-    lidar = Lidar(range=farthest, least_range=0.05, field_of_view_deg=180.0, beams=beams)
-    grid = load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_even")
-    assert grid.origin[2] == 0.0  # the grid's own axes are the world's
-    return Log(grid, lidar, {column: values[fits] for column, values in table.items()})
+EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "lasers.py"
+SPEC = importlib.util.spec_from_file_location("lasers", EXAMPLE)
+lasers = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(lasers)
+"""The program that reads the logs and their reference."""
+Log = lasers.Log
 
 
 def covariances(log: Log, estimator: Estimator) -> np.ndarray:
     """Covariance at each pose of a log, from its cell at its exact heading, (n, 3, 3)."""
     grid, found = log.grid, []
     prepared = estimator.prepare(grid.cells, grid.resolution)
-    for x, y, heading in zip(*(log.measured[name] for name in ("x", "y", "theta")), strict=True):
+    assert grid.origin[2] == 0.0  # the grid's own axes are the world's
+    for x, y, heading in log.poses:
         row, col = (np.array([index]) for index in grid.world_to_cell(x, y))
         part = MapPart(
             grid.cells, row, col, grid.resolution, grid.shape,
@@ -70,7 +47,7 @@ def covariances(log: Log, estimator: Estimator) -> np.ndarray:
 def logs() -> list[Log]:
     if not all((SHARED_DATA / name).is_dir() for name in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
-    return [read_log(name) for name in LOGS]
+    return list(lasers.read_logs(SHARED_DATA).values())
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +94,6 @@ def test_scan_ranks_the_measured_deviation_of_headings(logs, scan):
 def test_the_ellipse_lies_as_it_was_measured(logs, fused):
     apart = []
     for log, found in zip(logs, fused, strict=True):
-        elongated = log.measured["sd_major"] > 3 * log.measured["sd_minor"]
-        turned = position_axes(found[elongated])[2] - log.measured["major_dir"][elongated]
-        apart.append(np.degrees(np.abs((turned + np.pi / 2) % np.pi - np.pi / 2)))
-    assert np.mean(np.concatenate(apart) < 15) >= 0.97
+        direction = position_axes(found[log.elongated])[2]
+        apart.append(lasers.angle_between(direction, log.measured["major_dir"][log.elongated]))
+    assert np.mean(np.concatenate(apart) < math.radians(15)) >= 0.97

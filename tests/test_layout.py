@@ -23,6 +23,7 @@ ORDER = (
     {"planners"},
     {"plotting"},
     {"simulation"},
+    {"recordings"},
     {"comparison", "export", "paper"},
     {"cli"},
 )
@@ -40,6 +41,7 @@ HOMES = {
         "export._value_maps",
     ),
     "mcap": ("export._bags",),
+    "rosbags": ("recordings._bag_files",),
     "cloudpickle": ("comparison._specs", "comparison._workers"),
     "pandas": ("comparison._frames",),
     "cyclopts": ("cli",),

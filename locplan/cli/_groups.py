@@ -15,12 +15,13 @@ from locplan._util.files import keep_input
 Options = TypeVar("Options")
 
 GENERAL = Group("Options", sort_key=1)
-PLANNER = Group("Planner", sort_key=2)
-COSTS = Group("Costs", sort_key=3)
-SIMULATION = Group("Simulation", sort_key=4)
-FIELD = Group("Field", sort_key=5)
-COMPUTING = Group("Computing", sort_key=6)
-OUTPUT = Group("Output", sort_key=7)
+DRIVE = Group("Recorded drive", sort_key=2)
+PLANNER = Group("Planner", sort_key=3)
+COSTS = Group("Costs", sort_key=4)
+SIMULATION = Group("Simulation", sort_key=5)
+FIELD = Group("Field", sort_key=6)
+COMPUTING = Group("Computing", sort_key=7)
+OUTPUT = Group("Output", sort_key=8)
 
 
 def _keep(_: object, files: Path | Sequence[Path] | None) -> None:

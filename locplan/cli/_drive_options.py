@@ -1,0 +1,95 @@
+"""Options of the commands that read a recorded drive."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import DRIVE, INPUT, Count, Text, option_group
+from locplan.cli._kinds import given_of
+from locplan.cli._values import numbers, refuse, two_numbers
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan.recordings import Recording
+
+
+@option_group(DRIVE)
+class DriveOptions:
+    """A recorded drive, and how its file is read."""
+
+    drive: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
+    """This recorded drive is read: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ."""
+    every: Count | None = None
+    """Every n-th scan of the drive is read; all of them by default."""
+    scan_topic: Annotated[str | None, Parameter(metavar="TOPIC")] = None
+    """The scans are those of this topic, where a bag has several."""
+    pose_topic: Annotated[str | None, Parameter(metavar="TOPIC")] = None
+    """The poses are those of this topic of a bag, in place of TF."""
+    odom_topic: Annotated[str | None, Parameter(metavar="TOPIC")] = None
+    """The odometry is that of this topic of a bag."""
+    map_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
+    """The poses of a bag are in this frame; map by default."""
+    base_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
+    """The robot's frame in a bag is that of its odometry, or base_footprint or base_link."""
+    range_limits: Annotated[Text | None, Parameter(metavar="LEAST,GREATEST")] = None
+    """A beam's reading is a return between these distances, where the log's own are wrong [m]."""
+    mount: Annotated[Text | None, Parameter(metavar="X,Y,DEG")] = None
+    """The lidar's pose on the robot is this one, where the log does not tell it [m, deg]."""
+    align: Annotated[Text | None, Parameter(metavar="X,Y,DEG")] = None
+    """The recorded poses are turned about the map frame's origin, then shifted, where the map was
+    [m, deg]."""
+
+    def check(self) -> None:
+        """Raise a ConfigError if a text is wrong, or an option is given without a drive.
+
+        It is to be called before long work.
+        """
+        if self.drive is None:
+            refuse("without --drive", **given_of(self))
+        _ = self._limits, self._move("mount"), self._move("align")
+
+    def read(self) -> Recording:
+        """The drive, with a progress bar while it is read.
+
+        Raises
+        ------
+        ConfigError
+            If no drive was named, or an option is out of its range.
+        RecordingError
+            If the file cannot be read, or holds no drive.
+        """
+        from locplan._util.progress import progress_bar
+        from locplan.recordings import read_drive
+
+        self.check()
+        if self.drive is None:
+            raise ConfigError("name a recorded drive with --drive")
+        names = ("every", "scan_topic", "pose_topic", "odom_topic", "map_frame", "base_frame")
+        given = {name: value for name, value in given_of(self).items() if name in names}
+        with progress_bar(f"reading {self.drive.name}", "messages") as progress:
+            recording = read_drive(
+                self.drive,
+                **given,
+                range_limits=self._limits,
+                mount=self._move("mount"),
+                progress=progress,
+            )
+        move = self._move("align")
+        return recording.moved(*move) if move else recording
+
+    @property
+    def _limits(self) -> tuple[float, float] | None:
+        """The distances between which a reading is a return [m]."""
+        return two_numbers("range-limits", self.range_limits) if self.range_limits else None
+
+    def _move(self, name: str) -> tuple[float, float, float] | None:
+        """The mount, or the move of the poses [m, m, rad]."""
+        text: str | None = getattr(self, name)
+        if text is None:
+            return None
+        x, y, turn = numbers(name, text, 3)
+        return x, y, math.radians(turn)

@@ -1,0 +1,161 @@
+"""Bags of ROS 1 and ROS 2: opened, their topics by type, and their messages decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from locplan._util.extras import needed
+from locplan._util.progress import ProgressCallback
+from locplan.errors import LocplanError, RecordingError
+
+SUFFIXES = (".mcap", ".db3", ".bag")
+SCAN = "sensor_msgs/msg/LaserScan"
+TF = "tf2_msgs/msg/TFMessage"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+OLDER = {"tf/msg/tfMessage": TF}
+"""Types of the same layout as the ones they stand for."""
+REMEDIES = {
+    ".mcap": "mend it with `mcap recover`",
+    ".bag": "mend it with `rosbag reindex`",
+    ".db3": "mend it with `sqlite3 FILE .recover`",
+}
+STEP = 1000
+"""Number of messages from one report of progress to the next."""
+
+
+class Topic(NamedTuple):
+    """A topic of a bag."""
+
+    name: str
+    type: str
+    messages: int
+
+
+class Message(NamedTuple):
+    """A message: its topic, time of the log [ns], and content."""
+
+    topic: str
+    logged: int
+    content: Any
+
+
+class Bag:
+    """A bag that is open for reading; made by `opened`."""
+
+    def __init__(self, reader: Any, typestore: Any, ros1: bool) -> None:
+        self._reader, self._typestore, self._ros1 = reader, typestore, ros1
+        self.topics = tuple(
+            Topic(each.topic, OLDER.get(each.msgtype, each.msgtype), int(each.msgcount))
+            for each in reader.connections
+        )
+
+    @property
+    def start(self) -> int:
+        """Time of the log of the first message [ns]."""
+        return int(self._reader.start_time)
+
+    def of_type(self, *types: str) -> list[str]:
+        """Names of the topics of these types that have messages."""
+        return list(dict.fromkeys(each.name for each in self.topics if each.type in types))
+
+    def count(self, topics: Collection[str]) -> int:
+        """Number of the messages of some topics."""
+        return sum(each.messages for each in self.topics if each.name in topics)
+
+    def messages(
+        self,
+        topics: Collection[str],
+        start: int | None = None,
+        stop: int | None = None,
+        every: int = 1,
+        progress: ProgressCallback | None = None,
+    ) -> Iterator[Message]:
+        """Every n-th message of some topics, in the order of the log, within times of it [ns].
+
+        Only these are decoded, one at a time.
+        """
+        wanted = [each for each in self._reader.connections if each.topic in topics]
+        if not wanted:
+            return
+        decode = self._typestore.deserialize_ros1 if self._ros1 else None
+        decode = decode or self._typestore.deserialize_cdr
+        total = self.count(topics)
+        stream = self._reader.messages(connections=wanted, start=start, stop=stop)
+        for number, (connection, logged, raw) in enumerate(stream):
+            if progress and number % STEP == 0:
+                progress(min(number, total), total)
+            if number % every == 0:
+                kind = OLDER.get(connection.msgtype, connection.msgtype)
+                yield Message(connection.topic, logged, decode(raw, kind))
+        if progress:
+            progress(total, total)
+
+    def listed(self) -> str:
+        """The topics and their types, for an error message."""
+        names = [f"{each.name} ({each.type.replace('/msg/', '/')})" for each in self.topics]
+        return ", ".join(sorted(set(names))) or "none"
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Bag]:
+    """Open a bag: a file .mcap, .db3 or .bag, or a folder of rosbag2.
+
+    Whatever goes wrong while it is read becomes a RecordingError of one line.
+
+    Raises
+    ------
+    LocplanError
+        If the library rosbags is missing.
+    RecordingError
+        If the bag cannot be read.
+    """
+    needed("rosbags", "ros", "reading a bag")
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    file = _storage(path)
+    ros1 = file.suffix == ".bag"
+    try:
+        reader: Any = Reader1(file) if ros1 else Reader2(file)
+        with reader:
+            # These types are alike in all distributions: those that the bag holds are not needed.
+            store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+            if ros1:  # its TFMessage is missing
+                store.register(
+                    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF)
+                )
+            yield Bag(reader, store, ros1)
+    except LocplanError:
+        raise
+    except Exception as error:  # rosbags lets errors of many kinds out where a bag is damaged
+        remedy = REMEDIES.get(file.suffix, "record it again")
+        raise RecordingError(
+            f"cannot be read as a bag ({_reason(error, file)}); {remedy}"
+        ) from None
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path names a bag, by its suffix or as a folder of rosbag2."""
+    return path.suffix in SUFFIXES or path.is_dir()
+
+
+def _storage(path: Path) -> Path:
+    """The file or folder that is read: a folder without metadata.yaml stands for its only file."""
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        return path
+    files = sorted(each for each in path.iterdir() if each.suffix in SUFFIXES)
+    if len(files) != 1:
+        found = ", ".join(each.name for each in files) or "no bag"
+        raise RecordingError(f"is a folder without metadata.yaml, with {found}; name one file")
+    return files[0]
+
+
+def _reason(error: Exception, file: Path) -> str:
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]

@@ -1,0 +1,231 @@
+"""Recorded drives from logs of CARMEN: text, one message a line."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import GREATEST
+from locplan.errors import RecordingError
+from locplan.recordings._carmen_odometry import odometry_at
+from locplan.recordings._contents import Source
+from locplan.recordings._geometry import Numbers, wrapped
+from locplan.recordings._options import Options
+from locplan.recordings._recording import Recording
+from locplan.recordings._scans import MAX_RANGE, ScanRows
+
+SUFFIXES = (".log", ".clf", ".log.gz", ".clf.gz")
+KINDS = ("ROBOTLASER1", "FLASER")
+"""Kinds of lines with scans, the more telling one first: a log may have both of each scan."""
+MAX_LINE = 2**22
+"""Length of a line [characters] beyond which a file is no log."""
+PILE = 0.1
+"""Readings so near below the largest of a log count as no return [m]..."""
+PILED = 3e-3
+"""...if they are more than this share of all."""
+RIGID = (0.02, 0.02)
+"""Distance [m] and turn [rad] within which the lidar's pose on the robot counts as constant."""
+ALIKE = 0.02
+"""Distance up to which odometry counts as the poses themselves [m]."""
+Pose = tuple[float, ...]
+
+
+@dataclass
+class _Scans:
+    """What the lines of one kind of scan say."""
+
+    rows: ScanRows = field(default_factory=lambda: ScanRows((0.0, MAX_RANGE)))
+    """Every n-th scan."""
+    lidars: list[Pose] = field(default_factory=list)
+    """First pose of all lines, which is the lidar's."""
+    robots: list[Pose] = field(default_factory=list)
+    """Second pose of all lines, which is the robot's."""
+    stamps: list[float] = field(default_factory=list)
+    before: list[int] = field(default_factory=list)
+    """Index of the last line of odometry before each line."""
+    greatest: float = 0.0
+    """Greatest range that a line names [m]."""
+
+
+@dataclass
+class _Log:
+    """What a log says."""
+
+    scans: dict[str, _Scans] = field(default_factory=dict)
+    odometry: list[Pose] = field(default_factory=list)
+    """x, y [m], heading [rad] and time [s] of the lines of odometry."""
+    others: set[str] = field(default_factory=set)
+    """Names of lines of other kinds."""
+    notes: list[str] = field(default_factory=list)
+
+
+def read_carmen(path: Path, options: Options) -> Recording:
+    """Read a drive from a log of CARMEN, in the order of its lines; it may be packed by gzip.
+
+    Raises
+    ------
+    RecordingError
+        If the file is no such log, is damaged, or has no scans.
+    """
+    wanted = options.scan_topic
+    if wanted is not None and wanted not in KINDS:
+        raise RecordingError(f"has no scans on {wanted}; scan_topic= can be {' or '.join(KINDS)}")
+    log = _parsed(path, options)
+    kind = wanted or next((each for each in KINDS if each in log.scans), "")
+    if kind not in log.scans:
+        have = ", ".join(sorted(log.others | log.scans.keys())[:12]) or "nothing"
+        raise RecordingError(
+            f"has no scans ({kind or 'FLASER or ROBOTLASER1'} lines) but {have};"
+            " is it a log of CARMEN?"
+        )
+    found, kept = log.scans[kind], slice(None, None, options.every)
+    poses, reported, mount = _poses(found, np.array(log.odometry, np.float64).reshape(-1, 4), log)
+    lidar = found.rows.lidar(options.mount or mount, upside_down=False)
+    ranges = found.rows.finish(range(len(found.rows)))
+    if options.range_limits is not None:
+        least, most = options.range_limits
+    else:
+        least, most = 0.0, found.greatest if 0 < found.greatest <= MAX_RANGE else _limit(ranges)
+    lidar = replace(lidar, least_range=least, range=most)
+    times = np.array(found.stamps)
+    ordered = bool((np.diff(times) > 0).all())
+    if not ordered:
+        log.notes.append("its stamps are coarse or out of order: there are no times")
+    source = Source(
+        file=path.name,
+        scans=kind,
+        poses=kind,
+        odometry="" if reported is None else "ODOM" if log.odometry else kind,
+        map_frame=options.map_frame,
+        notes=tuple(log.notes),
+    )
+    ranges.setflags(write=False)
+    drive = Recording(
+        ranges,
+        lidar,
+        poses[kept],
+        times[kept] if ordered else None,
+        None if reported is None else reported[kept],
+        source,
+    )
+    return drive if options.window is None else drive.window(*options.window)
+
+
+def _limit(ranges: NDArray[np.float32]) -> float:
+    """Greatest range of a lidar whose log does not name it: readings pile up at "no return" [m]."""
+    known = ranges[np.isfinite(ranges)]
+    most = float(known.max(initial=0.0))
+    if (known > most - PILE).sum() > PILED * ranges.size and most > 2 * PILE:
+        return round(most - PILE, 3)
+    return round(min(most + PILE, MAX_RANGE), 3)
+
+
+def _poses(
+    scans: _Scans, odometry: Numbers, log: _Log
+) -> tuple[Numbers, Numbers | None, tuple[float, float, float]]:
+    """Poses of the robot, its odometry, and the lidar's mount on it [m, m, rad].
+
+    A line has two poses: the lidar's and the robot's. Where they are not a rigid body, the first
+    one was corrected, and the second is odometry.
+    """
+    first, second = np.array(scans.lidars), np.array(scans.robots)
+    cos, sin = np.cos(second[:, 2]), np.sin(second[:, 2])
+    dx, dy = (first - second)[:, :2].T
+    turn = wrapped(first[:, 2] - second[:, 2])
+    mounts = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn])
+    mount = np.median(mounts, axis=0)
+    off = np.abs(mounts - mount).max(0)
+    rigid = off[:2].max() < RIGID[0] and off[2] < RIGID[1]
+    if rigid:
+        poses, reported = second, None
+        x, y, yaw = (float(value) for value in np.round(mount, 4))
+    else:
+        poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
+    told = odometry_at(poses, np.array(scans.stamps), scans.before, odometry)
+    reported = reported if told is None else told
+    if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < ALIKE:
+        log.notes.append("its odometry is the poses, which may be odometry alone")
+        reported = None
+    return poses, reported, (x, y, yaw)
+
+
+def _parsed(path: Path, options: Options) -> _Log:
+    log, bad = _Log(), 0
+    for number, line in _lines(path):
+        if bad:
+            raise RecordingError(f"line {bad} is cut off or damaged; take it out")
+        name = line[:24].split(maxsplit=1)[0] if line[:24].strip() else "#"
+        try:
+            if name == "ODOM":
+                words = line.split()
+                log.odometry.append(_finite((*words[1:4], words[7])))
+            elif name in KINDS and options.scan_topic in (None, name):
+                scans = log.scans.get(name) or _Scans()
+                _take(name, line.split(), scans, len(log.odometry) - 1, options.every)
+                log.scans[name] = scans
+            elif not name.startswith("#") and len(log.others) < 100:
+                log.others.add(name if name.isprintable() else "?")
+        except (ValueError, IndexError, OverflowError):
+            bad = number  # the last line of a log whose writer was stopped is no fault
+    if bad:
+        log.notes.append(f"its last line, {bad}, is cut off, and left out")
+    return log
+
+
+def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -> None:
+    """Take a line of a scan; a ValueError or IndexError if it is damaged."""
+    if kind == "FLASER":
+        count = int(words[1])
+        begin, first, step = 2, -math.pi / 2, math.pi / max(1, count - count % 2)
+        greatest, rest = 0.0, words[2 + count :]
+        stamp = rest[6]
+    else:
+        first, _, step, greatest = _finite(words[2:6])
+        count, begin = int(words[8]), 9
+        rest = words[9 + count :]
+        rest = rest[1 + int(rest[0]) :]
+        stamp = rest[11]
+    lidar, robot, (time,) = _finite(rest[:3]), _finite(rest[3:6]), _finite([stamp])
+    if not 0 < count <= len(words) or len(robot) != 3:
+        raise ValueError
+    if len(scans.stamps) % every == 0:
+        ranges = [float(word) for word in words[begin : begin + count]]
+        scans.rows.add(first, step, ranges, 0.0, MAX_RANGE)
+    scans.greatest = max(scans.greatest, greatest)
+    scans.lidars.append(lidar)
+    scans.robots.append(robot)
+    scans.stamps.append(time)
+    scans.before.append(before)
+
+
+def _finite(words: tuple[str, ...] | list[str]) -> Pose:
+    """Numbers as floats; a ValueError if one is not finite, or beyond all places and times."""
+    values = tuple(map(float, words))
+    if not all(abs(value) <= GREATEST for value in values):
+        raise ValueError
+    return values
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines of a log with their numbers, one at a time."""
+    open_it = gzip.open if path.suffix == ".gz" else open
+    try:
+        with open_it(path, "rt", encoding="utf-8", errors="replace") as file:
+            number = 0
+            while line := file.readline(MAX_LINE):
+                number += 1
+                if len(line) == MAX_LINE:
+                    raise RecordingError(f"line {number} is too long for a log of CARMEN")
+                yield number, line
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        raise RecordingError("is cut off or damaged (gzip); copy it again") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"cannot be read ({reason})") from None

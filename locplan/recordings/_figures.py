@@ -1,0 +1,172 @@
+"""Figures of recorded drives."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from locplan.field import position_axes
+from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_size
+from locplan.plotting._picture import Picture
+from locplan.recordings._evaluation import DriveEvaluation
+from locplan.recordings._verdict import PREFERRED, verdict
+
+MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
+GAP = 3.0
+"""Distance of scans from which on they are not joined by a line [m]."""
+AROUND = 0.15
+"""Width of the surroundings that are shown, as a share of the drive's."""
+ELLIPSES = 14
+"""Number of poses along the drive at which ellipses are drawn."""
+LARGEST = 0.04
+"""Largest axis of an ellipse, as a share of the map's width."""
+
+
+def drive_figure(found: DriveEvaluation) -> Figure:
+    """The drive over the map, and its deviations along the way.
+
+    Its wide line is coloured by the deviation that an estimator predicts, the narrow one by the
+    measured one, and ellipses compare both at some poses. Crosses are scans that saw what is not on
+    the map.
+
+    Parameters
+    ----------
+    found : DriveEvaluation
+    """
+    grid = found.matches.grid
+    width, height = map_size(grid)
+    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
+    name = next(
+        (each for each in PREFERRED if each in found.predicted), next(iter(found.predicted))
+    )
+    predicted = position_axes(found.predicted[name])[0]
+    measured = np.where(found.compared, found.matches.position_std, np.nan)
+    both = 100 * np.concatenate([measured, predicted])
+    both = both[np.isfinite(both)]
+    low, high = np.quantile(both, (0.02, 0.98)).tolist()
+    norm = LogNorm(low, max(high, 1.5 * low), clip=True)
+    draw_map(upper, grid)
+    _draw_line(upper, found, 100 * predicted, 7.0, norm)
+    _draw_line(upper, found, 100 * measured, 4.0, None)
+    lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
+    bar = figure.colorbar(lines, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
+    _label_by_numbers(bar.ax.yaxis)
+    magnify = _draw_ellipses(upper, found, name)
+    xy = found.matches.recording.poses[:, :2]
+    upper.plot(*xy[found.outdated].T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
+    _limit_to(upper, xy)
+    handles = [
+        Line2D([], [], color="0.6", linewidth=7, label=f"predicted by {name}"),
+        Line2D([], [], color="0.3", linewidth=2.6, label="measured"),
+        Line2D([], [], color=PREDICTED, label=f"predicted ellipse{magnify}"),
+        Line2D([], [], color=MEASURED, label=f"measured ellipse{magnify}"),
+    ]
+    if found.outdated.any():
+        count = int(found.outdated.sum())
+        label = f"{count} scan{'s' * (count > 1)} unlike the map"
+        handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
+    _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
+    text = textwrap.fill(" ".join(verdict(found)), int(11 * width), break_on_hyphens=False)
+    figure.supxlabel(text, fontsize="small")
+    return figure
+
+
+def _draw_line(
+    axes: Axes,
+    found: DriveEvaluation,
+    values: NDArray[np.float64],
+    width: float,
+    norm: LogNorm | None,
+) -> LineCollection:
+    """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white."""
+    xy = found.matches.recording.poses[:, :2]
+    lines = np.stack([xy[:-1], xy[1:]], axis=1)
+    means = (values[:-1] + values[1:]) / 2
+    shown = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < GAP)
+    colours: dict[str, Any] = {"colors": "white"}
+    if norm:
+        colours = {"array": means[shown], "cmap": FIELD_COLOURS, "norm": norm}
+    drawn = LineCollection(
+        list(lines[shown]), linewidths=width, capstyle="round", zorder=3, **colours
+    )
+    axes.add_collection(drawn)
+    return drawn
+
+
+def _limit_to(axes: Axes, xy: NDArray[np.float64]) -> None:
+    """Limit the map to the surroundings of the drive."""
+    for low, high, limits, limit in (
+        (*part, getattr(axes, f"get_{name}lim")(), getattr(axes, f"set_{name}lim"))
+        for name, part in zip("xy", np.array([xy.min(axis=0), xy.max(axis=0)]).T, strict=True)
+    ):
+        margin = AROUND * max(np.ptp(xy, axis=0).max(), 1.0)
+        limit(max(limits[0], low - margin), min(limits[1], high + margin))
+
+
+def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
+    """Draw both ellipses at poses spread over the drive; return how much they are magnified."""
+    some = np.flatnonzero(found.compared)
+    chosen = some[np.unique(np.linspace(0, len(some) - 1, ELLIPSES).round().astype(int))]
+    xy = found.matches.recording.poses[chosen, :2]
+    every = [
+        position_axes(covariance[chosen])
+        for covariance in (found.predicted[name], found.matches.covariance)
+    ]
+    largest = max(float(major.max()) for major, _, _ in every)
+    low, high = axes.get_xlim()
+    magnify = max(1.0, float(f"{LARGEST * (high - low) / (2 * largest):.1g}"))
+    for (major, minor, direction), colour, line in zip(
+        every, (PREDICTED, MEASURED), (2.0, 1.2), strict=True
+    ):
+        axes.add_collection(
+            EllipseCollection(
+                *(2 * magnify * major, 2 * magnify * minor, np.degrees(direction)),
+                units="xy",
+                offsets=xy,
+                offset_transform=axes.transData,
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=line,
+                zorder=5,
+            )
+        )
+    return "" if magnify == 1 else f", {magnify:g} times as large"
+
+
+def _draw_profile(
+    axes: Axes, found: DriveEvaluation, values: dict[str, NDArray[np.float64]]
+) -> None:
+    """Draw deviations along the way, and where scans are unlike the map."""
+    xy = found.matches.recording.poses[:, :2]
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    for (label, each), colour, line in zip(
+        values.items(), (MEASURED, PREDICTED), (1.2, 2.0), strict=True
+    ):
+        axes.plot(way, 100 * each, color=colour, linewidth=line, label=label, zorder=4 - line)
+    if found.outdated.any():
+        at = way[found.outdated]
+        low = 100 * min(float(np.nanmin(each)) for each in values.values())
+        axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
+    axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), xlabel="distance along the drive [m]")
+    axes.set_ylabel("std. dev. [cm]")
+    _label_by_numbers(axes.yaxis)
+    axes.grid(alpha=0.3)
+
+
+def _label_by_numbers(axis: Axis) -> None:
+    """Label a logarithmic axis by 1, 2, 5, 10 and so on."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,66 @@
+"""Beams, poses and rigid moves as plain arrays."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.field import Lidar
+
+Numbers = NDArray[np.float64]
+
+
+def has_return(ranges: NDArray[np.float32], lidar: Lidar) -> NDArray[np.bool_]:
+    """Mask of the beams with a return: within the lidar's range, and above 0."""
+    with np.errstate(invalid="ignore"):
+        least = np.float32(lidar.least_range)
+        within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(lidar.range))
+    return np.asarray(within)
+
+
+def ends_on_robot(ranges: NDArray[np.float32], lidar: Lidar) -> Numbers:
+    """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
+    bearings = lidar.mount_yaw + lidar.angles
+    known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
+    ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+    return np.asarray(ends + np.array([lidar.mount_x, lidar.mount_y]))
+
+
+def ends_in_map(ends: Numbers, poses: Numbers) -> Numbers:
+    """Ends (n, beams, 2) on robots at poses (n, 3), in the frame of the poses [m]."""
+    cos, sin = (part(poses[:, 2])[:, None] for part in (np.cos, np.sin))
+    x = poses[:, 0, None] + cos * ends[..., 0] - sin * ends[..., 1]
+    y = poses[:, 1, None] + sin * ends[..., 0] + cos * ends[..., 1]
+    return np.stack([x, y], axis=-1)
+
+
+def moved(poses: Numbers, move: tuple[float, float, float]) -> Numbers:
+    """Poses (n, 3) after a rigid move: a turn about the origin, then a shift [m, m, rad]."""
+    dx, dy, turn = move
+    cos, sin = math.cos(turn), math.sin(turn)
+    x, y, heading = poses.T
+    return np.column_stack([dx + cos * x - sin * y, dy + sin * x + cos * y, heading + turn])
+
+
+def way_between(one: Numbers, other: Numbers) -> Numbers:
+    """Poses `other` as they are seen from `one`, (..., 3) [m, m, rad]."""
+    dx, dy, turn = np.moveaxis(other - one, -1, 0)
+    cos, sin = np.cos(one[..., 2]), np.sin(one[..., 2])
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
+
+
+def after_way(poses: Numbers, ways: Numbers) -> Numbers:
+    """The poses to which ways lead from others, (..., 3) [m, m, rad]."""
+    ahead, left, turn = np.moveaxis(ways, -1, 0)
+    cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x = poses[..., 0] + cos * ahead - sin * left
+    y = poses[..., 1] + sin * ahead + cos * left
+    return np.stack([x, y, poses[..., 2] + turn], axis=-1)
+
+
+def wrapped(angles: Any) -> Numbers:
+    """Angles within -pi to pi [rad]."""
+    return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)

@@ -1,0 +1,95 @@
+"""What is read of a log: the options of `read_drive`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from locplan._util.checks import Settings, keep, keep_checked, number, positive, shown, whole
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+from locplan.recordings._scans import MAX_RANGE
+
+FOR_BAGS = ("pose_topic", "odom_topic", "base_frame")
+"""Options that only a bag can follow."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Options(Settings):
+    """What is read of a log; `read_drive` explains each."""
+
+    every: int = 1
+    window: tuple[float, float] | None = None
+    scan_topic: str | None = None
+    pose_topic: str | None = None
+    odom_topic: str | None = None
+    map_frame: str = "map"
+    base_frame: str | None = None
+    range_limits: tuple[float, float] | None = None
+    mount: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        keep_checked(self, ("every",), whole)
+        for name in ("scan_topic", "pose_topic", "odom_topic", "base_frame"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, str) and value):
+                raise ConfigError(f"{name} must be a name, not {shown(value)}")
+        if not (isinstance(self.map_frame, str) and self.map_frame):
+            raise ConfigError(f"map_frame must be a name, not {shown(self.map_frame)}")
+        if self.window is not None:
+            start, end = _pair("window", self.window)
+            if not 0 <= start < end:
+                raise ConfigError(
+                    f"window must be two times from the start on, the first one earlier [s], not"
+                    f" {start:g}, {end:g}"
+                )
+            keep(self, window=(start, end))
+        if self.range_limits is not None:
+            least, most = _pair("range_limits", self.range_limits)
+            positive("range_limits", most, "m")
+            if not 0 <= least < most <= MAX_RANGE:
+                raise ConfigError(
+                    f"range_limits must be a least and a greatest distance [m], not {least:g},"
+                    f" {most:g}"
+                )
+            keep(self, range_limits=(least, most))
+        if self.mount is not None:
+            keep(self, mount=_move(self.mount))
+
+    def refuse_those_for_bags(self, what: str) -> None:
+        """Raise a ConfigError if an option is set that only a bag can follow."""
+        for name in FOR_BAGS:
+            if getattr(self, name) is not None:
+                raise ConfigError(f"{name} is for bags, and {what} has none; leave it out")
+
+
+def with_options(lidar: Lidar, options: Options) -> Lidar:
+    """A lidar with the mount and the limits that were named."""
+    if options.mount is not None:
+        x, y, yaw = options.mount
+        lidar = replace(lidar, mount_x=x, mount_y=y, mount_yaw_deg=math.degrees(yaw))
+    if options.range_limits is not None:
+        least, most = options.range_limits
+        lidar = replace(lidar, least_range=least, range=most)
+    return lidar
+
+
+def _pair(name: str, value: object) -> tuple[float, float]:
+    first: object
+    second: object
+    try:
+        first, second = value  # type: ignore[misc]
+    except (TypeError, ValueError):
+        raise ConfigError(f"{name} must be two numbers, not {shown(value)}") from None
+    return number(name, first), number(name, second)
+
+
+def _move(move: object) -> tuple[float, float, float]:
+    """A mount or a move as three numbers [m, m, rad]."""
+    try:
+        x, y, turn = (number("mount", each) for each in move)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise ConfigError(
+            f"mount must be x, y [m] and yaw [rad] of the lidar, not {shown(move)}"
+        ) from None
+    return x, y, turn

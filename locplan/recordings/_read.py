@@ -1,0 +1,142 @@
+"""Reading recorded drives of any kind."""
+
+from __future__ import annotations
+
+import os
+
+from locplan._util.checks import file_path
+from locplan._util.files import keep_input
+from locplan._util.progress import ProgressCallback
+from locplan.errors import ConfigError, LocplanError, RecordingError
+from locplan.recordings._bag_files import SUFFIXES as BAGS, is_bag
+from locplan.recordings._bags import read_bag
+from locplan.recordings._carmen import SUFFIXES as CARMEN, read_carmen
+from locplan.recordings._csv import read_csv
+from locplan.recordings._options import Options
+from locplan.recordings._recording import Recording
+from locplan.recordings._tables import read_npz
+
+
+def read_drive(
+    file: str | os.PathLike[str],
+    *,
+    every: int = 1,
+    window: tuple[float, float] | None = None,
+    scan_topic: str | None = None,
+    pose_topic: str | None = None,
+    odom_topic: str | None = None,
+    map_frame: str = "map",
+    base_frame: str | None = None,
+    range_limits: tuple[float, float] | None = None,
+    mount: tuple[float, float, float] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Recording:
+    """Read a recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ.
+
+    Bags (.bag, .mcap, .db3, or a folder of rosbag2) are read by PyPI's rosbags, without ROS. Topics
+    are found by their type. Poses are those of TF from the map to the robot; where TF does not
+    lead there, those of the only topic of PoseWithCovarianceStamped (as AMCL's), PoseStamped (as of
+    motion capture), or Odometry in the map's frame. They are interpolated at the stamps of the
+    scans, but not over more than a second of motion; those of AMCL are carried there by odometry if
+    there is some. Scans without a pose are left out. The motion of the robot during a scan is not
+    undone. AMCL dates its transform ahead by transform_tolerance:
+    ``pose_topic="/amcl_pose"`` gives the poses of the scans that it matched. The lidar's mount
+    comes from TF; one that is mounted upside down has its beams reversed. Scans are read in a first
+    pass, poses in others: memory is taken by what is kept, not by the bag.
+
+    Logs of CARMEN (.log, .clf, also .gz) are read in the order of their lines, ODOM and FLASER or
+    ROBOTLASER1. FLASER does not tell its angles: the beams are taken to begin at -90 deg, 180 deg
+    by an even number of steps. Nor does it tell its range: readings that pile up at the largest are
+    taken for no return.
+
+    CSV has a line ``# lidar: range=12.0, field_of_view_deg=180.0, mount_x=0.1`` with fields of
+    `locplan.Lidar`, and columns ``time_s, x_m, y_m, heading_rad, odom_x_m, odom_y_m,
+    odom_heading_rad, range_0_m, range_1_m, ...``, one row a scan; those of time and odometry may be
+    missing, and an empty range means no return. NPZ has arrays ``ranges`` (scans, beams) [m], or
+    uint16 in millimetres with 65535 for no return, ``poses`` (scans, 3), ``lidar``, a text of JSON
+    with the fields of `locplan.Lidar`, and if known ``times`` and ``odometry``. `Recording.save`
+    writes both.
+
+    Parameters
+    ----------
+    file : path
+        The file, or the folder of a bag.
+    every : int
+        Keep every n-th scan.
+    window : (start, end), optional
+        Keep the scans of a part of the drive, from its start on [s].
+    scan_topic : str, optional
+        Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1".
+    pose_topic, odom_topic : str, optional
+        Topics of the robot's poses, in place of TF, and of its odometry. Only for bags.
+    map_frame : str
+        Frame of the poses.
+    base_frame : str, optional
+        Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
+        bags.
+    range_limits : (least, greatest), optional
+        Distances between which a beam's reading is a return [m], where the log's own are wrong.
+    mount : (x, y, yaw), optional
+        Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
+    progress : callable, optional
+        Called with (done, total) messages of a bag, in each pass.
+
+    Returns
+    -------
+    Recording
+        The drive. Its `source` says what was used, assumed and left out.
+
+    Raises
+    ------
+    ConfigError
+        If an option is out of its range, or does not belong to this kind of file.
+    RecordingError
+        If the file cannot be read, has no scans or poses, frames are not connected, there are
+        several topics to choose from, or a bag's clock runs backwards.
+    LocplanError
+        If the package rosbags is missing.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "drive.csv"
+    ...     lines = ["# lidar: range=8.0, field_of_view_deg=90.0", "x_m,y_m,heading_rad,range_0_m"]
+    ...     _ = path.write_text("\\n".join([*lines, "1.0,2.0,0.5,3.25", "1.5,2.0,0.5,"]))
+    ...     read_drive(path)
+    Recording(drive.csv, 2 scans of 1 beams, 0.5 m)
+    """
+    options = Options(
+        every=every,
+        window=window,
+        scan_topic=scan_topic,
+        pose_topic=pose_topic,
+        odom_topic=odom_topic,
+        map_frame=map_frame,
+        base_frame=base_frame,
+        range_limits=range_limits,
+        mount=mount,
+    )
+    path = file_path("a recorded drive", file)
+    if not path.exists():
+        raise RecordingError(f"{path}: is not there; name a recorded drive")
+    keep_input(path)
+    try:
+        if is_bag(path):
+            return read_bag(path, options, progress)
+        if path.name.lower().endswith(CARMEN):
+            options.refuse_those_for_bags("a log of CARMEN")
+            return read_carmen(path, options)
+        if path.suffix == ".csv":
+            drive = Recording(*read_csv(path, options))
+            return drive if window is None else drive.window(*window)
+        if path.suffix == ".npz":
+            drive = Recording(*read_npz(path, options))
+            drive = drive if window is None else drive.window(*window)
+            return drive.every(every) if every > 1 else drive
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    except LocplanError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    known = ", ".join((*BAGS, *CARMEN, ".csv", ".npz"))
+    raise RecordingError(f"{path}: is of no kind that is known ({known}, or a folder of rosbag2)")

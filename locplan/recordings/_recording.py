@@ -1,0 +1,262 @@
+"""A recorded drive: scans, the lidar that took them, poses, and odometry."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
+from locplan.errors import RecordingError
+from locplan.field import Lidar
+from locplan.recordings._contents import Contents, Source
+from locplan.recordings._geometry import (
+    Numbers,
+    ends_in_map,
+    ends_on_robot,
+    has_return,
+    moved,
+    wrapped,
+)
+from locplan.recordings._summary import DriveSummary
+from locplan.recordings._tables import load, save
+
+NO_SOURCE = Source()
+BLOCK = 4096
+"""Number of scans that are checked at once, which saves memory."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording:
+    """A recorded drive of a robot with a 2D lidar.
+
+    All arrays are read-only, and have a row for each scan. `ranges`, `poses`, `times` and
+    `odometry` are checked and copied unless they are read-only already.
+
+    Raises
+    ------
+    RecordingError
+        If the arrays do not belong together, a pose is not finite, times go back, or no beam of any
+        scan has a return within the lidar's range.
+
+    Examples
+    --------
+    >>> lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
+    >>> drive = Recording([[2.0, 1.0, 2.0], [2.0, 0.5, 12.0]], lidar, [[0, 0, 0], [0.5, 0, 0]])
+    >>> drive
+    Recording(2 scans of 3 beams, 0.5 m)
+    >>> drive.ranges[1].tolist()
+    [2.0, 0.5, inf]
+    >>> drive.moved(1.0, 0.0, 0.0).poses[:, 0].tolist()
+    [1.0, 1.5]
+    """
+
+    ranges: NDArray[np.float32]
+    """Distances along the beams, (n, beams) float32 [m], in the order of `lidar.angles`; inf where
+    a beam has no return: none was reported, or it lay below the lidar's least range or not below
+    its range."""
+    lidar: Lidar
+    """The lidar, with its mount on the robot."""
+    poses: Numbers
+    """Poses of the robot in the map's frame at the scans, (n, 3) [m, m, rad]."""
+    times: Numbers | None = None
+    """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
+    odometry: Numbers | None = None
+    """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
+    source: Source = NO_SOURCE
+    """The file, topics and frames that it was read from."""
+
+    def __post_init__(self) -> None:
+        instance("lidar", self.lidar, Lidar)
+        instance("source", self.source, Source)
+        poses = _poses("pose", self.poses)
+        ranges = _array("ranges", self.ranges, np.dtype(np.float32), 2)
+        if len(ranges) == 0 or ranges.shape != (len(poses), self.lidar.beams):
+            raise RecordingError(
+                f"ranges must be (scans, beams) for {len(poses)} poses and {self.lidar.beams} beams"
+                f" of the lidar, not {ranges.shape}"
+            )
+        parts = [ranges[n : n + BLOCK] for n in range(0, len(ranges), BLOCK)]
+        if not any(has_return(part, self.lidar).any() for part in parts):
+            raise RecordingError(
+                f"no beam of {len(ranges)} scans ends within {self.lidar.least_range:g} to"
+                f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
+            )
+        if not all((has_return(part, self.lidar) | (part == np.inf)).all() for part in parts):
+            none = np.float32(np.inf)
+            cleaned = [np.where(has_return(part, self.lidar), part, none) for part in parts]
+            ranges = _frozen(np.concatenate(cleaned))
+        keep(self, ranges=ranges, poses=poses)
+        if self.times is not None:
+            times = _array("times", self.times, np.dtype(np.float64), 1)
+            if times.shape != (len(poses),) or not np.isfinite(times).all():
+                raise RecordingError(f"times must be {len(poses)} finite seconds, one of each scan")
+            if (np.diff(times) < 0).any():
+                scan = int(np.argmax(np.diff(times) < 0)) + 1
+                raise RecordingError(f"times go back at scan {scan}; give None if they are wrong")
+            keep(self, times=times)
+        if self.odometry is not None:
+            odometry = _poses("odometry", self.odometry)
+            if len(odometry) != len(poses):
+                raise RecordingError(
+                    f"odometry must be a pose for each of {len(poses)} scans, not {len(odometry)}"
+                )
+            keep(self, odometry=odometry)
+
+    def __repr__(self) -> str:
+        name = f"{printable(self.source.file)}, " if self.source.file else ""
+        without = "" if self.odometry is None else ", with odometry"
+        scans, beams = self.ranges.shape
+        return f"Recording({name}{scans} scans of {beams} beams, {self.length:.4g} m{without})"
+
+    def __len__(self) -> int:
+        """Return the number of scans."""
+        return len(self.poses)
+
+    def __getitem__(self, chosen: slice | ArrayLike) -> Recording:
+        """Recording of some scans: a slice, their indices, or a mask.
+
+        Raises
+        ------
+        RecordingError
+            If no scan is left, or the indices are none.
+        """
+        index: Any = chosen
+        if not isinstance(chosen, slice):
+            index = np.asarray(chosen)
+            if index.ndim != 1 or index.dtype.kind not in "biu":
+                raise RecordingError(
+                    f"scans are chosen by a slice, indices or a mask, not {shown(chosen)}; take"
+                    " drive[n : n + 1] for one"
+                )
+        try:
+            poses = self.poses[index]
+        except IndexError:
+            raise RecordingError(
+                f"the recording has {len(self)} scans; there are none at these indices"
+            ) from None
+        if not len(poses):
+            raise RecordingError(f"none of {len(self)} scans is chosen; take more")
+        ranges = self.ranges[index]
+        if not np.isfinite(ranges).any():
+            raise RecordingError("none of the scans that are chosen has a return; take more")
+        return replace(
+            self,
+            ranges=_frozen(ranges),
+            poses=poses,
+            times=None if self.times is None else self.times[index],
+            odometry=None if self.odometry is None else self.odometry[index],
+        )
+
+    def every(self, count: int) -> Recording:
+        """Recording of every n-th scan, from the first on."""
+        return self[:: whole("every", count)]
+
+    def window(self, start: float, end: float) -> Recording:
+        """Recording of the scans from `start` up to `end` after the first one [s].
+
+        Raises
+        ------
+        RecordingError
+            If the recording has no times, or no scan lies in the window.
+        """
+        start, end = number("start", start), number("end", end)
+        if self.times is None:
+            raise RecordingError("the recording has no times; choose scans by their indices")
+        after = self.times - self.times[0]
+        inside = (after >= start) & (after < end)
+        if not inside.any():
+            raise RecordingError(
+                f"no scan lies {start:g} to {end:g} s after the first; the drive takes"
+                f" {after[-1]:.4g} s"
+            )
+        return self[inside]
+
+    def moved(self, x: float, y: float, turn: float) -> Recording:
+        """Recording whose poses are turned about the map frame's origin, then shifted [m, m, rad].
+
+        It is the remedy where `fit_to_map` finds that a map was shifted.
+        """
+        x, y, turn = number("x", x), number("y", y), number("turn", turn)
+        return replace(self, poses=moved(self.poses, (x, y, turn)))
+
+    @property
+    def contents(self) -> Contents:
+        """All fields."""
+        return Contents(self.ranges, self.lidar, self.poses, self.times, self.odometry, self.source)
+
+    @property
+    def length(self) -> float:
+        """Length of the way from scan to scan [m]."""
+        return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+
+    def ends_on_robot(self) -> Numbers:
+        """Ends of the beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
+        return ends_on_robot(self.ranges, self.lidar)
+
+    def ends(self) -> Numbers:
+        """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""
+        return ends_in_map(self.ends_on_robot(), self.poses)
+
+    def summary(self) -> DriveSummary:
+        """Length, duration, spacing and shares of returns, as a table or JSON."""
+        return DriveSummary.of(self.contents)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save as .npz, without loss, or as .csv, to 0.1 mm; `read_drive` says what is in them.
+
+        Raises
+        ------
+        RecordingError
+            If the file has another suffix.
+        LocplanError
+            If it cannot be written.
+        """
+        save(self.contents, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Recording:
+        """Load what `save` wrote.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be read, or holds no recording.
+        """
+        return cls(*load(path))
+
+
+def _poses(name: str, values: object) -> Numbers:
+    poses = _array(f"{name}s", values, np.dtype(np.float64), 2)
+    if poses.shape[1] != 3:
+        raise RecordingError(f"{name}s must be rows of x, y, heading, not {poses.shape}")
+    wrong = ~np.isfinite(poses).all(1) | (np.abs(poses) > FARTHEST).any(1)
+    if wrong.any():
+        scan = int(np.argmax(wrong))
+        x, y, heading = poses[scan]
+        raise RecordingError(
+            f"{name} {scan} must be finite and within ±{FARTHEST:g} m, not"
+            f" {x:g}, {y:g}, {heading:g}; leave such scans out"
+        )
+    inside = (np.abs(poses[:, 2]) <= np.pi).all()
+    return poses if inside else _frozen(np.column_stack([poses[:, :2], wrapped(poses[:, 2])]))
+
+
+def _array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
+    """Array of numbers that nobody changes any more: a copy unless it is read-only already."""
+    try:
+        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+            array = np.asarray(values, kind)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(f"{name} must be an array of numbers, not {shown(values)}") from None
+    if array.ndim != dimensions:
+        raise RecordingError(f"{name} must have {dimensions} dimensions, not {array.ndim}")
+    return _frozen(array.copy() if array.flags.writeable else array)
+
+
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    array.setflags(write=False)
+    return array

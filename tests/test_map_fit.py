@@ -1,0 +1,138 @@
+"""Whether a map fits a drive, and the move that is found where it was shifted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import SHARED_DATA, drawn, few_of
+from small_drive import FILE, MAP
+
+from locplan.errors import ConfigError, RecordingError
+from locplan.field import Lidar
+from locplan.maps import FREE, OccupancyGrid, load_map
+from locplan.recordings import MapFit, Recording, fit_to_map, read_drive
+
+NAMES = ("intel", "aces", "csail", "fhw", "orebro", "seattle")
+
+
+@pytest.fixture(scope="module")
+def grid() -> OccupancyGrid:
+    return load_map(MAP)
+
+
+@pytest.fixture(scope="module")
+def small() -> Recording:
+    return Recording.load(FILE)
+
+
+def check_found(fit: MapFit, drive: Recording, wanted: Recording) -> None:
+    """The move that was found leads back, to a fraction of a cell."""
+    assert fit.shifted
+    assert not fit.fits
+    found = drive.moved(*fit.move)
+    assert np.abs(found.poses[:, :2] - wanted.poses[:, :2]).max() < 0.06
+    turned = (found.poses[:, 2] - wanted.poses[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(turned).max() < 0.005
+
+
+def test_a_drive_fits_its_own_map(small, grid):
+    fit = fit_to_map(small, grid)
+    assert fit.fits
+    assert not fit.shifted
+    assert fit.share > 0.9
+    assert fit.distance == 0.1
+    assert fit.sentence == f"The map fits: {fit.share:.0%} of the beams end within 0.1 m of a wall."
+
+
+@pytest.mark.parametrize(
+    "move", few_of([(-7.0, 40.0, 2.2), (1.3, -0.6, 0.0), (0.0, 0.0, math.pi / 2)])
+)
+def test_shifts_and_turns_are_found(small, grid, move):
+    moved = small.moved(*move)
+    fit = fit_to_map(moved, grid)
+    check_found(fit, moved, small)
+    assert fit.sentence.startswith(f"The map seems shifted: {fit.share:.0%} of the beams end")
+    other = OccupancyGrid(grid.cells, grid.resolution, fit.origin)
+    assert fit_to_map(moved, other).fits  # the remedy that the sentence names
+
+
+def test_the_maps_own_yaw_counts(small, grid):
+    x, y, yaw = grid.origin
+    cos, sin = math.cos(0.6), math.sin(0.6)
+    turned = OccupancyGrid(
+        grid.cells, grid.resolution, (cos * x - sin * y, sin * x + cos * y, yaw + 0.6)
+    )
+    assert fit_to_map(small.moved(0.0, 0.0, 0.6), turned).fits
+    check_found(fit_to_map(small, turned), small, small.moved(0.0, 0.0, 0.6))
+
+
+def test_a_small_shift_is_told_although_many_beams_end_near_walls(small, grid):
+    moved = small.moved(0.12, 0.0, 0.0)
+    fit = fit_to_map(moved, grid)
+    assert fit.share >= 0.6
+    check_found(fit, moved, small)
+
+
+def test_another_map_does_not_fit(small):
+    fit = fit_to_map(small, load_map(MAP.with_name("warehouse.yaml")))
+    assert not fit.fits
+    assert not fit.shifted
+    assert fit.best_share < 0.6
+    assert "The map does not fit" in fit.sentence
+
+
+@pytest.mark.parametrize("turn", few_of((90, 180, -90)))
+def test_a_wrong_mount_is_told(small, grid, turn):
+    centred = replace(small.lidar, mount_x=0.0)
+    wrong = replace(small, lidar=replace(centred, mount_yaw_deg=-turn))
+    fit = fit_to_map(wrong, grid)
+    assert fit.mount == f"turned by {turn} deg"
+    assert f"The lidar seems to be turned by {turn} deg: " in fit.sentence
+
+
+def test_a_lidar_that_is_upside_down_is_told(small, grid):
+    mirrored = replace(small, ranges=small.ranges[:, ::-1])
+    assert fit_to_map(mirrored, grid).mount == "upside down"
+
+
+def test_progress_counts_the_turns_of_the_search(small, grid):
+    seen: list[tuple[int, int]] = []
+    fit_to_map(small.moved(3.0, 0.0, 0.0), grid, progress=lambda *each: seen.append(each))
+    total = seen[0][1]
+    assert total % 4 == 0  # so that quarter turns are among them
+    assert seen == [(n + 1, total) for n in range(total)]
+
+
+def test_what_cannot_be_compared_is_refused(small):
+    with pytest.raises(RecordingError, match="has no walls, that beams could end at"):
+        fit_to_map(small, OccupancyGrid(np.full((20, 20), FREE), 0.1))
+    with pytest.raises(ConfigError, match="grid must be an OccupancyGrid"):
+        fit_to_map(small, "map")
+    with pytest.raises(ConfigError, match="recording must be a Recording"):
+        fit_to_map("drive", drawn("#.#"))
+
+
+def test_one_beam_of_one_scan_is_enough():
+    lidar = Lidar(range=9.0, field_of_view_deg=180.0, beams=101)
+    ranges = np.full((1, 101), np.inf)
+    ranges[0, 1] = 3.0  # none of the evenly spaced beams
+    fit = fit_to_map(Recording(ranges, lidar, [[1.5, 1.5, 0.0]]), drawn("###", "#.#", "###"))
+    assert 0.0 <= fit.share <= 1.0
+
+
+@pytest.mark.parametrize("name", few_of(NAMES))
+def test_real_logs_fit_their_maps_and_no_others(name):
+    if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
+        pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
+    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
+    own = load_map(SHARED_DATA / "rosmaps_carmen" / name)
+    assert fit_to_map(log, own).share > 0.9
+    moved = log.moved(-2.0, 3.0, 0.8)
+    check_found(fit_to_map(moved, own), moved, log)
+    other = NAMES[NAMES.index(name) - 1]
+    fit = fit_to_map(log, load_map(SHARED_DATA / "rosmaps_carmen" / other))
+    assert not fit.fits
+    assert not fit.shifted

@@ -1,0 +1,222 @@
+"""Recorded scans matched with a map, and what fields predict along a drive."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+
+import naive
+import numpy as np
+import pytest
+from conftest import SHARED_DATA
+from scipy.stats import spearmanr
+from small_drive import FILE, MAP
+
+from locplan import Lidar, Scan, load_map
+from locplan._kernels import likelihood, posterior
+from locplan._kernels.likelihood import TOP
+from locplan._kernels.offsets import make_lattice
+from locplan._kernels.recorded import recorded_posteriors
+from locplan.errors import RecordingError
+from locplan.field import SearchWindow
+from locplan.field.estimators._scan import likelihood_field
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.recordings import Recording, _evaluation as evaluation, evaluate_drive, match_scans
+from locplan.recordings._reports import DRIVE, drive_table, write_drive
+from locplan.recordings._verdict import verdict
+
+CARMEN = SHARED_DATA / "carmen"
+
+
+@pytest.fixture(scope="module")
+def office():
+    return load_map(MAP)
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return Recording.load(FILE)
+
+
+@pytest.fixture(scope="module")
+def found(office, drive):
+    return evaluate_drive(drive.every(6), office)
+
+
+def test_posteriors_are_those_of_the_plain_loops():
+    random = np.random.default_rng(3)
+    levels = np.full((24, 30), FREE, np.uint8)
+    levels[random.random(levels.shape) < 0.06] = OCCUPIED
+    resolution, effective, beams = 0.1, 6.0, 14
+    window = SearchWindow(
+        half_width=0.3, step=0.1, half_rotation_deg=8.0, rotation_step_deg=4.0
+    ).on(resolution)
+    field = likelihood_field(levels, resolution, window.step_cells, window.half_steps, 0.1, 0.05)
+    cells = np.array([[10, 12], [4, 20], [15, 6]])
+    ends = random.uniform(-6, 6, (3, beams, 2))
+    ends[random.random(ends.shape[:2]) < 0.2] = np.nan
+    mean, covariance = np.empty((3, 3)), np.empty((3, 3, 3))
+    best, summary = np.empty((3, 3), np.int64), np.empty((3, 3))
+    lattice = make_lattice(window.half_steps, window.angles)
+    recorded_posteriors(field, lattice, cells, ends, effective, mean, covariance, best, summary)
+    table = likelihood.costs_of_squared_distance(resolution, 0.1, 0.05)
+    nats = -math.log(0.05) / TOP
+    expected = naive.recorded_posteriors(
+        *(levels, cells, ends, window.step_cells, window.half_steps, window.angles),
+        lambda squared: nats * table[int(min(squared, table.size - 1))],
+        effective / beams,
+        -math.log(posterior.CONNECTED),
+    )
+    for n, (m, c, b, entropy, ambiguity, score) in enumerate(expected):
+        np.testing.assert_allclose(mean[n], m, atol=1e-6)
+        np.testing.assert_allclose(covariance[n], c, atol=1e-6)
+        assert tuple(best[n]) == b
+        np.testing.assert_allclose(summary[n], (entropy, ambiguity, score), atol=1e-6)
+
+
+def test_scans_fix_the_pose_where_they_were_taken(office, drive):
+    matches = match_scans(drive.every(10), office)
+    assert matches.judged.all()
+    off = np.hypot(*matches.best[:, :2].T)
+    assert np.median(off) <= 0.1
+    assert (off < 3 * np.maximum(matches.position_std, 0.1)).mean() > 0.9
+    assert np.degrees(np.abs(matches.best[:, 2])).max() <= 2
+    with pytest.raises(RecordingError, match="no scan with enough returns was taken on this map"):
+        match_scans(drive.every(50).moved(500.0, 0.0, 0.0), office)
+
+
+@pytest.mark.parametrize("yaw", [math.pi / 2, -0.7])
+def test_a_turned_world_turns_the_posterior(office, drive, yaw):
+    few = drive.every(40)
+    plain = match_scans(few, office)
+    turned_grid = OccupancyGrid(
+        office.cells, office.resolution, (*_turned(office.origin, yaw), yaw)
+    )
+    turned = match_scans(few.moved(0.0, 0.0, yaw), turned_grid)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]])
+    np.testing.assert_allclose(turned.covariance, turn @ plain.covariance @ turn.T, atol=2e-3)
+    np.testing.assert_allclose(turned.position_std, plain.position_std, rtol=0.1, atol=0.01)
+
+
+def _turned(origin, yaw):
+    x, y, _ = origin
+    return math.cos(yaw) * x - math.sin(yaw) * y, math.sin(yaw) * x + math.cos(yaw) * y
+
+
+def test_a_corridor_is_uncertain_along_its_axis():
+    cells = np.full((60, 400), FREE, np.uint8)
+    cells[:10] = cells[-10:] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.05)
+    lidar = Lidar(range=5.0, beams=90)
+    bearings = lidar.angles
+    ranges = np.minimum(1.0 / np.maximum(np.abs(np.sin(bearings)), 1e-9), 99.0)
+    matches = match_scans(Recording(ranges[None], lidar, [[10.0, 1.5, 0.0]]), grid)
+    assert matches.position_std[0] > 0.8
+    assert abs(math.sin(matches.direction[0])) < 0.02
+    assert matches.score[0] > -0.1
+
+
+def test_fields_predict_what_the_scans_of_a_drive_say(found):
+    assert found.compared.sum() > 50
+    for name in ("fisher", "scan", "fused"):
+        each = found.agreements[name]
+        assert each.rank.spearman.value > 0.5
+        assert each.rank.spearman.low < each.rank.spearman.value < each.rank.spearman.high
+        assert 0.5 < each.factor.value < 2.0
+        assert each.aligned.value > 0.8
+    first, second = verdict(found)
+    assert first.startswith("On this drive `scan` says where the scans fix the pose badly")
+    assert second.endswith(".")
+
+
+def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
+    some = drive.every(8)
+    ranges = some.ranges.copy()
+    crowd = np.arange(len(ranges)) < 12
+    ranges[np.ix_(crowd, np.arange(40, 110))] = 0.7  # people all around
+    crowded = dataclasses.replace(some, ranges=ranges)
+    one, other = (
+        evaluate_drive(each, office, estimators={"scan": Scan(drive.lidar)})
+        for each in (some, crowded)
+    )
+    assert not one.outdated.any()
+    np.testing.assert_array_equal(other.outdated, crowd)
+    assert "12 of" in verdict(other)[1]
+    assert "saw what is not on the map" in verdict(other)[1]
+    assert other.compared.sum() == one.compared.sum() - 12
+
+
+def test_intervals_are_over_stretches_of_the_drive(found):
+    """Each scan ten times tells no more than once, and a short drive has no interval."""
+    matches = found.matches
+    some = np.flatnonzero(found.compared)
+    many = np.repeat(some, 10)
+    repeated = dataclasses.replace(
+        found,
+        matches=dataclasses.replace(
+            matches,
+            recording=matches.recording[many],
+            **{
+                name: getattr(matches, name)[many]
+                for name in (
+                    "mean",
+                    "best",
+                    "covariance",
+                    "ambiguity",
+                    "entropy",
+                    "score",
+                    "returns",
+                )
+            },
+        ),
+        predicted={name: each[many] for name, each in found.predicted.items()},
+    )
+    one, other = (each.agreements["scan"].factor for each in (found, repeated))
+    assert other.high - other.low == pytest.approx(one.high - one.low, rel=0.3)
+    short = evaluation._blocks_drawn(np.array([0, 0, 1, 1, 2, 2]))
+    assert math.isnan(evaluation._mean(np.arange(6.0), short).low)
+
+
+@pytest.mark.draws
+def test_results_are_written(tmp_path, found):
+    written = write_drive(DRIVE.into(tmp_path / "out"), found)
+    assert [file.name for file in written] == list(DRIVE.names)
+    about = json.loads((tmp_path / "out" / "drive.json").read_text())
+    assert about["compared"] == found.compared.sum()
+    assert set(about["estimators"]) == {"sad", "fisher", "scan", "fused"}
+    with open(tmp_path / "out" / "scans.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(found.matches)
+    std = [float(row["major_std_m"]) for row in rows]
+    np.testing.assert_allclose(std, found.matches.position_std, rtol=1e-6)
+    assert "rank" in drive_table(found)
+
+
+def reference():
+    return sorted(CARMEN.glob("localizability_*.csv"))
+
+
+@pytest.mark.skipif(not CARMEN.exists(), reason="the recorded logs are not here")
+def test_the_reference_of_real_lasers_is_reproduced():
+    """Spearman with the reference's deviations, without the tenth of the scans that fit worst."""
+    from locplan.recordings import read_drive
+
+    ours, theirs = [], []
+    for file in reference():
+        name = file.stem.removeprefix("localizability_")
+        with file.open(encoding="utf-8", newline="") as opened:
+            rows = list(csv.DictReader(opened))
+        column = {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
+        grid = load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_even")
+        limits = (0.05, 30.0 if name in ("intel", "orebro") else 40.0)
+        drive = read_drive(CARMEN / f"{name}-corrected.log.gz", range_limits=limits)
+        matches = match_scans(drive[column["scan"].astype(int)], grid)
+        kept = column["score_per_beam"] >= np.quantile(column["score_per_beam"], 0.1)
+        ours.append(matches.position_std[kept])
+        theirs.append(column["sd_major"][kept])
+        assert spearmanr(ours[-1], theirs[-1])[0] > 0.90, name
+    assert len(ours) == 6
+    assert spearmanr(np.concatenate(ours), np.concatenate(theirs))[0] > 0.96
