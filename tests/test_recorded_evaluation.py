@@ -10,7 +10,7 @@ import math
 import naive
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
+from conftest import SHARED_DATA, refused
 from scipy.stats import spearmanr
 from small_drive import FILE, MAP
 
@@ -23,9 +23,8 @@ from locplan.errors import RecordingError
 from locplan.field import SearchWindow
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.recordings import Recording, _evaluation as evaluation, evaluate_drive, match_scans
+from locplan.recordings import Recording, evaluate_drive, match_scans
 from locplan.recordings._reports import DRIVE, drive_table, write_drive
-from locplan.recordings._verdict import verdict
 
 CARMEN = SHARED_DATA / "carmen"
 
@@ -127,7 +126,7 @@ def test_fields_predict_what_the_scans_of_a_drive_say(found):
         assert each.rank.spearman.low < each.rank.spearman.value < each.rank.spearman.high
         assert 0.5 < each.factor.value < 2.0
         assert each.aligned.value > 0.8
-    first, second = verdict(found)
+    first, second = found.verdict
     assert first.startswith("On this drive `scan` says where the scans fix the pose badly")
     assert second.endswith(".")
 
@@ -144,8 +143,8 @@ def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
     )
     assert not one.outdated.any()
     np.testing.assert_array_equal(other.outdated, crowd)
-    assert "12 of" in verdict(other)[1]
-    assert "saw what is not on the map" in verdict(other)[1]
+    assert "12 of" in other.verdict[1]
+    assert "saw what is not on the map" in other.verdict[1]
     assert other.compared.sum() == one.compared.sum() - 12
 
 
@@ -176,8 +175,11 @@ def test_intervals_are_over_stretches_of_the_drive(found):
     )
     one, other = (each.agreements["scan"].factor for each in (found, repeated))
     assert other.high - other.low == pytest.approx(one.high - one.low, rel=0.3)
-    short = evaluation._blocks_drawn(np.array([0, 0, 1, 1, 2, 2]))
-    assert math.isnan(evaluation._mean(np.arange(6.0), short).low)
+    short = dataclasses.replace(found)
+    short.__dict__["blocks"] = np.arange(len(matches)) // 50 % 4
+    assert math.isnan(short.agreements["scan"].factor.low)
+    assert math.isnan(short.agreements["scan"].rank.auc.low)
+    assert short.verdict[0].startswith("The drive is too short to tell")
 
 
 @pytest.mark.draws
@@ -220,3 +222,31 @@ def test_the_reference_of_real_lasers_is_reproduced():
         assert spearmanr(ours[-1], theirs[-1])[0] > 0.90, name
     assert len(ours) == 6
     assert spearmanr(np.concatenate(ours), np.concatenate(theirs))[0] > 0.96
+
+
+def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive):
+    ask = "evaluate", MAP, "--drive", FILE
+    code, out, err = run(*ask, "--every", 12, "--json", "-o", tmp_path / "out")
+    about = json.loads(out)
+    assert (code, about["scans"]) == (0, math.ceil(len(drive) / 12))
+    assert "drive.png" in err
+    assert "two_corridors" not in about["map"]
+    assert "--places is not read with --drive" in refused(run(*ask, "--places", 5))
+    assert "--set is not read with --drive" in refused(run(*ask, "--set", "alpha1=0.1"))
+    assert "--every is not read without --drive" in refused(run("evaluate", MAP, "--every", 3))
+    two = MAP.parent / "two_corridors.yaml"
+    assert "--drive is of one map, not of 2" in refused(run(*ask[:2], two, *ask[2:]))
+    fault = refused(run("evaluate", two, *ask[2:], "--every", 12))
+    assert "does not fit" in fault
+    assert "--align 0,0,0 goes on as it is" in fault
+    assert "is not there" in refused(run("evaluate", MAP, "--drive", tmp_path / "none.npz"))
+
+
+def test_a_shifted_drive_is_refused_with_the_way_back(run, tmp_path, drive):
+    drive.every(6).moved(1.5, -0.8, math.radians(4)).save(tmp_path / "shifted.npz")
+    ask = "evaluate", MAP, "--drive", tmp_path / "shifted.npz"
+    fault = refused(run(*ask))
+    move = fault.partition("(--align ")[2].partition(")")[0]
+    code, out, _ = run(*ask, f"--align={move}", "--json")
+    assert code == 0
+    assert json.loads(out)["estimators"]["scan"]["spearman"][0] > 0.5

@@ -1,11 +1,10 @@
+from ._agreement import Agreement as Agreement
 from ._contents import Source as Source
-from ._evaluation import (
-    Agreement as Agreement,
-    DriveEvaluation as DriveEvaluation,
-    evaluate_drive as evaluate_drive,
-)
+from ._evaluation import DriveEvaluation as DriveEvaluation, evaluate_drive as evaluate_drive
+from ._figures import drive_figure as drive_figure
 from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
 from ._matches import Matches as Matches, match_scans as match_scans
 from ._read import read_drive as read_drive
 from ._recording import Recording as Recording
+from ._simulated import record_drive as record_drive
 from ._summary import DriveSummary as DriveSummary

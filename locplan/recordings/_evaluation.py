@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.intervals import Interval
+from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import RecordingError
@@ -23,53 +21,32 @@ from locplan.field import (
     Sad,
     Scan,
     load_or_compute,
-    position_axes,
     scalar,
 )
 from locplan.field._estimator import Estimator
 from locplan.field._lattice import points_near, stride_cells
 from locplan.maps import OccupancyGrid
+from locplan.recordings._agreement import Agreement, agreement
+from locplan.recordings._blocks import blocks_along
 from locplan.recordings._matches import Matches, match_scans
 from locplan.recordings._recording import Recording
-from locplan.simulation._ranking import Rank, Resamples, rank
+from locplan.recordings._verdict import conclusions
 
 Numbers = NDArray[np.float64]
-BLOCK = 10.0
-"""Length of way of a block [m]: scans within it see the same walls, so that blocks are drawn."""
-LEAST_BLOCKS = 5
-"""Number of blocks below which there are no intervals."""
 OUTDATED = -0.5
 """Log-likelihood a return below which a scan saw what is not on the map: a sixth of its returns
 ended away from all walls."""
-ELONGATED = 3.0
-"""Ratio of the measured deviations from which an ellipse has a direction."""
-ALIGNED = math.radians(15.0)
-"""Greatest angle between a measured and a predicted axis that agree [rad]."""
 LEAST_SCANS = 10
 """Number of scans below which nothing is compared."""
 NEAR = 0.3
 """Distance from the poses up to which the fields are computed [m]."""
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How well an estimator's deviations agree with the measured ones.
-
-    Intervals are percentiles of a bootstrap over blocks of 10 m of the drive; NaN where it has
-    fewer than five.
-    """
-
-    rank: Rank
-    """Rank correlation, and AUC for the worst fifth of the scans."""
-    aligned: Interval
-    """Share of the elongated ellipses whose direction is right to 15 deg; NaN without any."""
-    factor: Interval
-    """Predicted over measured deviation: geometric mean."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class DriveEvaluation:
+class DriveEvaluation(Pictured):
     """Measured and predicted deviations along a recorded drive."""
+
+    _drawn_by: ClassVar[str] = "locplan.recordings._figures:drive_figure"
 
     matches: Matches
     """The measured ones."""
@@ -97,29 +74,26 @@ class DriveEvaluation:
     @cached_property
     def blocks(self) -> NDArray[np.int64]:
         """The block of the drive that each scan belongs to, (n,)."""
-        steps = np.hypot(*np.diff(self.matches.recording.poses[:, :2], axis=0).T)
-        way = np.concatenate([[0.0], np.cumsum(steps)])
-        return np.asarray((way / BLOCK).astype(np.int64))
+        return blocks_along(self.matches.recording.poses)
 
     @cached_property
     def agreements(self) -> dict[str, Agreement]:
         """How well each estimator agrees with the measurement, at the scans compared."""
         some = self.compared
-        drawn = _blocks_drawn(self.blocks[some])
-        major, minor, direction = position_axes(self.matches.covariance[some])
-        elongated = major > ELONGATED * minor
-        found = {}
-        for name, every in self.predicted.items():
-            covariance = every[some]
-            own, _, towards = position_axes(covariance)
-            turned = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
-            factor = _mean(np.log(own / major), drawn)
-            found[name] = Agreement(
-                _ranked(scalar(covariance, self.criteria[name]), major, drawn),
-                _mean((turned < ALIGNED).astype(float), drawn * elongated, elongated),
-                Interval(*np.exp(factor).tolist()),
+        return {
+            name: agreement(
+                scalar(covariance[some], self.criteria[name]),
+                covariance[some],
+                self.matches.covariance[some],
+                self.blocks[some],
             )
-        return found
+            for name, covariance in self.predicted.items()
+        }
+
+    @property
+    def verdict(self) -> list[str]:
+        """Two sentences: whether a field says where the scans fix the pose badly, and where."""
+        return conclusions(self.matches, self.agreements, self.compared, self.outdated, self.blocks)
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
@@ -131,6 +105,7 @@ class DriveEvaluation:
             "scans": len(matches),
             "compared": int(self.compared.sum()),
             "outdated": int(self.outdated.sum()),
+            "verdict": self.verdict,
             "position_std_10_50_90_m": np.quantile(major, (0.1, 0.5, 0.9)).tolist(),
             "estimators": {
                 name: {
@@ -219,40 +194,3 @@ def _points_along(
     inside = ((cells > -0.5) & (cells < np.array(grid.shape) - 0.5)).all(axis=1)
     free = grid.free[::stride, ::stride]
     return points_near(free, stride, cells[inside], NEAR / grid.resolution)
-
-
-def _blocks_drawn(blocks: NDArray[np.int64]) -> Numbers:
-    """Number of times that the block of each scan is drawn, (resamples, n)."""
-    _, number = np.unique(blocks, return_inverse=True)
-    drawn = Resamples.of([int(number.max()) + 1]).places[0]
-    return np.asarray(drawn[:, number])
-
-
-def _ranked(values: Numbers, measured: Numbers, drawn: Numbers) -> Rank:
-    """Rank statistics with intervals over blocks."""
-    found = rank([values], [measured], Resamples([drawn], np.ones((len(drawn), 1))))
-    if _too_few(drawn):
-        bare = {each.name: _bare(getattr(found, each.name)) for each in dataclasses.fields(found)}
-        return Rank(**bare)
-    return found
-
-
-def _mean(values: Numbers, drawn: Numbers, counted: NDArray[Any] | None = None) -> Interval:
-    """Mean of the values that count, with an interval over blocks; NaN where none counts."""
-    weights = np.ones(len(values)) if counted is None else counted.astype(float)
-    if not weights.any():
-        return Interval(math.nan, math.nan, math.nan)
-    mean = float(np.average(values, weights=weights))
-    totals = drawn.sum(axis=1)
-    means = (drawn @ values)[totals > 0] / totals[totals > 0]
-    low, high = np.quantile(means, (0.025, 0.975)).tolist()
-    return _bare(Interval(mean, low, high)) if _too_few(drawn) else Interval(mean, low, high)
-
-
-def _too_few(drawn: Numbers) -> bool:
-    """Whether the scans are of too few blocks: scans of one block are drawn alike."""
-    return len(np.unique(drawn, axis=1).T) < LEAST_BLOCKS
-
-
-def _bare(interval: Interval) -> Interval:
-    return Interval(interval.value, math.nan, math.nan)

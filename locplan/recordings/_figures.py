@@ -19,7 +19,7 @@ from locplan.field import position_axes
 from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_size
 from locplan.plotting._picture import Picture
 from locplan.recordings._evaluation import DriveEvaluation
-from locplan.recordings._verdict import PREFERRED, verdict
+from locplan.recordings._verdict import PREFERRED
 
 MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
 GAP = 3.0
@@ -78,7 +78,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
     _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
-    text = textwrap.fill(" ".join(verdict(found)), int(11 * width), break_on_hyphens=False)
+    text = textwrap.fill(" ".join(found.verdict), int(11 * width), break_on_hyphens=False)
     figure.supxlabel(text, fontsize="small")
     return figure
 

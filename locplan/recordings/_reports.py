@@ -11,7 +11,7 @@ from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
 from locplan.field import position_axes
 from locplan.recordings._evaluation import DriveEvaluation
-from locplan.recordings._verdict import agreement_texts, verdict
+from locplan.recordings._verdict import agreement_texts
 from locplan.simulation._writing import write_json, write_rows
 
 DRIVE = Results("drive", ("drive.png", "drive.json", "scans.csv"))
@@ -40,7 +40,7 @@ def drive_table(found: DriveEvaluation) -> str:
     ]
     columns = ["", "rank correlation", "AUC", "direction", "factor"]
     estimators = [[name, *agreement_texts(each)] for name, each in found.agreements.items()]
-    said = textwrap.fill(" ".join(verdict(found)), WIDTH, break_on_hyphens=False)
+    said = textwrap.fill(" ".join(found.verdict), WIDTH, break_on_hyphens=False)
     about = (
         "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
         "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
@@ -79,6 +79,6 @@ def write_drive(results: ResultFolder, found: DriveEvaluation) -> list[Path]:
     with results.writing() as folder:
         picture, about, scans = (folder / name for name in DRIVE.names)
         save_figure(_figures.drive_figure(found), picture)
-        write_json(about, {**found.summary(), "verdict": verdict(found)})
+        write_json(about, found.summary())
         write_rows(scans, columns, np.column_stack(values).astype(float).tolist())
     return [results.folder / name for name in DRIVE.names]

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.recordings._evaluation import Agreement, DriveEvaluation
+from locplan.recordings._agreement import Agreement
+from locplan.recordings._matches import Matches
 from locplan.simulation._formats import plain, short
+
+Mask = NDArray[np.bool_]
 
 PREFERRED = ("scan", "fused", "fisher", "sad")
 """The estimators, the one that is named first where it ranks the scans better than chance."""
@@ -18,15 +22,35 @@ MANY = 0.05
 """Share of outdated scans from which on they are worth a sentence."""
 
 
-def verdict(found: DriveEvaluation) -> list[str]:
-    """Two sentences: whether a field says where the drive was badly localized, and where that was.
+def conclusions(
+    matches: Matches,
+    agreements: Mapping[str, Agreement],
+    compared: Mask,
+    outdated: Mask,
+    blocks: NDArray[np.int64],
+) -> list[str]:
+    """Two sentences: whether a field says where the scans fix the pose badly, and where they do.
 
     Estimators of one's own are named after those of the library.
+
+    Parameters
+    ----------
+    matches : Matches
+        The posteriors of n scans.
+    agreements : dict of Agreement
+        How well each estimator agrees with them.
+    compared, outdated : (n,) arrays of bool
+        The scans that were compared, and those that saw what is not on the map.
+    blocks : (n,) array of int
+        The block of the drive that each scan belongs to.
     """
-    return [_about_fields(found.agreements), _about_places(found)]
+    return [
+        _about_fields(agreements),
+        f"{_about_places(matches, compared, blocks)}{_about_map(matches, outdated, blocks)}.",
+    ]
 
 
-def _about_fields(agreements: dict[str, Agreement]) -> str:
+def _about_fields(agreements: Mapping[str, Agreement]) -> str:
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
     for name in names:
@@ -50,33 +74,33 @@ def _about_fields(agreements: dict[str, Agreement]) -> str:
     )
 
 
-def _about_places(found: DriveEvaluation) -> str:
-    std = found.matches.position_std
-    some = found.compared
-    nine_of_ten = float(np.quantile(std[some], 0.9))
+def _about_places(matches: Matches, compared: Mask, blocks: NDArray[np.int64]) -> str:
+    """Where the scans fix the position worst."""
+    std = matches.position_std
+    nine_of_ten = float(np.quantile(std[compared], 0.9))
     if nine_of_ten <= SHARP:
-        text = (
+        return (
             f"Nine of ten scans fix the position within {100 * nine_of_ten:.0f} cm: there is"
             " little to gain by other ways"
         )
-    else:
-        worst = _worst_block(found.blocks[some], np.log(std[some]))
-        here = np.flatnonzero(some)[found.blocks[some] == worst]
-        median, direction = float(np.median(std[here])), _axis(found.matches.direction[here])
-        x, y = found.matches.recording.poses[here, :2].mean(axis=0)
-        text = (
-            f"The worst 10 m lie around {_place(x, y)}, where the position is known to"
-            f" {100 * median:.0f} cm along {math.degrees(direction):.0f}°"
-        )
-    outdated = found.outdated
-    if outdated.sum() < max(1, MANY * len(std)):
-        return text + "."
-    blocks, counts = np.unique(found.blocks[outdated], return_counts=True)
-    most = outdated & (found.blocks == blocks[np.argmax(counts)])
-    x, y = found.matches.recording.poses[most, :2].mean(axis=0)
+    worst = _worst_block(blocks[compared], np.log(std[compared]))
+    here = compared & (blocks == worst)
+    median, direction = float(np.median(std[here])), _axis(matches.direction[here])
     return (
-        f"{text}; {outdated.sum()} of {len(std)} scans saw what is not on the map, most around"
-        f" {_place(x, y)}: people, or the map is out of date there."
+        f"The worst 10 m lie around {_middle(matches, here)}, where the position is known to"
+        f" {100 * median:.0f} cm along {math.degrees(direction):.0f}°"
+    )
+
+
+def _about_map(matches: Matches, outdated: Mask, blocks: NDArray[np.int64]) -> str:
+    """Where the map is out of date, if many scans say so."""
+    if outdated.sum() < max(1, MANY * len(outdated)):
+        return ""
+    each, counts = np.unique(blocks[outdated], return_counts=True)
+    most = outdated & (blocks == each[np.argmax(counts)])
+    return (
+        f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
+        f" {_middle(matches, most)}: people, or the map is out of date there"
     )
 
 
@@ -93,9 +117,10 @@ def _axis(directions: NDArray[np.float64]) -> float:
     return float(np.angle(np.exp(2j * directions).mean()) / 2 % np.pi)
 
 
-def _place(x: float, y: float) -> str:
-    """A position to 0.1 m; no -0.0."""
-    return ",".join(f"{round(value, 1) + 0.0:.1f}" for value in (x, y))
+def _middle(matches: Matches, chosen: Mask) -> str:
+    """The middle of some scans' positions, to 0.1 m; no -0.0."""
+    middle = matches.recording.poses[chosen, :2].mean(axis=0)
+    return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
 
 
 def agreement_texts(each: Agreement) -> list[str]:

@@ -1,0 +1,72 @@
+"""What a recorded drive says: where the robot is badly localized, and which way is better.
+
+Run: python examples/recorded_drive.py [FOLDER [MAP.yaml DRIVE]]
+
+DRIVE is a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ. Without one, a drive through the office
+is simulated and recorded.
+"""
+
+from __future__ import annotations
+
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+import locplan
+from locplan.costs import Path as Route, path_metrics
+from locplan.recordings import drive_figure, evaluate_drive, fit_to_map, read_drive, record_drive
+
+OFFICE = Path(__file__).resolve().parent.parent / "maps" / "office.yaml"
+LEG = 25.0
+"""Length of way between the places that better paths lead over [m]."""
+STOPS = ((7.0, 7.0), (39.0, 7.0), (39.0, 23.0), (20.5, 15.0))
+
+
+def main(folder: str = "recorded", map_file: str | None = None, file: str | None = None) -> None:
+    grid = locplan.load_map(map_file or OFFICE)
+    drive = read_drive(file) if file else simulated(grid)
+    print(drive.summary().table())
+    print(fit_to_map(drive, grid).sentence)
+
+    found = evaluate_drive(drive.every(max(1, len(drive) // 200)), grid)
+    for sentence in found.verdict:
+        print(sentence)
+
+    field = locplan.load_or_compute(grid, locplan.Scan(drive.lidar))
+    costs = locplan.Costmap.from_field(grid, field)
+    driven = path_metrics(costs, Route(drive.poses[:, :2]))
+    print(f"driven: {driven.length:.1f} m, {driven.integrated_u:.1f} degenerate metres")
+    places = [drive.poses[n, :2].tolist() for n in between(drive)]
+    plans = [locplan.plan(costs, *ends) for ends in pairwise(places)]
+    found_all = [each.metrics for each in plans if each.metrics is not None]
+    length = sum(each.length for each in found_all)
+    degenerate = sum(each.integrated_u for each in found_all)
+    print(f"by aware paths over places {LEG:.0f} m apart: {length:.1f} m, {degenerate:.1f} of them")
+
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    drive.save(target / "drive.npz")
+    locplan.plotting.save_figure(drive_figure(found), target / "drive.png")
+    print(f"wrote {target / 'drive.npz'}, {target / 'drive.png'}")
+
+
+def between(drive: locplan.recordings.Recording) -> list[int]:
+    """Scans about every `LEG` of the way, the first and the last among them."""
+    way = np.concatenate([[0.0], np.hypot(*np.diff(drive.poses[:, :2], axis=0).T).cumsum()])
+    legs = max(1, round(way[-1] / LEG))
+    return np.searchsorted(way, np.linspace(0, way[-1], legs + 1)).tolist()
+
+
+def simulated(grid: locplan.OccupancyGrid) -> locplan.recordings.Recording:
+    """A drive from stop to stop on the shortest way."""
+    costs = locplan.Costmap.blank(grid, robot_radius=0.4)
+    parts = [locplan.plan(costs, *ends).path for ends in pairwise(STOPS)]
+    way = Route(np.concatenate([part.xy for part in parts if part is not None]))
+    lidar = locplan.Lidar.preset("turtlebot4")
+    return record_drive(grid, way, lidar)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

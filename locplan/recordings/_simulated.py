@@ -1,0 +1,104 @@
+"""A recording of a simulated drive, to try out what recordings are good for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from locplan._util.checks import instance, positive
+from locplan.costs import Path
+from locplan.errors import ConfigError, LocplanError
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid
+from locplan.recordings._contents import Source
+from locplan.recordings._recording import Recording
+from locplan.simulation import Disturbances, Simulator
+from locplan.simulation._motion import SPACING, poses_along
+
+PAUSE = 0.01
+"""Time beside that of the way from scan to scan, so that turns on the spot take some [s]."""
+
+
+def record_drive(
+    grid: OccupancyGrid,
+    path: Path,
+    lidar: Lidar,
+    *,
+    disturbances: Disturbances | None = None,
+    spacing: float = 0.2,
+    speed: float = 0.5,
+    seed: int = 1,
+) -> Recording:
+    """Record a simulated drive along a path, in a world that differs from the map a little.
+
+    The recorded poses are the true ones, and ranges are whole millimetres.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    path : Path
+        The way of the robot, in the world.
+    lidar : Lidar
+        The lidar that is recorded.
+    disturbances : Disturbances, optional
+        The differences of the world from the map, outliers, and the noise of the odometry.
+    spacing : float
+        Distance from scan to scan [m]; it is rounded to multiples of 0.05 m.
+    speed : float
+        Speed of the robot [m/s].
+    seed : int
+        Seed of all random numbers.
+
+    Raises
+    ------
+    LocplanError
+        If the path has no length, or leaves the free cells of the map.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (20.0, 3.0)).path
+    >>> record_drive(grid, path, locplan.Lidar(range=6.0, beams=90), spacing=0.5)
+    Recording(simulated, 37 scans of 90 beams, 18 m, with odometry)
+    """
+    from locplan._kernels.drives import odometry_along
+    from locplan._kernels.measured import measured_ends
+
+    instance("path", path, Path)
+    every = max(1, round(positive("spacing", spacing, "m") / SPACING))
+    positive("speed", speed, "m/s")
+    simulator = Simulator(grid, lidar=lidar, disturbances=disturbances, seed=seed, threads=1)
+    try:
+        line = poses_along(path, grid)
+    except LocplanError as error:
+        raise ConfigError(f"the path {error}") from None
+    random = np.random.default_rng(seed)
+    arguments = simulator.arguments
+    reported = odometry_along(random, simulator.on_grid(line), arguments.odometry)[::every]
+    poses = line[::every]
+    sensor = arguments.lidar._replace(angles=lidar.angles)
+    rows, cols = grid.world_to_grid(*poses[:, :2].T)
+    headings = poses[:, 2] - grid.origin[2]
+    ranges, ends = np.empty((len(poses), lidar.beams)), np.empty((lidar.beams, 2))
+    for n, pose in enumerate(np.column_stack([rows, cols, headings])):
+        measured_ends(
+            random,
+            simulator.worlds[0],
+            grid.resolution,
+            pose,
+            sensor,
+            arguments.disturbances,
+            ends,
+        )
+        away = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
+        ranges[n] = np.hypot(*away.T)
+    way = np.concatenate([[0.0], np.hypot(*np.diff(line[:, :2], axis=0).T).cumsum()])[::every]
+    return Recording(
+        (np.rint(ranges * 1000) / 1000).astype(np.float32),
+        lidar,
+        np.round(poses, 5),
+        np.round(way / speed + PAUSE * np.arange(len(poses), dtype=float), 3),
+        np.round(reported, 5).astype(np.float64),
+        Source(file="simulated", scans="simulated", poses="true", odometry="simulated"),
+    )
