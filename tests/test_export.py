@@ -567,6 +567,23 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     assert yaml.safe_load((tmp_path / "again" / "nav2.yaml").read_text()) == merged
 
 
+def test_what_stands_beside_a_nodes_parameters_stays(tmp_path, costs):
+    """Older files have nodes of Nav2's own beside a costmap, such as global_costmap_client."""
+    (tmp_path / "own.yaml").write_text(
+        "global_costmap: {global_costmap: {ros__parameters: {a: 1}},"
+        " global_costmap_client: {ros__parameters: {use_sim_time: true}}}\n"
+        "planner_server: {ros__parameters: {b: 2}, planner_server_rclcpp_node: {c: 3}}\n"
+    )
+    for n, write in enumerate([export.nav2_keepout, export.nav2_static, export.nav2_speed]):
+        write(tmp_path / f"{n}", costs, params=tmp_path / "own.yaml")
+        merged = yaml.safe_load((tmp_path / f"{n}" / "nav2.yaml").read_text())
+        beside = merged["global_costmap"]["global_costmap_client"]
+        assert beside == {"ros__parameters": {"use_sim_time": True}}
+        assert merged["global_costmap"]["global_costmap"]["ros__parameters"]["a"] == 1
+        assert merged["planner_server"]["planner_server_rclcpp_node"] == {"c": 3}
+        assert merged["planner_server"]["ros__parameters"]["b"] == 2
+
+
 def test_masks_of_several_kinds_go_together(tmp_path, costs):
     export.nav2_keepout(tmp_path / "one", costs)
     export.nav2_speed(tmp_path / "two", costs, params=tmp_path / "one" / "nav2.yaml")

@@ -81,7 +81,9 @@ def with_costmap(robot: Robot, kind: str) -> Parameters:
             own |= {"speed_limit_topic": "/speed_limit"}
         names = names if plugin in names else [*names, plugin]
         merged = {**costmap, "filters": names, plugin: own}
-    return {**theirs, "global_costmap": {"global_costmap": {"ros__parameters": merged}}}
+    namespace = theirs.get("global_costmap", {})
+    node = {**namespace.get("global_costmap", {}), "ros__parameters": merged}
+    return {**theirs, "global_costmap": {**namespace, "global_costmap": node}}
 
 
 def with_planner(
@@ -112,7 +114,8 @@ def with_planner(
         own = {**server[name], **own}
     listed = names if name in names else [*names, name]
     merged = {**server, "planner_plugins": listed, name: own}
-    return {**theirs, "planner_server": {"ros__parameters": merged}}, name
+    node = {**theirs.get("planner_server", {}), "ros__parameters": merged}
+    return {**theirs, "planner_server": node}, name
 
 
 def changed_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
