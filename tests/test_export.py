@@ -406,6 +406,15 @@ def test_a_radius_that_blocks_everything_is_told(tmp_path, costs):
         export.nav2_keepout(tmp_path / "mask", costs.with_robot_radius(50.0))
 
 
+def test_a_map_without_free_space_gets_no_mask(tmp_path):
+    walls = drawn("###", "###", resolution=0.1)
+    costs = Costmap.from_field(walls, load_or_compute(walls, FieldConfig()))
+    for write in (export.nav2_keepout, export.nav2_static, export.nav2_speed):
+        with pytest.raises(LocplanError, match="a mask would be empty"):
+            write(tmp_path / "mask", costs)
+    assert not (tmp_path / "mask").exists()
+
+
 def test_thetastar_cannot_charge_any_factor(tmp_path, costs):
     with pytest.raises(LocplanError, match="94 times at most"):
         export.nav2_keepout(tmp_path / "mask", costs.with_weight(100.0), planner="thetastar")

@@ -182,6 +182,8 @@ def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
     check_slowest(slowest)
     value_maps.check_has_field(costs)
     known = ~np.isnan(costs.u)
+    if not known.any():
+        raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
     values = np.full(costs.grid.shape, -1, np.int8)
     given_up = np.floor(100 * (1 - slowest) * costs.u[known] + 0.5)
     values[known] = np.minimum(given_up, MAX_SLOWED)
