@@ -129,6 +129,25 @@ def test_what_cannot_be_joined(costs):
         export.recommended_ways(costs, {"wall": Path(np.array([[2.0, 3.0], [20.0, 6.0]]))})
 
 
+def test_a_path_that_ends_where_it_starts_is_refused(costs, paths):
+    """A server's route from a node to itself is empty."""
+    round_trip = Path(np.array([[2.0, 3.0], [10.0, 3.0], [2.0, 3.015]]))
+    for given in ({"round": round_trip}, {**paths, "round": round_trip}):
+        with pytest.raises(ConfigError, match="path round ends where it starts"):
+            export.recommended_ways(costs, given)
+    within_a_point = Path(np.array([[2.0, 3.0], [2.012, 3.0]]))
+    found = export.recommended_ways(costs, {**paths, "stay": within_a_point})
+    assert set(found.ways) == set(paths)
+
+
+def test_maps_far_from_the_origin_are_too_coarse():
+    """Nav2 keeps positions in single precision, whose step is 0.25 m there."""
+    grid = OccupancyGrid(np.full((50, 50), 254), 0.1, (4e6, 0.0, 0.0))
+    path = Path(np.array([[4e6 + 1, 1.0], [4e6 + 4, 4.0]]))
+    with pytest.raises(ConfigError, match="too coarse for Nav2"):
+        export.recommended_ways(Costmap.blank(grid), {"there": path})
+
+
 def features_of(folder):
     found = json.loads((folder / "graph.geojson").read_text())["features"]
     points = {f["properties"]["id"]: f for f in found if f["geometry"]["type"] == "Point"}

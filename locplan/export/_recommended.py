@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export._joined_ways import (
+    SAME,
     Lines,
     Pairs,
     Positions,
@@ -23,7 +24,7 @@ from locplan.export._joined_ways import (
     joined,
     straightened,
 )
-from locplan.export._route_graphs import RouteGraph
+from locplan.export._route_graphs import RouteGraph, check_precision
 
 MARGIN = 0.02
 """Least cost by which any other route exceeds a recommended way [m]."""
@@ -31,6 +32,8 @@ CONTRADICTED = 1e3
 """Price of a way that is dearer than another route, in changed costs: ways may contradict."""
 ROUNDS = 50
 """Greatest number of rounds in which costs are changed."""
+ONE_PLACE = 2 * SAME
+"""Greatest distance of ends that can become one node [m]: each may lie that far from it."""
 CHANGED = 1e-6
 """Least change of a cost that counts [m]."""
 
@@ -63,7 +66,7 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     costs : Costmap
         The costs of travel, on the map of the paths.
     paths : dict of Path
-        The recommended path of each query; one without a length is left out.
+        The recommended path of each query; one within a point is left out.
 
     Returns
     -------
@@ -72,7 +75,8 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     Raises
     ------
     ConfigError
-        If no path has a length, or one leaves the free space of the map.
+        If no path has a length, one leaves the free space of the map or ends where it starts, or
+        the map is so far from the world's origin that Nav2's single precision would be too coarse.
 
     Examples
     --------
@@ -85,11 +89,17 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     >>> recommended_ways(costs, {"there": there, "half": half})
     RecommendedWays(2 of 2 followed, RouteGraph(3 nodes, 2 edges each way))
     """
-    paths = {name: path for name, path in paths.items() if path.length > 0}
+    check_precision(costs.grid)
+    paths = {name: path for name, path in paths.items() if path.length > ONE_PLACE}
     if not paths:
         raise ConfigError("there is no way to export; give at least one path of some length")
     lines = Lines(costs)
     for name, path in paths.items():
+        if np.hypot(*(path.xy[-1] - path.xy[0])) <= ONE_PLACE:
+            raise ConfigError(
+                f"path {name} ends where it starts, and a server's route there is empty; give the"
+                " way out and the way back as two paths"
+            )
         if not np.isfinite(lines.along(path.xy)).all():
             raise ConfigError(f"path {name} leaves the map's free space; plan it on this map")
     nodes, ways = straightened(lines, *joined(lines, paths))

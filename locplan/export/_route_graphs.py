@@ -15,6 +15,7 @@ from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.export._net import Space, symmetric
+from locplan.maps import OccupancyGrid
 
 FINENESS = 0.02
 """Coarsest step of single precision that is accepted [cells]."""
@@ -123,9 +124,15 @@ def space_of(costs: Costmap) -> Space:
         If the map is too far from the world's origin for Nav2's single precision.
     """
     grid = costs.grid
+    check_precision(grid)
     x, y, yaw = grid.origin
+    frame = math.cos(yaw) / grid.resolution, math.sin(yaw) / grid.resolution, x, y
+    return bordered_half(costs.density, 1), grid.shape[1] + 2, frame
+
+
+def check_precision(grid: OccupancyGrid) -> None:
+    """Raise a ConfigError if the map is too far from the world's origin for single precision."""
+    x, y, _ = grid.origin
     farthest = max(abs(x), abs(y)) + math.hypot(*grid.shape) * grid.resolution
     if np.spacing(np.float32(farthest)) > FINENESS * grid.resolution:
         raise ConfigError(f"positions {farthest:.4g} m from the origin are too coarse for Nav2")
-    frame = math.cos(yaw) / grid.resolution, math.sin(yaw) / grid.resolution, x, y
-    return bordered_half(costs.density, 1), grid.shape[1] + 2, frame
