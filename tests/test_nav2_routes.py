@@ -18,6 +18,7 @@ from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError
 from locplan.export._distros import DistroWarning
 from locplan.export._joined_ways import Lines, joined, straightened
+from locplan.export._messages import topics_of
 from locplan.export._recommended import followed_costs
 from locplan.export._value_maps import YawWarning
 from locplan.field import FieldConfig
@@ -154,6 +155,18 @@ def features_of(folder):
     return points, [f["properties"] for f in found if f["geometry"]["type"] == "LineString"]
 
 
+def test_names_that_make_one_topic_are_numbered():
+    """Names may have no letter that a topic can hold, such as those of Japanese rooms."""
+    assert topics_of(["a b", "a/b", "受付", "会議室", "a b 2", "3"]) == {
+        "a b": "/locplan/path/a_b",
+        "a/b": "/locplan/path/a_b_2",
+        "受付": "/locplan/path/path",
+        "会議室": "/locplan/path/path_2",
+        "a b 2": "/locplan/path/a_b_2_2",
+        "3": "/locplan/path/path_3",
+    }
+
+
 def test_a_folder_holds_graph_bag_and_table(tmp_path, costs, paths):
     from rosbags.rosbag2 import Reader
     from rosbags.typesys import Stores, get_typestore
@@ -174,6 +187,7 @@ def test_a_folder_holds_graph_bag_and_table(tmp_path, costs, paths):
         start, goal = (points[int(rows[name][end])] for end in ("start_id", "goal_id"))
         np.testing.assert_allclose(start["geometry"]["coordinates"], paths[name].xy[0], atol=0.02)
         np.testing.assert_allclose(goal["geometry"]["coordinates"], paths[name].xy[-1], atol=0.02)
+        assert rows[name]["topic"] == f"/locplan/path/{name.replace(' ', '_')}"
         total = sum(costs_of[one + 1, other + 1] for one, other in pairwise(way))
         assert float(rows[name]["cost_m"]) == pytest.approx(total, abs=1e-3)
     types = get_typestore(Stores.ROS2_HUMBLE)
@@ -236,3 +250,20 @@ def test_the_command_drives_stations_and_says_what_is_missing(run, tmp_path):
     assert about["no_path"] == ["a to island", "b to island"]
     assert about["followed"] == ["a to b"]
     assert about["nodes"] >= 2
+
+
+def test_given_paths_are_checked_before_queries_are_driven(run, tmp_path, monkeypatch):
+    save_map(drawn(*["." * 40] * 12, resolution=0.25), tmp_path / "hall.yaml")
+    (tmp_path / "stations.csv").write_text("name,x,y\na,1,1\nb,9,1\n")
+    (tmp_path / "a to b.csv").write_text("x_m,y_m\n1,1\n9,1\n")
+    (tmp_path / "round.csv").write_text("x_m,y_m\n1,1\n9,1\n1,1\n")
+
+    def drive(*_, **__):
+        raise AssertionError("driven")
+
+    monkeypatch.setattr("locplan.simulation.choose_many", drive)
+    ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
+    ask = *ask, "--queries", tmp_path / "stations.csv", "--path"
+    assert "path round ends where it starts" in refused(run(*ask, tmp_path / "round.csv"))
+    said = refused(run(*ask, tmp_path / "a to b.csv"))
+    assert "a path and a query are both named a to b" in said

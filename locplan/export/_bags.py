@@ -22,7 +22,7 @@ from locplan.export._messages import (
     levels_of,
     occupancy_grid,
     path_message,
-    topic_name,
+    topics_of,
 )
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
@@ -69,7 +69,8 @@ def bag(
         "/locplan/ellipses", visualization_msgs/MarkerArray: one standard deviation of the position
         each way, and the major axes.
     paths : dict of Path, optional
-        "/locplan/path/NAME", nav_msgs/Path; poses without a heading face the way they go.
+        "/locplan/path/NAME", nav_msgs/Path; poses without a heading face the way they go. What a
+        topic cannot hold of a name becomes _, and topics that are alike then are numbered.
     frame : str
         The frame of all coordinates.
     stamp : int
@@ -107,11 +108,9 @@ def bag(
             "/locplan/grid": ("foxglove_msgs/Grid", foxglove_grid(field, layers, header)),
             "/locplan/ellipses": ("visualization_msgs/MarkerArray", {"markers": markers}),
         }
+    topics = topics_of(paths or {})
     for name, route in (paths or {}).items():
-        topic = f"/locplan/path/{topic_name(name)}"
-        if topic in content:
-            raise LocplanError(f"the names of two paths both become {topic}; rename one")
-        content[topic] = "nav_msgs/Path", path_message(route, header)
+        content[topics[name]] = "nav_msgs/Path", path_message(route, header)
     write_messages(target, content, header, stamp)
 
 

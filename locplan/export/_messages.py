@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -141,7 +142,15 @@ def path_message(route: Path, header: Mapping[str, Any]) -> dict[str, Any]:
     return {"poses": [{"header": header, "pose": pose} for pose in poses]}
 
 
-def topic_name(name: str) -> str:
-    """A name as ROS allows it in a topic."""
-    token = "_".join(re.findall("[A-Za-z0-9]+", name))
-    return token if token and not token[0].isdigit() else f"path_{token}".rstrip("_")
+def topics_of(names: Iterable[str]) -> dict[str, str]:
+    """The topic of each path: its name as ROS allows it, with a number where that is taken."""
+    topics: dict[str, str] = {}
+    taken = set()
+    for name in names:
+        token = "_".join(re.findall("[A-Za-z0-9]+", name))
+        token = token if token and not token[0].isdigit() else f"path_{token}".rstrip("_")
+        numbered = (token if n == 1 else f"{token}_{n}" for n in itertools.count(1))
+        topic = next(each for each in numbered if each not in taken)
+        taken.add(topic)
+        topics[name] = f"/locplan/path/{topic}"
+    return topics

@@ -16,6 +16,7 @@ from locplan.export._bags import bag
 from locplan.export._distros import distribution
 from locplan.export._folders import export_folder
 from locplan.export._geojson import GRAPH, to_geojson, write_route_server
+from locplan.export._messages import topics_of
 from locplan.export._recommended import RecommendedWays, recommended_ways
 from locplan.export._servers import SERVERS, lines_on_serving
 from locplan.export._value_maps import PREVIEW, without_yaw
@@ -79,8 +80,7 @@ def nav2_routes(
         f" between {len(graph.nodes)} nodes; the route server takes the recommended way of"
         f" {len(ways.followed)} of them ({ways.changed} edges do not cost J for that).",
         f"- {TABLE}: the nodes of each query's start and goal, for ComputeRoute by ids;"
-        f" {BAG}: its path (nav_msgs/Path on /locplan/path/NAME); {PREVIEW}; export.json: the"
-        " input.",
+        f" {BAG}: its path (nav_msgs/Path on its topic); {PREVIEW}; export.json: the input.",
         f"- {SERVERS}: the route server with the scorers that add up to these costs.",
         *lines_on_serving(runs, GRAPH),
     ]
@@ -90,7 +90,7 @@ def nav2_routes(
         (temporary / GRAPH).write_text(text + "\n", encoding="utf-8")
         write_route_server(temporary, None)
         bag(temporary / BAG, unturned.grid, paths=paths, frame=frame)
-        _write_table(temporary / TABLE, ways)
+        _write_table(temporary / TABLE, ways, topics_of(paths))
         title = f"{name}: recommended ways of {len(ways.ways)} queries"
         figure = _figures.routes_figure(unturned, graph, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
@@ -104,13 +104,13 @@ def _on(unturned: Costmap, costs: Costmap, path: Path) -> Path:
     return Path(np.column_stack([x, y]), heading)
 
 
-def _write_table(target: FilePath, ways: RecommendedWays) -> None:
-    """A row for each query, with the ids of its ends in the graph's file."""
+def _write_table(target: FilePath, ways: RecommendedWays, topics: Mapping[str, str]) -> None:
+    """A row for each query, with the ids of its ends in the graph's file and its topic."""
     matrix = ways.graph.matrix
     with open(target, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("query", "start_id", "goal_id", "cost_m", "followed"))
+        writer.writerow(("query", "start_id", "goal_id", "cost_m", "followed", "topic"))
         for name, way in ways.ways.items():
             cost = sum(matrix[one, other] for one, other in pairwise(way))
-            row = (name, way[0] + 1, way[-1] + 1, f"{cost:.3f}", name in ways.followed)
-            writer.writerow(row)
+            followed = name in ways.followed
+            writer.writerow((name, way[0] + 1, way[-1] + 1, f"{cost:.3f}", followed, topics[name]))

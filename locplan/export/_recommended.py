@@ -89,19 +89,11 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     >>> recommended_ways(costs, {"there": there, "half": half})
     RecommendedWays(2 of 2 followed, RouteGraph(3 nodes, 2 edges each way))
     """
-    check_precision(costs.grid)
     paths = {name: path for name, path in paths.items() if path.length > ONE_PLACE}
     if not paths:
         raise ConfigError("there is no way to export; give at least one path of some length")
+    check_ways(costs, paths)
     lines = Lines(costs)
-    for name, path in paths.items():
-        if np.hypot(*(path.xy[-1] - path.xy[0])) <= ONE_PLACE:
-            raise ConfigError(
-                f"path {name} ends where it starts, and a server's route there is empty; give the"
-                " way out and the way back as two paths"
-            )
-        if not np.isfinite(lines.along(path.xy)).all():
-            raise ConfigError(f"path {name} leaves the map's free space; plan it on this map")
     nodes, ways = straightened(lines, *joined(lines, paths))
     edges = np.array(sorted({_ordered(*two) for way in ways.values() for two in pairwise(way)}))
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
@@ -114,6 +106,20 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
         int((np.abs(cost - price) > CHANGED).sum()),
         tuple(name for name, is_followed in zip(ways, followed, strict=True) if is_followed),
     )
+
+
+def check_ways(costs: Costmap, paths: Mapping[str, Path]) -> None:
+    """Raise a ConfigError unless paths are ways on the map that a route can follow."""
+    check_precision(costs.grid)
+    lines = Lines(costs)
+    for name, path in paths.items():
+        if np.hypot(*(path.xy[-1] - path.xy[0])) <= ONE_PLACE < path.length:
+            raise ConfigError(
+                f"path {name} ends where it starts, and a server's route there is empty; give the"
+                " way out and the way back as two paths"
+            )
+        if not np.isfinite(lines.along(path.xy)).all():
+            raise ConfigError(f"path {name} leaves the map's free space; plan it on this map")
 
 
 def followed_costs(

@@ -154,19 +154,27 @@ def check_routes(options: RoutesOptions, paths: int) -> None:
 def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> ExportSummary:
     """Choose the paths of queries by driving, and write them with the paths that are given."""
     from locplan._util.progress import progress_bar
+    from locplan._util.working import working
     from locplan.export._nav2_routes import nav2_routes
+    from locplan.export._recommended import check_ways
+    from locplan.planners import read_queries
     from locplan.simulation import Amcl, choose_many
     from locplan.simulation._nav2 import read_amcl
 
     paths = dict(job.paths)
+    check_ways(job.costs, paths)
     without = []
     values: dict[str, object] = {}
     rows: list[tuple[str, str]] = []
     if options.queries is not None:
+        queries = read_queries(options.queries)
+        for query in queries:
+            if query.name in paths:
+                raise ConfigError(f"a path and a query are both named {query.name}; rename one")
         amcl = read_amcl(options.params) if options.params else Amcl()
         with progress_bar("driving the candidates", "queries") as progress:
             choices = choose_many(
-                job.costs, options.queries, amcl=amcl, drives=options.drives, progress=progress
+                job.costs, queries, amcl=amcl, drives=options.drives, progress=progress
             )
         for each in choices:
             if each.choice.path is None:
@@ -181,9 +189,14 @@ def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> Export
         ]
         if without:
             rows.append(("without a path", ", ".join(without)))
-    ways = nav2_routes(target, job.costs, paths, frame=options.frame, distro=options.distro)
+    with working(f"writing {target.name}"):
+        ways = nav2_routes(target, job.costs, paths, frame=options.frame, distro=options.distro)
     graph = ways.graph
     followed = f"{len(ways.followed)} of {len(ways.ways)}"
+    rows.append(("ways that the server takes", followed))
+    contradicted = [name for name in ways.ways if name not in ways.followed]
+    if contradicted:
+        rows.append(("other routes are cheaper", ", ".join(contradicted)))
     return ExportSummary(
         {
             **values,
@@ -195,7 +208,6 @@ def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> Export
         (
             *rows,
             ("nodes, edges", f"{len(graph.nodes):,}, {len(graph.edges):,} each way"),
-            ("ways that the server takes", followed),
         ),
     )
 
