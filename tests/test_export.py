@@ -24,6 +24,7 @@ from locplan.export import _registry as registry
 from locplan.export._distros import DistroWarning
 from locplan.export._names import Distro
 from locplan.export._nav2 import ParametersChanged
+from locplan.export._robots import RobotWarning
 from locplan.export._travel_costs import PLANNERS, planner_named, values_for
 from locplan.export._value_maps import YawWarning, write_values
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, load_or_compute
@@ -430,7 +431,7 @@ def readme_of(folder):
         ("smac2d", ("`cost_travel_multiplier: 4.016` (Nav2's own default is 1)", "iterations: -1")),
         ("smac-hybrid", ("`cost_penalty: 3.956`", "`max_planning_time: 25` [s]")),
         ("thetastar", ("`w_traversal_cost: ",)),
-        ("navfn", ("only where it plans with `GridBased`",)),
+        ("navfn", ("only `GridBased` so that J comes out",)),
     ],
 )
 def test_a_folder_says_what_the_mask_needs(tmp_path, costs, planner, words):
@@ -498,7 +499,7 @@ def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
     write(tmp_path / "out", costs)
     files = folder_of(tmp_path / "out")
     lines = [line for line in files["README.md"].decode().splitlines() if line]
-    assert len(lines) <= 8
+    assert len(lines) <= 12
     for name in set(files) - {"README.md"}:
         assert name in "".join(lines) or name.endswith(".png"), name
     about = json.loads(files["export.json"])
@@ -529,6 +530,7 @@ def test_the_launch_file_starts_the_nodes_that_have_parameters(tmp_path, costs):
     assert all(type(info[key]) is float for key in ("base", "multiplier"))
 
 
+THETA = "nav2_theta_star_planner::ThetaStarPlanner"
 PARAMS = """
 global_costmap:
   global_costmap:
@@ -540,7 +542,7 @@ global_costmap:
 planner_server:
   ros__parameters:
     planner_plugins: ["Fast", "Good"]
-    Fast: {plugin: "nav2_navfn_planner/NavfnPlanner", tolerance: 0.5}
+    Fast: {plugin: "nav2_navfn_planner::NavfnPlanner", tolerance: 0.5}
     Good: {plugin: "nav2_smac_planner::SmacPlanner2D", tolerance: 0.25, allow_unknown: true}
 """
 
@@ -549,7 +551,9 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS)
     change = "nav2.yaml has other values than own.yaml: planner_server.Good.allow_unknown: false"
     with pytest.warns(ParametersChanged, match=re.escape(change)):
-        export.nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
+        export.nav2_keepout(
+            tmp_path / "mask", costs, planner="smac2d", params=tmp_path / "own.yaml"
+        )
     assert "- planner_server.Good.allow_unknown: false (was true)" in readme_of(tmp_path / "mask")
     merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
     costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
@@ -565,14 +569,16 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     assert server["Good"]["max_planning_time"] == 10.0
     assert "use_final_approach_orientation" not in server["Good"]
     with pytest.warns(ParametersChanged):
-        export.nav2_static(tmp_path / "layer", costs, params=tmp_path / "own.yaml")
+        export.nav2_static(
+            tmp_path / "layer", costs, planner="smac2d", params=tmp_path / "own.yaml"
+        )
     merged = yaml.safe_load((tmp_path / "layer" / "nav2.yaml").read_text())
     costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
     assert costmap["plugins"] == [
         *("static_layer", "localizability_static_layer", "obstacle_layer", "inflation_layer")
     ]
     again = tmp_path / "layer" / "nav2.yaml"
-    export.nav2_static(tmp_path / "again", costs, params=again)
+    export.nav2_static(tmp_path / "again", costs, planner="smac2d", params=again)
     assert yaml.safe_load((tmp_path / "again" / "nav2.yaml").read_text()) == merged
 
 
@@ -614,23 +620,89 @@ def test_masks_of_several_kinds_go_together(tmp_path, costs):
 
 def test_the_robots_other_planners_stay(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS)
-    export.nav2_keepout(tmp_path / "m", costs, planner="thetastar", params=tmp_path / "own.yaml")
+    ours = r"own\.yaml: its planners are Fast \(nav2_navfn_planner::.*; Localizability is added"
+    with pytest.warns(RobotWarning, match=ours):
+        export.nav2_keepout(
+            tmp_path / "m", costs, planner="thetastar", params=tmp_path / "own.yaml"
+        )
     server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
     own = server["ros__parameters"]
     assert own["planner_plugins"] == ["Fast", "Good", "Localizability"]
-    assert own["Fast"] == {"plugin": "nav2_navfn_planner/NavfnPlanner", "tolerance": 0.5}
+    assert own["Fast"] == {"plugin": "nav2_navfn_planner::NavfnPlanner", "tolerance": 0.5}
     assert own["Localizability"]["plugin"] == "nav2_theta_star_planner::ThetaStarPlanner"
-    export.nav2_keepout(tmp_path / "n", costs, planner="navfn", params=tmp_path / "own.yaml")
+    humble = PARAMS.replace("::", "/").replace("costmap_2d/", "costmap_2d::")
+    (tmp_path / "own.yaml").write_text(humble)
+    settings = {"params": tmp_path / "own.yaml", "distro": "humble"}
+    export.nav2_keepout(tmp_path / "n", costs, planner="navfn", **settings)
     server = yaml.safe_load((tmp_path / "n" / "nav2.yaml").read_text())["planner_server"]
     fast = server["ros__parameters"]["Fast"]  # as the robot's distribution spells it
     assert (fast["plugin"], fast["allow_unknown"]) == ("nav2_navfn_planner/NavfnPlanner", False)
     assert json.loads((tmp_path / "n" / "export.json").read_text())["planner_id"] == "Fast"
 
 
+@pytest.mark.parametrize(
+    ("change", "planner", "called"),
+    [
+        (("Fast", "Good"), "navfn", "Fast"),
+        (("nav2_navfn_planner::NavfnPlanner", "mine::Own"), "smac2d", "Good"),
+        (("nav2_navfn_planner::NavfnPlanner", THETA), "thetastar", "Fast"),
+    ],
+)
+def test_a_mask_is_for_the_robots_own_planner(tmp_path, costs, change, planner, called):
+    text = PARAMS if change == ("Fast", "Good") else PARAMS.replace(*change)
+    (tmp_path / "own.yaml").write_text(text)
+    with warnings.catch_warnings(record=True, action="always"):
+        found = export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+    assert found.planner.name == planner
+    assert json.loads((tmp_path / "m" / "export.json").read_text())["planner_id"] == called
+
+
+@pytest.mark.parametrize(
+    ("distro", "plugin", "words"),
+    [
+        ("jazzy", "nav2_smac_planner/SmacPlanner2D", "as in humble; give --distro humble"),
+        ("humble", "nav2_smac_planner::SmacPlanner2D", "as from jazzy on, but humble has / for ::"),
+    ],
+)
+def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, plugin, words):
+    (tmp_path / "own.yaml").write_text(
+        f'planner_server: {{ros__parameters: {{planner_plugins: [A], A: {{plugin: "{plugin}"}}}}}}'
+    )
+    with pytest.warns(RobotWarning, match=re.escape(words)):
+        export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml", distro=distro)
+
+
+def test_a_second_speed_filter_is_noticed(tmp_path, costs):
+    own = PARAMS.replace("KeepoutFilter", "SpeedFilter")
+    (tmp_path / "own.yaml").write_text(own)
+    with pytest.warns(RobotWarning, match="global_costmap has a speed filter, keepout_filter"):
+        export.nav2_speed(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+
+
+def test_what_is_added_to_parameters_is_listed(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(
+        PARAMS.replace("allow_unknown: true", "allow_unknown: false")
+    )
+    export.nav2_static(tmp_path / "m", costs, planner="smac2d", params=tmp_path / "own.yaml")
+    text = readme_of(tmp_path / "m")
+    assert "- global_costmap.trinary_costmap: false" in text
+    assert "- global_costmap.plugins: localizability_static_layer" in text
+    assert "- planner_server.Good.max_iterations: -1" in text
+    assert "hold for all static layers" in text
+    assert "has other values" not in text
+
+
+def test_the_map_is_drawn_and_told_as_nav2_has_it(tmp_path, costs):
+    grid = OccupancyGrid(costs.grid.cells, 0.1, (2.0, -1.0, YAW), name="turned")
+    with pytest.warns(YawWarning):
+        export.nav2_keepout(tmp_path / "m", dataclasses.replace(costs, grid=grid))
+    assert "The map has a yaw of 0.6 rad, which Nav2 ignores" in readme_of(tmp_path / "m")
+
+
 def test_what_a_conversion_assumes_is_set(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(
         "planner_server: {ros__parameters: {planner_plugins: [A], A: {plugin: "
-        '"nav2_smac_planner/SmacPlannerHybrid", use_quadratic_cost_penalty: true, '
+        '"nav2_smac_planner::SmacPlannerHybrid", use_quadratic_cost_penalty: true, '
         "retrospective_penalty: 0.1, angle_quantization_bins: 72}}}"
     )
     settings = {"planner": "smac-hybrid", "params": tmp_path / "own.yaml"}
@@ -717,8 +789,7 @@ def test_route_graph_is_served_with_the_scorers_that_add_up_to_j(tmp_path, costs
     assert set(own["edge_cost_functions"]) <= set(own)
     ways = dijkstra(graph.matrix, indices=0)
     assert np.isfinite(ways).sum() > 1
-    lines = [line for line in (tmp_path / "graph" / "README.md").read_text().splitlines() if line]
-    assert len(lines) == 5
+    assert "weight 4, for a robot radius of 0.15 m" in readme_of(tmp_path / "graph")
 
 
 ROUTE = Path(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]]))

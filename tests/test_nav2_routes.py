@@ -95,17 +95,22 @@ def test_costs_change_only_where_another_route_is_cheaper(costs, paths):
 
 
 def test_the_least_change_of_costs():
-    """A triangle whose detour is recommended; and two ways between the same nodes."""
+    """A triangle whose detour is recommended; one each way; and two ways between the same nodes."""
     nodes = np.array([[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]])
-    edges = np.array([[0, 1], [0, 2], [1, 2]])
+    edges = np.array([[0, 1], [0, 2], [1, 2], [1, 0], [2, 0], [2, 1]])
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
-    cost, followed = followed_costs(nodes, edges, length, length, [[0, 2, 1]])
+    given = nodes, edges, length, length
+    cost, followed = followed_costs(*given, [[0, 2, 1]], np.ones(1) * 100)
     assert followed == [True]
-    assert cost[0] > cost[1] + cost[2]
+    assert cost[0] > cost[1] + cost[5]
     np.testing.assert_allclose(np.abs(cost - length).sum(), 2 * math.hypot(5, 8) - 10, atol=0.03)
-    cost, followed = followed_costs(nodes, edges, length, length, [[0, 2, 1], [0, 1]])
-    assert sorted(followed) == [False, True]
-    assert (cost >= length - 1e-9).all()
+    _, followed = followed_costs(*given, [[0, 2, 1], [1, 0]], np.ones(2) * 100)
+    assert followed == [True, True]
+    for first in (True, False):
+        weights = np.array([200.0, 100.0] if first else [100.0, 200.0])
+        cost, followed = followed_costs(*given, [[0, 2, 1], [0, 1]], weights)
+        assert followed == [first, not first]
+        assert (cost >= length - 1e-9).all()
 
 
 def test_a_path_joins_a_lane_beside_it_and_leaves_it():

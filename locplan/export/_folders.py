@@ -11,6 +11,7 @@ from typing import Any
 from locplan._util.files import check_folder_target, replacing_folder
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan._util.results import digest_of
+from locplan.costs import Costmap
 from locplan.errors import LocplanError
 
 ABOUT = "export.json"
@@ -37,6 +38,21 @@ def export_folder(
         files = {file.name: digest_of(file) for file in sorted(folder.iterdir())}
         text = json.dumps({**about, "files": files}, indent=2, allow_nan=False)
         (folder / ABOUT).write_text(text + "\n", "utf-8")
+
+
+def about_map(costs: Costmap) -> list[str]:
+    """Lines of a README.md on what the values were made of, and on a yaw that was left out."""
+    grid, settings = costs.grid, costs.settings
+    made = "a density of one's own"
+    if settings:
+        made = f"the field of {settings.config.estimator.summary}, weight {costs.weight:g}"
+    lines = [f"- Made of {made}, for a robot radius of {costs.robot_radius:g} m."]
+    if grid.origin[2]:
+        lines.append(
+            f"- The map has a yaw of {grid.origin[2]:g} rad, which Nav2 ignores: all positions here"
+            " are where Nav2 has them, with the map unturned."
+        )
+    return lines
 
 
 def _is_untouched_export(folder: Path) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export._distros import distribution
-from locplan.export._folders import export_folder
+from locplan.export._folders import about_map, export_folder
 from locplan.export._roadmap import roadmap
 from locplan.export._route_graphs import RouteGraph
 from locplan.export._servers import SERVERS, Server, lines_on_serving, write_servers
@@ -105,7 +105,7 @@ def route_graph(
 
     runs = distribution(distro)
     runs.warn()
-    costs = dataclasses.replace(costs, grid=without_yaw(costs.grid))
+    given, costs = costs, dataclasses.replace(costs, grid=without_yaw(costs.grid))
     graph = roadmap(costs, spacing=spacing)
     text = json.dumps(to_geojson(graph, frame), allow_nan=False)
     name = costs.grid.name or "a map"
@@ -115,6 +115,7 @@ def route_graph(
         " the input.",
         f"- {SERVERS}: the route server with the scorers that add up to J; {PREVIEW}.",
         *lines_on_serving(runs, GRAPH),
+        *about_map(given),
     ]
     about = {"kind": "route-graph", "spacing": spacing, "distro": distro} | about_costs(costs)
     with export_folder(Path(folder), f"Route graph of {name}", about, readme) as temporary:

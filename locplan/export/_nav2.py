@@ -19,16 +19,26 @@ from locplan.costs._degeneracy import density_of
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
 from locplan.export._folders import export_folder
-from locplan.export._parameters import Robot, changed_parameters, with_costmap, with_planner
+from locplan.export._mask_readme import (
+    mask_readme,
+    needs_of_layer,
+    needs_of_planner,
+    needs_of_speed,
+)
+from locplan.export._parameters import (
+    STATIC_LAYERS,
+    added_parameters,
+    changed_parameters,
+    with_costmap,
+    with_planner,
+)
+from locplan.export._robots import Robot
 from locplan.export._servers import (
-    BRINGUP,
-    LAUNCH,
-    SERVERS,
     Server,
     write_servers,
     write_yaml,
 )
-from locplan.export._travel_costs import NO_LIMIT, Conversion, planner_named, values_for
+from locplan.export._travel_costs import Conversion, planner_named, values_for
 from locplan.maps._ros_parameters import Parameters
 
 PARAMS = "nav2.yaml"
@@ -50,7 +60,7 @@ def nav2_keepout(
     folder: str | Path,
     costs: Costmap,
     *,
-    planner: str = "smac2d",
+    planner: str | None = None,
     param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
@@ -67,7 +77,8 @@ def nav2_keepout(
         fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
         either.
     planner : str
-        "smac2d", "smac-hybrid", "navfn" or "thetastar".
+        "smac2d", "smac-hybrid", "navfn" or "thetastar"; by default the first of these that `params`
+        has, or "smac2d".
     param : float, optional
         The planner's own parameter: cost_travel_multiplier, cost_penalty or w_traversal_cost. By
         default such that u = 1 just fits, whatever the map. "navfn" has none.
@@ -96,7 +107,7 @@ def nav2_static(
     folder: str | Path,
     costs: Costmap,
     *,
-    planner: str = "smac2d",
+    planner: str | None = None,
     param: float | None = None,
     distro: str = "jazzy",
     params: str | Path | None = None,
@@ -148,7 +159,9 @@ def nav2_speed(
     least = 100 - int(values.max())
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
     about = {"slowest": slowest, "least_percent": least}
-    _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
+    robot.warn(robot.of_speed("localizability_speed_filter"))
+    merged = with_costmap(robot, "speed")
+    _write(folder, "speed", title, costs, values, robot, merged, about, needs_of_speed())
     return least
 
 
@@ -202,19 +215,25 @@ def _write_charged(
     folder: str | Path,
     kind: str,
     costs: Costmap,
-    planner: str,
+    planner: str | None,
     param: float | None,
     distro: str,
     params: str | Path | None,
 ) -> Conversion:
     """Write the mask of a filter or a layer that makes a planner charge J."""
     robot = Robot.of(params, distro)
-    values, conversion = keepout_mask(costs, planner=planner, param=param, static=kind == "static")
-    merged, called = with_planner(with_costmap(robot, kind), conversion, robot.distribution)
+    values, conversion = keepout_mask(
+        costs, planner=planner or robot.planner, param=param, static=kind == "static"
+    )
+    merged, called = with_planner(robot, with_costmap(robot, kind), conversion)
+    robot.warn(robot.of_planner(called))
     what = "layer" if kind == "static" else "mask"
     title = f"Localizability {what} for {conversion.planner.plugin} ({called})"
     about = {"planner_id": called, "conversion": conversion.summary()}
-    _write(folder, kind, title, costs, values, robot, merged, about, needed_by(conversion, called))
+    needs = needs_of_planner(conversion, called)
+    if kind == "static":
+        needs += needs_of_layer([*STATIC_LAYERS])
+    _write(folder, kind, title, costs, values, robot, merged, about, needs)
     return conversion
 
 
@@ -227,24 +246,17 @@ def _write(
     robot: Robot,
     merged: Parameters,
     about: Parameters,
-    needed: Sequence[str] = (),
+    needs: Sequence[str],
 ) -> None:
-    """Write the folder of a mask; `needed` says what the mask needs besides itself."""
-    own = f"all of {robot.file.name}, with ours" if robot.file else "merge it into the robot's own"
-    file = f"$PWD/{PARAMS}" if robot.file else "PARAMS.yaml"
+    """Write the folder of a mask; `needs` says what the mask needs besides itself."""
     changed = list(changed_parameters(robot.parameters, merged))
-    readme = [
-        f"- {MASK}.yaml, {MASK}.pgm: the mask of {costs.grid.name or 'the map'} (grey 0-100 as it"
-        f" is, not 0-255); {SERVERS} and {LAUNCH} publish it.",
-        f"- {PARAMS}: Nav2's parameters, {own}; {value_maps.PREVIEW}; export.json: the input.",
-        f"- `ros2 launch ./{LAUNCH}` (in this folder)",
-        f"- `{BRINGUP.replace('PARAMS.yaml', file)}`",
-        *needed,
-    ]
+    added = list(added_parameters(robot.parameters, merged))
     if robot.file and changed:
-        readme += ["", f"{PARAMS} has other values than {robot.file.name} here:", ""]
-        readme += [f"- {each}" for each in changed]
-        _warn_of_changes(robot.file, changed)
+        text = f"{PARAMS} has other values than {robot.file.name}: {'; '.join(changed)}"
+        warnings.warn(ParametersChanged(text), stacklevel=4)
+    readme = mask_readme(
+        costs, robot, needs, added, changed, params=PARAMS, preview=value_maps.PREVIEW
+    )
     about = {**about, "distro": robot.distribution.name, "changed_parameters": changed}
     base = f"localizability_{kind}"
     parameters = {"topic_name": f"/{base}_mask", "frame_id": "map"}
@@ -255,35 +267,11 @@ def _write(
         node = "costmap_filter_info_server", f"{base}_info_server"
         servers.append(Server("nav2_map_server", *node, topics | FILTERS[kind]))
     about = {"kind": f"nav2-{kind}"} | about_costs(costs) | about
+    grid = value_maps.without_yaw(costs.grid)
     with export_folder(Path(folder), title, about, readme) as temporary:
         write_yaml(temporary / PARAMS, merged)
-        value_maps.write_values(temporary / MASK, values, value_maps.without_yaw(costs.grid))
+        value_maps.write_values(temporary / MASK, values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
-        value_maps.write_preview(temporary, costs.grid, values, label, title, falling=is_speed)
-
-
-def needed_by(conversion: Conversion, called: str) -> list[str]:
-    """Lines that say which parameters of a planner a mask needs, and why."""
-    planner = conversion.planner
-    lines = [f"- Nav2 heeds the mask only where it plans with `{called}` (its planner_id)."]
-    if planner.parameter:
-        lines.append(
-            f"- The mask changes little without `{planner.parameter}: {conversion.param:g}` (Nav2's"
-            f" own default is {planner.default:g}). It raises the price of inflated cells as well."
-        )
-    if planner.planning_time is not None:
-        lines.append(
-            "- A mask can make the search expand several times as many cells, hence"
-            f" `max_iterations: {NO_LIMIT}` (no limit; the default of 1,000,000 ends it without a"
-            f" path on large maps) and `max_planning_time: {planner.planning_time:g}` [s] or more."
-        )
-    return lines
-
-
-def _warn_of_changes(file: Path, changed: Sequence[str]) -> None:
-    warnings.warn(
-        ParametersChanged(f"{PARAMS} has other values than {file.name}: {'; '.join(changed)}"),
-        stacklevel=5,
-    )
+        value_maps.write_preview(temporary, grid, values, label, title, falling=is_speed)

@@ -14,7 +14,7 @@ import numpy as np
 from locplan.costs import Costmap, Path, about_costs
 from locplan.export._bags import bag
 from locplan.export._distros import distribution
-from locplan.export._folders import export_folder
+from locplan.export._folders import about_map, export_folder
 from locplan.export._geojson import GRAPH, to_geojson, write_route_server
 from locplan.export._messages import topics_of
 from locplan.export._recommended import RecommendedWays, recommended_ways
@@ -76,14 +76,20 @@ def nav2_routes(
     text = json.dumps(to_geojson(graph, frame), allow_nan=False)
     name = grid.name or "a map"
     readme = [
-        f"- {GRAPH}: the ways of {len(ways.ways)} queries, {len(graph.edges)} edges both ways"
+        f"- {GRAPH}: the ways of {len(ways.ways)} queries, {len(graph.edges)} directed edges"
         f" between {len(graph.nodes)} nodes; the route server takes the recommended way of"
         f" {len(ways.followed)} of them ({ways.changed} edges do not cost J for that).",
         f"- {TABLE}: the nodes of each query's start and goal, for ComputeRoute by ids;"
         f" {BAG}: its path (nav_msgs/Path on its topic); {PREVIEW}; export.json: the input.",
         f"- {SERVERS}: the route server with the scorers that add up to these costs.",
         *lines_on_serving(runs, GRAPH),
+        *about_map(costs),
     ]
+    if ways.contradicted:
+        readme.append(
+            f"- Other routes are cheaper for {', '.join(ways.contradicted)}, whose ways contradict"
+            " others: ask for these by places on the way, one after the other, or send the paths."
+        )
     about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
     about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
     with export_folder(FilePath(folder), f"Routes on {name}", about, readme) as temporary:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from locplan.export._distros import Distribution, distribution
+from locplan.export._robots import SPEED_TOPIC, Robot
 from locplan.export._travel_costs import Conversion
 from locplan.maps._parameter_edits import scalar_text
 from locplan.maps._ros_parameters import (
     Parameters,
     listed_names,
     node_parameters,
-    read_parameters,
 )
 
 OWN_PLANNER = "Localizability"
@@ -34,26 +30,6 @@ FIRST_LAYERS = {
     "inflation_layer": {"plugin": "nav2_costmap_2d::InflationLayer"},
 }
 """Layers of a costmap that names none itself; obstacles are left to the robot's own layers."""
-
-
-@dataclass(frozen=True)
-class Robot:
-    """A robot's own parameters of Nav2, into which ours are merged."""
-
-    distribution: Distribution
-    """The distribution of ROS 2 that it runs."""
-    file: Path | None
-    """The file of its parameters, if there is one."""
-    parameters: Parameters
-    """The parameters in the file; none without a file."""
-
-    @classmethod
-    def of(cls, params: str | Path | None, distro: str) -> Robot:
-        """Read the file and warn of the distribution's faults; a LocplanError where it cannot."""
-        runs = distribution(distro)
-        own = read_parameters(params)
-        runs.warn()
-        return cls(runs, Path(params) if params else None, own)
 
 
 def with_costmap(robot: Robot, kind: str) -> Parameters:
@@ -78,7 +54,7 @@ def with_costmap(robot: Robot, kind: str) -> Parameters:
         own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
         own |= {"filter_info_topic": f"/{base}_info"}
         if kind == "speed":
-            own |= {"speed_limit_topic": "/speed_limit"}
+            own |= {"speed_limit_topic": SPEED_TOPIC}
         names = names if plugin in names else [*names, plugin]
         merged = {**costmap, "filters": names, plugin: own}
     namespace = theirs.get("global_costmap", {})
@@ -87,16 +63,16 @@ def with_costmap(robot: Robot, kind: str) -> Parameters:
 
 
 def with_planner(
-    theirs: Parameters, conversion: Conversion, runs: Distribution
+    robot: Robot, merged: Parameters, conversion: Conversion
 ) -> tuple[Parameters, str]:
     """Parameters with the planner that a conversion is for, and the planner's name.
 
     A planner of the same kind that is there keeps its name and its other settings, also a longer
     time for planning; besides others ours gets a name of its own.
     """
-    planner, server = conversion.planner, node_parameters(theirs, "planner_server")
-    names = listed_names(server, "planner_plugins", [])
-    alike = [name for name in names if _plugin(server.get(name)) == planner.plugin]
+    planner, runs = conversion.planner, robot.distribution
+    server, names = node_parameters(merged, "planner_server"), list(robot.planners)
+    alike = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     name = alike[0] if alike else OWN_PLANNER if names else "GridBased"
     plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
     own: Parameters = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
@@ -108,28 +84,41 @@ def with_planner(
         own["max_planning_time"] = planner.planning_time
     if alike:
         theirs_time = server[name].get("max_planning_time")
-        if isinstance(theirs_time, float) and theirs_time > (planner.planning_time or math.inf):
-            own["max_planning_time"] = theirs_time
+        if isinstance(theirs_time, (int, float)) and planner.planning_time is not None:
+            own["max_planning_time"] = max(float(theirs_time), planner.planning_time)
         own["plugin"] = server[name]["plugin"]
         own = {**server[name], **own}
     listed = names if name in names else [*names, name]
-    merged = {**server, "planner_plugins": listed, name: own}
-    node = {**theirs.get("planner_server", {}), "ros__parameters": merged}
-    return {**theirs, "planner_server": node}, name
+    parameters = {**server, "planner_plugins": listed, name: own}
+    node = {**merged.get("planner_server", {}), "ros__parameters": parameters}
+    return {**merged, "planner_server": node}, name
 
 
 def changed_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
     """A sentence's part for each of a robot's own values that another one has replaced."""
     if isinstance(theirs, dict) and isinstance(merged, dict):
         for key, value in theirs.items():
-            inner = name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
-            yield from changed_parameters(value, merged[key], inner)
+            yield from changed_parameters(value, merged[key], _inner(name, key))
     elif isinstance(theirs, list) and isinstance(merged, list):
         return  # of names, to which ours are added
     elif theirs != merged:
         yield f"{name}: {scalar_text(merged)} (was {scalar_text(theirs)})"
 
 
-def _plugin(own: Any) -> str:
-    """The kind of a plugin as it is written from Iron on."""
-    return str(own.get("plugin")).replace("/", "::") if isinstance(own, dict) else ""
+def added_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:
+    """A sentence's part for each value that a robot's own parameters do not have."""
+    if isinstance(merged, dict):
+        own = theirs if isinstance(theirs, dict) else {}
+        for key, value in merged.items():
+            yield from added_parameters(own.get(key), value, _inner(name, key))
+    elif isinstance(merged, list):
+        added = [each for each in merged if each not in (theirs or [])]
+        if added:
+            yield f"{name}: {', '.join(map(str, added))}"
+    elif theirs is None:
+        yield f"{name}: {scalar_text(merged)}"
+
+
+def _inner(name: str, key: str) -> str:
+    """The name of a parameter within another one; nodes' own levels are left out."""
+    return name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")

@@ -28,8 +28,9 @@ from locplan.export._route_graphs import RouteGraph, check_precision
 
 MARGIN = 0.02
 """Least cost by which any other route exceeds a recommended way [m]."""
-CONTRADICTED = 1e3
-"""Price of a way that is dearer than another route, in changed costs: ways may contradict."""
+CONTRADICTED, BACK = 1e3, 1e1
+"""Prices of a way, and of the way back, that is dearer than another route, in changed costs, since
+ways may contradict one another."""
 ROUNDS = 50
 """Greatest number of rounds in which costs are changed."""
 ONE_PLACE = 2 * SAME
@@ -51,6 +52,11 @@ class RecommendedWays:
     followed: tuple[str, ...]
     """Names of the queries whose cheapest route on the graph is the recommended way."""
 
+    @property
+    def contradicted(self) -> tuple[str, ...]:
+        """Names of the other queries: their ways contradict those of the ones that are followed."""
+        return tuple(name for name in self.ways if name not in self.followed)
+
     def __repr__(self) -> str:
         return f"RecommendedWays({len(self.followed)} of {len(self.ways)} followed, {self.graph})"
 
@@ -58,8 +64,8 @@ class RecommendedWays:
 def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWays:
     """Join paths to a graph on which the cheapest routes are these paths.
 
-    Ways within two metres of one another become one where that is free and costs little. Each edge
-    can be travelled both ways.
+    Ways within two metres of one another become one where that is free and costs little. The way
+    back is the same, where that does not contradict other ways.
 
     Parameters
     ----------
@@ -87,7 +93,7 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     >>> there = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0)).path
     >>> half = locplan.plan(costs, (2.0, 3.0), (20.0, 3.0)).path
     >>> recommended_ways(costs, {"there": there, "half": half})
-    RecommendedWays(2 of 2 followed, RouteGraph(3 nodes, 2 edges each way))
+    RecommendedWays(2 of 2 followed, RouteGraph(3 nodes, 4 directed edges))
     """
     paths = {name: path for name, path in paths.items() if path.length > ONE_PLACE}
     if not paths:
@@ -95,16 +101,19 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     check_ways(costs, paths)
     lines = Lines(costs)
     nodes, ways = straightened(lines, *joined(lines, paths))
-    edges = np.array(sorted({_ordered(*two) for way in ways.values() for two in pairwise(way)}))
+    there = [*ways.values()]
+    both = there + [way[::-1] for way in there]
+    edges = np.array(sorted({two for way in both for two in pairwise(way)}))
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     price = np.maximum(lines.costs(nodes, edges), length)
-    cost, followed = followed_costs(nodes, edges, price, length, list(ways.values()))
+    weights = np.repeat([CONTRADICTED, BACK], len(there))
+    cost, followed = followed_costs(nodes, edges, price, length, both, weights)
     e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
     return RecommendedWays(
-        RouteGraph(nodes, edges, length, cost, e, u),
+        RouteGraph(nodes, edges, length, cost, e, u, directed=True),
         {name: tuple(way) for name, way in ways.items()},
         int((np.abs(cost - price) > CHANGED).sum()),
-        tuple(name for name, is_followed in zip(ways, followed, strict=True) if is_followed),
+        tuple(name for name, is_followed in zip(ways, followed, strict=False) if is_followed),
     )
 
 
@@ -128,6 +137,7 @@ def followed_costs(
     price: NDArray[np.float64],
     least: NDArray[np.float64],
     ways: Sequence[Sequence[int]],
+    weights: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], list[bool]]:
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
 
@@ -139,16 +149,18 @@ def followed_costs(
     nodes : (n, 2) array
         World positions [m].
     edges : (m, 2) array of int
-        Pairs of nodes, the lower one first.
+        Pairs of nodes, from the first to the second.
     price, least : (m,) arrays
         The costs that are wanted, and their lower bounds.
     ways : sequence of sequences of int
         The nodes of each way.
+    weights : (ways,) array
+        What each way is worth, in changed costs, where not all can be followed.
     """
     index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
     used = np.zeros((len(ways), len(edges)))
     for n, way in enumerate(ways):
-        used[n, [index[_ordered(*two)] for two in pairwise(way)]] = 1
+        used[n, [index[two] for two in pairwise(way)]] = 1
     cost = price
     excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
     for _ in range(ROUNDS):
@@ -159,13 +171,13 @@ def followed_costs(
         }
         others = np.zeros((len(routes), len(edges)))
         for row, route in zip(others, routes.values(), strict=True):
-            row[[index[_ordered(*two)] for two in pairwise(route)]] = 1
+            row[[index[two] for two in pairwise(route)]] = 1
         numbers = np.array(list(routes), int)
         if _all_known(of_way, excess, numbers, used[numbers] - others):
             break
         of_way = np.concatenate([of_way, numbers])
         excess = np.vstack([excess, used[numbers] - others])
-        cost = _least_changed(price, least, excess, of_way, len(ways))
+        cost = _least_changed(price, least, excess, of_way, weights)
     return cost, [n not in routes for n in range(len(ways))]
 
 
@@ -183,7 +195,7 @@ def _cheapest_routes(
     for way, own in zip(ways, used, strict=True):
         dearer = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
         graph = csr_array((dearer, edges.T), shape=(count, count))
-        before = dijkstra(graph, directed=False, indices=way[0], return_predecessors=True)[1]
+        before = dijkstra(graph, indices=way[0], return_predecessors=True)[1]
         route = [way[-1]]
         while route[-1] != way[0]:
             route.append(int(before[route[-1]]))
@@ -208,7 +220,7 @@ def _least_changed(
     least: NDArray[np.float64],
     excess: NDArray[np.float64],
     of_way: NDArray[np.int64],
-    ways: int,
+    weights: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """The costs nearest to `price` with ``excess @ cost <= -MARGIN``, but for contradictions.
 
@@ -219,20 +231,16 @@ def _least_changed(
 
     edges, one = len(price), eye_array(len(price))
     missed = csr_array(
-        (np.ones(len(of_way)), (np.arange(len(of_way)), of_way)), (len(of_way), ways)
+        (np.ones(len(of_way)), (np.arange(len(of_way)), of_way)), (len(of_way), len(weights))
     )
     limits = block_array(
         [[csr_array(excess), None, -missed], [one, -one, None], [-one, -one, None]]
     )
     found = linprog(
-        np.concatenate([np.zeros(edges), np.ones(edges), np.full(ways, CONTRADICTED)]),
+        np.concatenate([np.zeros(edges), np.ones(edges), weights]),
         limits,
         np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
-        bounds=[(low, None) for low in least] + [(0, None)] * (edges + ways),
+        bounds=[(low, None) for low in least] + [(0, None)] * (edges + len(weights)),
     )
     cost: NDArray[np.float64] = np.maximum(found.x[:edges], least)
     return cost
-
-
-def _ordered(one: int, other: int) -> tuple[int, int]:
-    return (one, other) if one < other else (other, one)

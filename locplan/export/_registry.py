@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
 
-MODULES = [f"locplan.export._formats.{name}" for name in ("_nav2", "_lif", "_files", "_layers")]
+MODULES = [
+    f"locplan.export._formats.{name}" for name in ("_nav2", "_routes", "_lif", "_files", "_layers")
+]
 """Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
 
 

@@ -63,7 +63,7 @@ def lines_on_serving(runs: Distribution, graph: str) -> list[str]:
     if runs.graph_by == "parameters":
         return [
             f"- nav2_bringup starts a route server in {runs.name}: put `route_server` of {SERVERS}"
-            f" into its parameters, with the full path of {graph}.",
+            f" into its parameters, with the full path of {graph} as graph_filepath.",
             own,
         ]
     return [

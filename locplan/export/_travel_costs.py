@@ -148,9 +148,9 @@ class Conversion:
         with_value = f", {parameter}: {self.param:.4g}" if parameter else ""
         return (
             ("planner", self.planner.name + with_value),
-            ("saturates at weight · u", f"{self.greatest:.3f}"),
-            ("cells above that", f"{self.saturated_share:.1%}"),
-            ("rounding of weight · u", f"{self.mean_quantisation:.4f} on average"),
+            ("charges, beyond the length", f"at most {self.greatest:.3f} a metre"),
+            ("cells worth more", f"{self.saturated_share:.1%}"),
+            ("rounding of the charge", f"{self.mean_quantisation:.4f} a metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
         )
 

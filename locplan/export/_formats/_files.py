@@ -28,8 +28,11 @@ def write_bag(target: Path, job: ExportJob, options: BagOptions) -> ExportSummar
     """Write the map, a mask, the field and the paths as messages."""
     from locplan.export._bags import bag
     from locplan.export._nav2 import keepout_mask
+    from locplan.export._robots import PLANNER
 
-    mask, conversion = keepout_mask(job.costs, planner=options.planner, param=options.planner_param)
+    mask, conversion = keepout_mask(
+        job.costs, planner=options.planner or PLANNER, param=options.planner_param
+    )
     bag(
         target,
         job.costs.grid,

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from locplan._util.checks import number, whole
-from locplan.errors import ConfigError
+from locplan._util.checks import number
 from locplan.export._names import Distro, NavPlannerName
 from locplan.export._registry import ExportJob, ExportSummary, Format
 from locplan.maps._ros_parameters import read_parameters
@@ -17,8 +16,8 @@ from locplan.maps._ros_parameters import read_parameters
 class MaskOptions:
     """The planner whose costs a mask makes J."""
 
-    planner: NavPlannerName = "smac2d"
-    """The planner of Nav2 that charges J is smac2d by default."""
+    planner: NavPlannerName | None = None
+    """The planner of Nav2 that charges J is by default the one in --params, or smac2d."""
     planner_param: float | None = None
     """The planner's cost_travel_multiplier, cost_penalty or w_traversal_cost is by default such
     that weight · u just fits."""
@@ -26,7 +25,8 @@ class MaskOptions:
     def __post_init__(self) -> None:
         from locplan.export._travel_costs import check_planner
 
-        check_planner(self.planner, self.planner_param)
+        if self.planner:
+            check_planner(self.planner, self.planner_param)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,98 +120,6 @@ def write_graph(target: Path, job: ExportJob, options: GraphOptions) -> ExportSu
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class RoutesOptions:
-    """The options of recommended routes."""
-
-    queries: Path | None = None
-    """The paths of these queries are chosen by driving in simulation: a CSV file of
-    name,start_x,start_y,goal_x,goal_y [m], or name,x,y of stations, each two of which are one."""
-    drives: int = 8
-    """Each candidate path is driven 8 times by default, or fewer where that settles the choice."""
-    params: Path | None = None
-    """The settings of amcl in this parameter file of Nav2 are simulated."""
-    frame: str = "map"
-    """The frame of the coordinates is map by default."""
-    distro: Distro = "jazzy"
-    """The distribution of ROS 2 is jazzy by default."""
-
-    def __post_init__(self) -> None:
-        from locplan.planners import read_queries
-
-        whole("drives", self.drives, 2)
-        read_parameters(self.params)
-        if self.queries is not None:
-            read_queries(self.queries)
-
-
-def check_routes(options: RoutesOptions, paths: int) -> None:
-    """Raise a ConfigError where there is nothing to export."""
-    if options.queries is None and not paths:
-        raise ConfigError("--to nav2-routes needs --queries FILE, or paths by --path CSV")
-
-
-def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> ExportSummary:
-    """Choose the paths of queries by driving, and write them with the paths that are given."""
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
-    from locplan.export._nav2_routes import nav2_routes
-    from locplan.export._recommended import check_ways
-    from locplan.planners import read_queries
-    from locplan.simulation import Amcl, choose_many
-    from locplan.simulation._nav2 import read_amcl
-
-    paths = dict(job.paths)
-    check_ways(job.costs, paths)
-    without = []
-    values: dict[str, object] = {}
-    rows: list[tuple[str, str]] = []
-    if options.queries is not None:
-        queries = read_queries(options.queries)
-        for query in queries:
-            if query.name in paths:
-                raise ConfigError(f"a path and a query are both named {query.name}; rename one")
-        amcl = read_amcl(options.params) if options.params else Amcl()
-        with progress_bar("driving the candidates", "queries") as progress:
-            choices = choose_many(
-                job.costs, queries, amcl=amcl, drives=options.drives, progress=progress
-            )
-        for each in choices:
-            if each.choice.path is None:
-                without.append(each.query.name)
-            else:
-                paths[each.query.name] = each.choice.path
-        before, after = choices.lost
-        values = {"left_the_shortest": choices.left, "lost": [before, after], "no_path": without}
-        rows = [
-            ("queries", f"{len(choices)}, {choices.left} leave the shortest path"),
-            ("drives that are lost", f"{before:.0%} -> {after:.0%}"),
-        ]
-        if without:
-            rows.append(("without a path", ", ".join(without)))
-    with working(f"writing {target.name}"):
-        ways = nav2_routes(target, job.costs, paths, frame=options.frame, distro=options.distro)
-    graph = ways.graph
-    followed = f"{len(ways.followed)} of {len(ways.ways)}"
-    rows.append(("ways that the server takes", followed))
-    contradicted = [name for name in ways.ways if name not in ways.followed]
-    if contradicted:
-        rows.append(("other routes are cheaper", ", ".join(contradicted)))
-    return ExportSummary(
-        {
-            **values,
-            "nodes": len(graph.nodes),
-            "edges": len(graph.edges),
-            "followed": list(ways.followed),
-            "changed_edges": ways.changed,
-        },
-        (
-            *rows,
-            ("nodes, edges", f"{len(graph.nodes):,}, {len(graph.edges):,} each way"),
-        ),
-    )
-
-
 FORMATS = (
     Format(
         "nav2-keepout",
@@ -224,14 +132,4 @@ FORMATS = (
     ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
     Format("route-graph", "a GeoJSON graph for Nav2's route server", write_graph, GraphOptions),
-    Format(
-        "nav2-routes",
-        "the recommended ways of many queries as a graph for Nav2's route server, and in a bag",
-        write_routes,
-        RoutesOptions,
-        library="mcap",
-        paths="several",
-        tells=True,
-        check=check_routes,
-    ),
 )
