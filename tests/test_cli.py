@@ -535,7 +535,8 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         ["room.yaml", "room.pgm", name]
     )
     code, out, _ = run(
-        *("export", room, "--to", to, "-o", tmp_path / name, "--range", 2, "--json", *ends)
+        *("export", room, "--to", to, "-o", tmp_path / name, "--range", 2, "--json", *ends),
+        "--force",
     )
     assert json.loads(out)["to"] == to
 

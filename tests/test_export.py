@@ -672,6 +672,16 @@ def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, p
         export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml", distro=distro)
 
 
+def test_texts_stay_texts_and_numbers_numbers_to_ros(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(
+        'amcl: {ros__parameters: {a: "1e3", b: 1e3, c: "y", d: y, e: N, f: "no", g: x}}'
+    )
+    export.nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+    text = (tmp_path / "m" / "nav2.yaml").read_text()
+    for line in ('a: "1e3"', "b: 1000.0", 'c: "y"', "d: true", "e: false", "f: 'no'", "g: x"):
+        assert f"    {line}\n" in text
+
+
 def test_a_second_speed_filter_is_noticed(tmp_path, costs):
     own = PARAMS.replace("KeepoutFilter", "SpeedFilter")
     (tmp_path / "own.yaml").write_text(own)
@@ -928,7 +938,7 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     _, out, _ = run("export", "--help")
     text = " ".join(out.replace("│", " ").split())
-    assert "toy (the greatest e)" in text
+    assert "toy (.txt, the greatest e)" in text
     assert "--digits INT The number of digits is 3 by default (toy)." in text
     assert "by default they are its corners (path). The step is no step (toy)." in text
     ask = "export", tmp_path / "bay.yaml", "--to", "toy"
@@ -948,3 +958,15 @@ def test_formats_describe_every_option():
     for each in export.formats().values():
         for name, doc in field_docs(each.options).items():
             assert doc.endswith("."), f"{each.name}: {name}"
+
+
+def test_a_file_in_the_way_is_replaced_with_force_only(run, tmp_path):
+    save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
+    (tmp_path / "mine.csv").write_text("years of work")
+    ask = "export", tmp_path / "bay.yaml", "--to", "csv", "-o", tmp_path / "mine.csv"
+    assert "mine.csv: is there; choose another name, or --force" in refused(run(*ask))
+    assert (tmp_path / "mine.csv").read_text() == "years of work"
+    code, out, _ = run(*ask, "--force")
+    assert code == 0
+    assert "6 m assumed" in " ".join(out.split())
+    assert (tmp_path / "mine.csv").read_text().startswith("x_m,")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import re
@@ -17,6 +18,7 @@ from test_route_graph import rooms
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.export import RouteGraph, lif, roadmap, to_lif, with_stations
+from locplan.export._value_maps import YawWarning
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Station
 
@@ -134,7 +136,8 @@ def test_the_quickest_routes_are_those_of_least_j(graph: RouteGraph) -> None:
 def test_files_are_the_same_at_the_same_time(costs: Costmap, tmp_path: Path) -> None:
     zone = timezone(timedelta(hours=2))
     for name, when in (("a", NOON), ("b", NOON.astimezone(zone))):
-        lif(tmp_path / f"{name}.json", costs, timestamp=when, vehicle="acme.mule")
+        with pytest.warns(YawWarning):
+            lif(tmp_path / f"{name}.json", costs, timestamp=when, vehicle="acme.mule")
     text = (tmp_path / "a.json").read_text()
     assert text == (tmp_path / "b.json").read_text()
     content = json.loads(text)
@@ -164,6 +167,28 @@ def test_stations_get_nodes_that_lanes_lead_to(costs: Costmap, graph: RouteGraph
     )
     ends = {tuple(pair) for pair in both.edges.tolist()}
     assert all((j, i) in ends for i, j in both.edges[len(graph.edges) :].tolist())
+
+
+def test_a_layout_is_unturned_as_nav2_has_the_map(tmp_path: Path) -> None:
+    plain = rooms(80, origin=(-3.0, 7.0, 0.0))
+    grid = OccupancyGrid(plain.grid.cells, 0.1, (-3.0, 7.0, 0.6))
+    turned = dataclasses.replace(plain, grid=grid)
+    at = plain.grid.cell_to_world(20, 20)
+    there = grid.cell_to_world(20, 20)
+    with pytest.warns(YawWarning):
+        lif(tmp_path / "a.json", turned, stations=[Station("s", *there)], timestamp=NOON)
+    lif(tmp_path / "b.json", plain, stations=[Station("s", *at)], timestamp=NOON)
+    one, other = (json.loads((tmp_path / f"{n}.json").read_text()) for n in "ab")
+    for key in ("nodes", "stations"):
+        positions = [
+            [(p["x"], p["y"]) for each in layout["layouts"][0][key] for p in [place_of(each)]]
+            for layout in (one, other)
+        ]
+        np.testing.assert_allclose(*positions, atol=1e-4)
+
+
+def place_of(each: dict) -> dict:
+    return each.get("nodePosition") or each["stationPosition"]
 
 
 def test_what_cannot_be(costs: Costmap, graph: RouteGraph, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from locplan.cli._groups import INPUT, Json, MapFile, Text, command, results
+from locplan.cli._groups import INPUT, OUTPUT, Json, MapFile, Text, command, results
 from locplan.cli._kinds import check_has, joint_options, options_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._values import load, read_paths, show, two_numbers
@@ -23,7 +23,9 @@ app = command(
 
 FORMATS = formats()
 OPTIONS = {name: each.options for name, each in FORMATS.items()}
-ABOUT = ", ".join(f"{name} ({each.about})" for name, each in FORMATS.items())
+ABOUT = ", ".join(
+    f"{name} ({', '.join((*each.suffixes[:1], each.about))})" for name, each in FORMATS.items()
+)
 PATHS = [name for name, each in FORMATS.items() if each.paths != "none"]
 WITH_PATHS = f"({', '.join(PATHS)})"
 FORMAT = Group("Format", sort_key=2)
@@ -65,6 +67,9 @@ def export(
     output: Annotated[
         Path | None, results("The file or folder is MAP-FORMAT here by default.")
     ] = None,
+    force: Annotated[
+        bool, Parameter(group=OUTPUT, help="A file in the way is replaced, whoever wrote it.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
@@ -83,7 +88,7 @@ def export(
     costs.check(config)
     grid = load(map_file)
     target = output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
-    format.check_target(target)
+    format.check_target(target, force=force)
     paths = read_paths(path)
     ends = start and goal and (two_numbers("start", start), two_numbers("goal", goal))
     if format.paths == "one" and len(paths) + bool(ends) != 1:
@@ -100,4 +105,5 @@ def export(
     with nullcontext() if format.tells else working(f"writing {target.name}"):
         summary = format.write(target, ExportJob(costmap, field, paths), chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
-    show(json, about, table([], [("map", grid.name), ("format", to), *summary.rows]), target)
+    rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
+    show(json, about, table([], rows), target)

@@ -5,12 +5,15 @@ The format: Intralogistics-2X-LIF/Layout-Interchange-Format, LIF.md of branch re
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from locplan import __version__
 from locplan._util.checks import positive
@@ -20,6 +23,7 @@ from locplan.errors import ConfigError
 from locplan.export._roadmap import roadmap
 from locplan.export._route_graphs import RouteGraph
 from locplan.export._stations import with_stations
+from locplan.export._value_maps import where_unturned, without_yaw
 from locplan.planners import Station
 
 VERSION = "1.0.0"
@@ -145,7 +149,7 @@ def lif(
     speed: float | None = None,
     timestamp: datetime | None = None,
 ) -> RouteGraph:
-    """Write lanes as a LIF layout, in the map's world coordinates.
+    """Write lanes as a LIF layout, in the coordinates of a stack that ignores the map's yaw.
 
     Parameters
     ----------
@@ -156,7 +160,7 @@ def lif(
     spacing : float
         How close lanes are [m], see `roadmap`.
     stations : sequence of Station
-        Positions that get nodes.
+        Positions in the world that get nodes.
     vehicle, speed
         See `to_lif`.
     timestamp : datetime, optional
@@ -173,6 +177,11 @@ def lif(
     """
     file = Path(target)
     check_target(file, SUFFIX)
+    grid = costs.grid
+    if grid.origin[2]:
+        xy = where_unturned(grid, np.array([(each.x, each.y) for each in stations]).reshape(-1, 2))
+        stations = [Station(each.name, *at) for each, at in zip(stations, xy.tolist(), strict=True)]
+        costs = dataclasses.replace(costs, grid=without_yaw(grid))
     graph, at = with_stations(costs, roadmap(costs, spacing=spacing), stations)
     layout = to_lif(
         graph,

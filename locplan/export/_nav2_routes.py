@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path as FilePath
 
-import numpy as np
-
 from locplan.costs import Costmap, Path, about_costs
 from locplan.export._bags import bag
 from locplan.export._distros import distribution
@@ -19,7 +17,8 @@ from locplan.export._geojson import GRAPH, to_geojson, write_route_server
 from locplan.export._messages import topics_of
 from locplan.export._recommended import RecommendedWays, recommended_ways
 from locplan.export._servers import SERVERS, lines_on_serving
-from locplan.export._value_maps import PREVIEW, without_yaw
+from locplan.export._value_maps import PREVIEW, where_unturned, without_yaw
+from locplan.maps import OccupancyGrid
 
 BAG = "routes.mcap"
 TABLE = "routes.csv"
@@ -70,7 +69,7 @@ def nav2_routes(
     grid = costs.grid
     unturned = dataclasses.replace(costs, grid=without_yaw(grid))
     if grid.origin[2]:
-        paths = {name: _on(unturned, costs, path) for name, path in paths.items()}
+        paths = {name: _unturned(grid, path) for name, path in paths.items()}
     ways = recommended_ways(unturned, paths)
     graph = ways.graph
     text = json.dumps(to_geojson(graph, frame), allow_nan=False)
@@ -103,11 +102,10 @@ def nav2_routes(
     return ways
 
 
-def _on(unturned: Costmap, costs: Costmap, path: Path) -> Path:
+def _unturned(grid: OccupancyGrid, path: Path) -> Path:
     """A path on the map without its yaw."""
-    x, y = unturned.grid.grid_to_world(*costs.grid.world_to_grid(*path.xy.T))
-    heading = None if path.heading is None else path.heading - costs.grid.origin[2]
-    return Path(np.column_stack([x, y]), heading)
+    heading = None if path.heading is None else path.heading - grid.origin[2]
+    return Path(where_unturned(grid, path.xy), heading)
 
 
 def _write_table(target: FilePath, ways: RecommendedWays, topics: Mapping[str, str]) -> None:

@@ -70,16 +70,23 @@ class Format:
     """The function that raises a ConfigError where the options and the number of paths do not go
     together; it is called before long work."""
 
-    def check_target(self, target: Path) -> None:
-        """Raise a LocplanError unless it can be written there; to be called before long work."""
+    def check_target(self, target: Path, *, force: bool = False) -> None:
+        """Raise a LocplanError unless it can be written there; to be called before long work.
+
+        A file that is there is replaced with `force` only; a folder if it is an export of ours
+        without changes.
+        """
         from locplan._util.extras import needed
         from locplan._util.files import check_target
+        from locplan.errors import LocplanError
         from locplan.export._folders import check_export_folder
 
         if self.library:
             needed(self.library, "ros", f"--to {self.name}")
         if self.suffixes:
             check_target(target, *self.suffixes)
+            if target.exists() and not force:
+                raise LocplanError(f"{target}: is there; choose another name, or --force")
         else:
             check_export_folder(target)
 

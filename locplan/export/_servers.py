@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from locplan.export._distros import Distribution
+from locplan.maps._ros_parameters import ROS_BOOLEANS, ROS_NUMBER
 
 BRINGUP = "ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=PARAMS.yaml"
 LAUNCH = "localizability.launch.xml"
@@ -74,6 +75,16 @@ def lines_on_serving(runs: Distribution, graph: str) -> list[str]:
 
 
 def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
+    """Write parameters so that ROS reads each text as a text."""
     import yaml
 
-    path.write_text(yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True), "utf-8")
+    class Dumper(yaml.SafeDumper):
+        """A dumper that quotes what is a text to PyYAML only."""
+
+    def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text)
+        return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
+
+    Dumper.add_representer(str, represent)
+    text = yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, allow_unicode=True)
+    path.write_text(text, "utf-8")

@@ -41,6 +41,13 @@ def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
     return dataclasses.replace(grid, origin=(x, y, 0.0))
 
 
+def where_unturned(grid: OccupancyGrid, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """World positions (n, 2) as they are on the map without its yaw [m]."""
+    x, y, _ = grid.origin
+    unturned = dataclasses.replace(grid, origin=(x, y, 0.0))
+    return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
+
+
 def write_values(
     stem: Path, values: NDArray[np.int8], grid: OccupancyGrid, mode: str = "raw"
 ) -> None:

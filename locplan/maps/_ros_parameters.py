@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,10 @@ MAX_BYTES = 2**17
 MAX_VALUES = 100_000
 """Greatest number of values in a file, those that aliases stand for included."""
 REMEDY = "give Nav2's parameters"
+ROS_BOOLEANS = {"y": True, "Y": True, "n": False, "N": False}
+"""Plain words that are booleans to ROS, but texts to PyYAML."""
+ROS_NUMBER = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+")
+"""Plain words that are numbers to ROS, but texts to PyYAML."""
 Parameters = dict[str, Any]
 
 
@@ -104,6 +109,11 @@ class _Values:
             return self._mapping(node)
         if node.tag == "tag:yaml.org,2002:null":
             return None
+        is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
+        if is_plain and node.value in ROS_BOOLEANS:
+            return ROS_BOOLEANS[node.value]
+        if is_plain and ROS_NUMBER.fullmatch(node.value):
+            return float(node.value)
         try:
             known = node.tag in SCALAR_TAGS
             value = yaml.SafeLoader("").construct_object(node) if known else node.value
