@@ -57,7 +57,7 @@ def calibrate(
     unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
     refuse(f"with --error {error}", **unread)
     config = options.to_config()
-    simulated = simulation.simulated(config, options.named_lidar())
+    simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],

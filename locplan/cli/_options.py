@@ -84,7 +84,8 @@ class FieldOptions:
     field_of_view: float | None = None
     """The lidar's field of view [deg] is that of its data sheet, or 360 where none is named."""
     config: Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")] = None
-    """This file has all settings, as calibrate wrote them; only a lidar may be given beside it."""
+    """This file has all settings, as calibrate wrote them, and those of simulated robots if they
+    are of a recorded drive; only a lidar may be given beside it."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
     """The estimator is scan by default where a lidar is named, and else the paper's sad."""
     preset: Literal["default", "paper"] | None = None

@@ -11,6 +11,7 @@ from cyclopts.validators import Number
 from locplan.cli._groups import (
     FIELD,
     GENERAL,
+    INPUT,
     Force,
     Json,
     MapFile,
@@ -41,6 +42,8 @@ class Seen:
     """The lidar's range is that of its data sheet, or 6 [m]."""
     field_of_view: float | None = None
     """The field of view is that of the lidar that is named [deg]."""
+    config: Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")] = None
+    """The lidar, the filter and the disturbances are those of this file, as calibrate wrote it."""
 
 
 @option_group(GENERAL)
@@ -88,9 +91,11 @@ def tune(
     from locplan.simulation.tuning import _files as files, _reports as reports
     from locplan.simulation.tuning._tune import tune as search
 
-    options = FieldOptions(lidar=seen.lidar, range=seen.range, field_of_view=seen.field_of_view)
+    options = FieldOptions(**vars(seen))
     # The table tells what works badly.
-    simulated = simulation.simulated(options.to_config(), options.named_lidar(), lints=False)
+    simulated = simulation.simulated(
+        options.to_config(), options.named_lidar(), file=seen.config, lints=False
+    )
     grid = load(map_file)
     folder = reports.TUNING.into(output, force=force) if output else None
     if output:

@@ -7,4 +7,6 @@ from ._matches import Matches as Matches, match_scans as match_scans
 from ._read import read_drive as read_drive
 from ._recording import Recording as Recording
 from ._simulated import record_drive as record_drive
+from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
+from ._replay_figures import replay_figure as replay_figure
 from ._summary import DriveSummary as DriveSummary
