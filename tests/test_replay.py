@@ -96,7 +96,7 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
 def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid, line, model):
     quiet = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
     lidar = dataclasses.replace(LIDAR, range_sigma=1e-6)
-    amcl = Amcl(laser_model_type=model, max_beams=30, laser_max_range=3.0, laser_min_range=0.5)
+    amcl = Amcl(laser_model_type=model, max_beams=30, laser_max_range=6.0, laser_min_range=2.5)
     drive = recorded(grid, line[:20], lidar=lidar, disturbances=quiet)
     ends = Tracks(drive, grid).ends(amcl)
     here = Simulator(grid, lidar=lidar, amcl=amcl, disturbances=quiet)
