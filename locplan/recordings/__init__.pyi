@@ -16,3 +16,4 @@ from ._replay import Consistency as Consistency, Replay as Replay, replay as rep
 from ._replay_figures import replay_figure as replay_figure
 from ._scan_noise import ScanNoise as ScanNoise
 from ._summary import DriveSummary as DriveSummary
+from ._tuning import tune_on_drive as tune_on_drive

@@ -17,6 +17,7 @@ from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval
 from locplan.recordings._blocks import blocks_along, intervals
 from locplan.recordings._recording import Numbers, Recording, wrapped
+from locplan.recordings._replay import updates_of
 from locplan.simulation import Amcl
 
 SPANS = (0.5, 1.0, 2.0, 4.0)
@@ -86,7 +87,7 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     """
     if recording.odometry is None:
         return None
-    updates = _updates(recording.odometry, amcl)
+    updates = updates_of(recording.odometry, amcl)
     if len(updates) - 1 < LEAST_UPDATES:
         return None
     stretches = _Stretches.of(recording.poses, recording.odometry)
@@ -126,17 +127,6 @@ def _notes(
             " poses may jump, as those of a filter do"
         )
     return tuple(notes)
-
-
-def _updates(odometry: Numbers, amcl: Amcl) -> NDArray[np.int64]:
-    """Indices of the poses at which the filter updates."""
-    chosen = [0]
-    for n, (x, y, heading) in enumerate(odometry):
-        at = odometry[chosen[-1]]
-        far = max(abs(x - at[0]), abs(y - at[1])) > amcl.update_min_d
-        if far or abs(wrapped(heading - at[2])) > amcl.update_min_a:
-            chosen.append(n)
-    return np.array(chosen)
 
 
 def _moved(poses: Numbers, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Numbers:

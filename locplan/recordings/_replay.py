@@ -146,14 +146,7 @@ class Replay:
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the replay, in sentences without a full stop."""
-        way = np.diff(self.drives.distance[self.updated])
-        spacing = float(np.median(way)) if len(way) else 0.0
-        if spacing <= SPARSE * self.amcl.update_min_d * self.amcl.resample_interval:
-            return ()
-        return (
-            f"the filter updated every {spacing:.2g} m for lack of scans, in place of every"
-            f" {self.amcl.update_min_d:g} m: with all scans of the robot it errs less",
-        )
+        return sparse_notes(self.recording, self.amcl)
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
@@ -262,6 +255,31 @@ def replay(
         finally:
             pool.shutdown(cancel_futures=True)
     return Replay(recording, grid, own, *start, seed, errors, covariances)
+
+
+def updates_of(odometry: Numbers, amcl: Amcl) -> NDArray[np.int64]:
+    """Indices of the poses by odometry (n, 3) at which the filter updates."""
+    chosen = [0]
+    for n, (x, y, heading) in enumerate(odometry):
+        at = odometry[chosen[-1]]
+        far = max(abs(x - at[0]), abs(y - at[1])) > amcl.update_min_d
+        if far or abs(wrapped(heading - at[2])) > amcl.update_min_a:
+            chosen.append(n)
+    return np.array(chosen)
+
+
+def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
+    """A note if the filter updates less often than it would with more scans."""
+    assert recording.odometry is not None
+    xy = recording.odometry[updates_of(recording.odometry, amcl), :2]
+    way = np.hypot(*np.diff(xy, axis=0).T)
+    spacing = float(np.median(way)) if len(way) else 0.0
+    if spacing <= SPARSE * amcl.update_min_d:
+        return ()
+    return (
+        f"the filter updated every {spacing:.2g} m for lack of scans, in place of every"
+        f" {amcl.update_min_d:g} m: with all scans of the robot it errs less",
+    )
 
 
 class Tracks:
