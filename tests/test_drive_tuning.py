@@ -14,7 +14,7 @@ from locplan.cli import main
 from locplan.errors import RecordingError
 from locplan.maps import environments
 from locplan.recordings import replay, tune_on_drive
-from locplan.recordings._replay import Tracks
+from locplan.recordings._tracks import Tracks
 from locplan.recordings._tuning import RecordedBench, _stretches
 from locplan.simulation import Amcl, Disturbances, read_amcl, tuning_figure
 from locplan.simulation._motion import poses_along

@@ -18,7 +18,8 @@ from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.recordings import replay, replay_figure
-from locplan.recordings._replay import ELLIPSE, Tracks
+from locplan.recordings._replay import ELLIPSE
+from locplan.recordings._tracks import Tracks
 from locplan.simulation import Amcl, Disturbances, Simulator
 from locplan.simulation._motion import poses_along
 

@@ -86,8 +86,8 @@ def tune(
     values differ that gain, or none if nothing is clearly better; those of --set;
     and do_beamskip, which is not simulated and is off where the laser model changes.
 
-    With --drive, they are replayed on stretches of a recorded drive instead, half of
-    which are kept for the judgement; the recorded poses should be better than AMCL's.
+    With --drive, they are replayed on stretches of a recorded drive instead. Half
+    of these are kept for the judgement; recorded poses should be better than AMCL's.
 
     This takes some three minutes on two cores, and more with more particles.
     """

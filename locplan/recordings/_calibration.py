@@ -119,9 +119,10 @@ def calibrate_drive(
     Notes
     -----
     The scatter of the ranges is that of the lidar and of the map's cells together. The drifts of
-    odometry are known to a third on drives of 70 m, and to a tenth on some of 300 m that turn; the
-    biases are those of one drive. Objects that block beams are taken to stand 0.5 to 2 m away, as
-    in simulation.
+    odometry come out too low by 4 % on simulated drives of 300 m that turn all the time, where they
+    scatter by a tenth, and by a tenth on drives of 70 m, where they scatter by a third; their
+    intervals hold the true value in 65 to 95 % of the drives. The biases are those of one drive.
+    Objects that block beams are taken to stand 0.5 to 2 m away, as in simulation.
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)

@@ -16,6 +16,8 @@ from locplan.recordings._calibration import ALPHAS, DriveCalibration
 from locplan.simulation._calibration import NOT_IN_METRES
 from locplan.simulation._calibration_reports import check_calibration
 
+ZERO = 2e-5
+"""Value below which 0 is shown."""
 ROWS = (
     ("odometry: drift of the distance", "distance_drift", "m/√m"),
     ("odometry: drift of the heading", "heading_drift_deg", "deg/√m"),
@@ -59,7 +61,7 @@ def _with(interval: Interval, unit: str, percent: float = 0) -> tuple[str, str]:
     """Texts of a value with its unit, and of its interval."""
     unit = "%" if percent else unit
     factor = percent or 1.0
-    value, low, high = (f"{factor * each + 0.0:.3g}" for each in interval)
+    value, low, high = (f"{0 if abs(each) < ZERO else factor * each:.3g}" for each in interval)
     return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
 
 

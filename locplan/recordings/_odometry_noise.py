@@ -17,7 +17,7 @@ from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval
 from locplan.recordings._blocks import blocks_along, intervals
 from locplan.recordings._recording import Numbers, Recording, wrapped
-from locplan.recordings._replay import updates_of
+from locplan.recordings._tracks import updates_of
 from locplan.simulation import Amcl
 
 SPANS = (0.5, 1.0, 2.0, 4.0)

@@ -15,7 +15,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._recording import Numbers, Recording
-from locplan.recordings._replay import REPLAY, Tracks, sparse_notes
+from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.simulation import Amcl, Disturbances, Tuning
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import random_of
