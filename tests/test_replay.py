@@ -156,7 +156,7 @@ def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
 
 
 def test_odometry_may_be_in_any_frame(grid, drive, replayed):
-    from locplan.recordings._recording import moved
+    from locplan.recordings._geometry import moved
 
     # The filter updates by the distance along x or y of odometry: a quarter turn keeps both.
     shifted = moved(drive.odometry, (5.0, 1.0, math.pi / 2))

@@ -13,7 +13,8 @@ from locplan.field import FieldConfig
 from locplan.maps import OccupancyGrid
 from locplan.recordings._blocks import blocks_along, intervals
 from locplan.recordings._evaluation import evaluate_drive
-from locplan.recordings._recording import Numbers, Recording
+from locplan.recordings._geometry import Numbers
+from locplan.recordings._recording import Recording
 from locplan.simulation._calibration import (
     MIN_VARIANCE,
     Calibration,

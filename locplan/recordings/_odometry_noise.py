@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval
 from locplan.recordings._blocks import blocks_along, intervals
-from locplan.recordings._recording import Numbers, Recording, wrapped
+from locplan.recordings._geometry import Numbers, wrapped
+from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of
 from locplan.simulation import Amcl
 

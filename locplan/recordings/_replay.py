@@ -7,6 +7,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,13 @@ from numpy.typing import NDArray
 from locplan._util.checks import instance, number, whole
 from locplan._util.intervals import Interval
 from locplan._util.machine import check_memory, check_threads
+from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._blocks import blocks_along, mean_interval
-from locplan.recordings._recording import Numbers, Recording
+from locplan.recordings._geometry import Numbers
+from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.simulation import Amcl, Disturbances, Drives
 from locplan.simulation._simulator import random_of
@@ -71,8 +74,10 @@ class Consistency:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Replay:
+class Replay(Pictured):
     """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
+
+    _drawn_by: ClassVar[str] = "locplan.recordings._replay_figures:replay_figure"
 
     recording: Recording
     grid: OccupancyGrid

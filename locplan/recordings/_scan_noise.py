@@ -17,7 +17,8 @@ from locplan.errors import RecordingError
 from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.recordings._blocks import blocks_along, intervals
-from locplan.recordings._recording import Numbers, Recording
+from locplan.recordings._geometry import Numbers
+from locplan.recordings._recording import Recording
 from locplan.simulation._arguments import FARTHEST, NEAREST
 
 MOST_SCANS = 300

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid
-from locplan.recordings._recording import Numbers, Recording, wrapped
+from locplan.recordings._geometry import Numbers, wrapped
+from locplan.recordings._recording import Recording
 from locplan.simulation import Amcl, Disturbances
 from locplan.simulation._arguments import Arguments, arguments_of, beam_step
 

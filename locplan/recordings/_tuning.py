@@ -14,7 +14,8 @@ from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._recording import Numbers, Recording
+from locplan.recordings._geometry import Numbers
+from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.simulation import Amcl, Disturbances, Tuning
 from locplan.simulation._drives import check_drives
