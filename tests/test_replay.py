@@ -17,7 +17,7 @@ from locplan._kernels import drives
 from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
-from locplan.recordings import replay, replay_figure
+from locplan.recordings import Recording, replay, replay_figure
 from locplan.recordings._replay import ELLIPSE
 from locplan.recordings._tracks import Tracks
 from locplan.simulation import Amcl, Disturbances, Simulator
@@ -266,3 +266,17 @@ def test_options_that_a_replay_does_not_read_are_refused(files, monkeypatch, cap
 def test_options_of_drives_are_refused_without_one(files, monkeypatch, capsys):
     command = ["simulate", files / "map.yaml", "--random", "3", "--every", "2"]
     assert "--every is not read without --drive" in run(monkeypatch, capsys, *command)[2]
+
+
+def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, capsys):
+    command = ["simulate", files / "map.yaml", "--drive", files / "drive.npz", "--drives", "2"]
+    code, _, err = run(monkeypatch, capsys, *command, "--align", "0.0,0.0,0.0")
+    assert (code, "seems shifted" in err) == (0, False)
+    code, _, err = run(monkeypatch, capsys, *command, "--align", "0.0,1.0,0.0")
+    assert (code, "seems shifted" in err) == (0, True)
+    drive = Recording.load(files / "drive.npz").moved(0.0, 1.0, 0.0)
+    drive.save(files / "drive.npz")
+    code, _, err = run(monkeypatch, capsys, *command)
+    assert code == 2
+    assert "seems shifted" in err
+    assert "--align" in err

@@ -14,7 +14,6 @@ from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, SimulationOptions
 from locplan.cli._values import refuse, show
-from locplan.errors import ConfigError
 
 app = command(
     "calibrate",
@@ -109,13 +108,9 @@ def _from_drive(
     """Fit the settings to a recorded drive."""
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.maps import find_maps, load_map
     from locplan.recordings import _calibration as calibration, _calibration_reports as reports
 
-    files = find_maps(*maps)
-    if len(files) > 1:
-        raise ConfigError(f"a drive is of one map: name one of these {len(files)}")
-    grid, recording = load_map(files[0]), recorded.read()
+    grid, recording = recorded.on_map(maps)
     config = options.of_drive(recording.lidar)
     robot, _ = simulation.robot(recording.lidar, config=options.config, lints=False)
     with progress_bar("calibrating", "") as progress:

@@ -175,14 +175,10 @@ def _replay(
     """Run AMCL on a recorded drive, and tell its errors against the recorded poses."""
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.maps import find_maps, load_map
     from locplan.recordings import _replay as core, _replay_reports as reports
 
-    files = find_maps(*maps)
-    if len(files) > 1:
-        raise ConfigError(f"a drive is of one map: name one of these {len(files)}")
     folder = reports.REPLAY.into(output, force=force) if output else None
-    grid, recording = load_map(files[0]), recorded.read()
+    grid, recording = recorded.on_map(maps)
     replayed = simulation.replayed(recording.lidar, config=options.config)
     with progress_bar("replaying", "runs") as progress:
         result = core.replay(

@@ -150,7 +150,7 @@ def _on_drive(
     folder = reports.TUNING.into(output, force=force) if output else None
     if output:
         files.check_parameters(simulation.params)
-    grid, recording = load(map_file), recorded.read()
+    grid, recording = recorded.on_map([map_file])
     replayed = simulation.replayed(recording.lidar, config=seen.config, lints=False)
     with progress_bar(f"tuning on {recorded.drive.name if recorded.drive else ''}", "") as progress:
         result = tune_on_drive(
