@@ -125,6 +125,17 @@ def tune_on_drive(
         If the drive has no odometry, is shorter than 30 m, or has too few scans.
     ConfigError
         If a number is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.recordings import record_drive
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
+    >>> drive = record_drive(grid, path, locplan.Lidar(range=6.0, beams=60))
+    >>> own = Amcl(min_particles=20, max_particles=20)
+    >>> tune_on_drive(drive, grid, amcl=own, drives=2).winner.max_particles
+    20
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
