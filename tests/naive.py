@@ -1008,9 +1008,18 @@ def odometry_along(random, truth, disturbances):
     return np.array(told)
 
 
-def drive(random, truth, cells, world, resolution, sensor, angles, amcl, disturbances):
-    """How far AMCL's pose is off along a drive, (n, 3)."""
-    told = odometry_along(random, truth, disturbances)
+def drive(
+    random, truth, cells, world, resolution, sensor, angles, amcl, disturbances, own=None, log=None
+):
+    """How far AMCL's pose is off along a drive, (n, 3).
+
+    The filter has random numbers of its own if `own` is given. What it gets is kept in `log`: the
+    odometry, and the index of each update with the scan and the covariance of the particles.
+    """
+    world_random, random = random, random if own is None else own
+    told = odometry_along(world_random, truth, disturbances)
+    log = [] if log is None else log
+    log.append(told)
     spread = np.array(
         [
             disturbances.start_sigma,
@@ -1032,13 +1041,16 @@ def drive(random, truth, cells, world, resolution, sensor, angles, amcl, disturb
             poses = move(random, poses, dx, dy, turn, told[last][2], amcl)
         if far or n == 0:
             sensed = true[1] / resolution, true[0] / resolution, true[2]
-            ends = measured_ends(random, world, resolution, sensed, sensor, angles, disturbances)
+            ends = measured_ends(
+                world_random, world, resolution, sensed, sensor, angles, disturbances
+            )
             weights = weigh(cells, resolution, ends, poses, weights, amcl, sensor.range)
             last, updates = n, updates + 1
             if updates % amcl.resample_interval == 0:
                 poses = resample(random, poses, weights, amcl)
                 weights = np.full(poses.shape[1], 1 / poses.shape[1])
                 pose, at = heaviest_cluster_mean(poses), n
+            log.append((n, ends, covariance_of(poses)))
         turned = pose[2] - told[at][2]
         x, y, heading = told[n] - told[at]
         errors.append(
@@ -1049,3 +1061,11 @@ def drive(random, truth, cells, world, resolution, sensor, angles, amcl, disturb
             )
         )
     return np.array(errors)
+
+
+def covariance_of(poses):
+    """Covariance of particles as AMCL publishes it."""
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = np.cov(poses[:2], bias=True)
+    covariance[2, 2] = -2 * math.log(abs(np.exp(1j * poses[2]).mean()))
+    return covariance

@@ -178,15 +178,15 @@ class Formula:
     """A bench whose settings have known errors at each level: sums of what each value adds."""
 
     def __init__(self, added, levels=(0.0, 0.1, 0.2)):
-        self.added, self.levels, self.driven = added, levels, {}
+        self.added, self.offsets, self.driven, self.levels = added, levels, {}, range(3)
 
-    def drive(self, settings, paths, drives, levels=range(3), progress=None):
+    def drive(self, settings, paths, drives, levels=None, progress=None):
         for amcl in settings:
-            self.driven.setdefault(amcl, set()).update(levels)
+            self.driven.setdefault(amcl, set()).update(levels or self.levels)
 
     def means(self, amcl, paths, drives):
         total = sum(v.get(getattr(amcl, name), 0.0) for name, v in self.added.items())
-        levels = self.levels(amcl) if callable(self.levels) else self.levels
+        levels = self.offsets(amcl) if callable(self.offsets) else self.offsets
         values = [total + v if n in self.driven[amcl] else np.nan for n, v in enumerate(levels)]
         return np.array(values)
 

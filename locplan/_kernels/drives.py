@@ -1,4 +1,4 @@
-"""A drive through a world, a particle filter that tracks it on the map, and the filter's errors."""
+"""Drives through a world, or recorded ones, that a particle filter tracks on the map."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 
 from locplan._kernels.lidar import Lidar
 from locplan._kernels.measured import BeamDisturbances, measured_ends
-from locplan._kernels.particles import (
-    BeamScores,
-    Filter,
-    heaviest_cluster_mean,
-    insert,
-    make_histogram,
-    move,
-    resample,
-    weigh,
-    wrapped,
+from locplan._kernels.particles import BeamScores, Filter, wrapped
+from locplan._kernels.tracking import (
+    Start,
+    advance,
+    begin,
+    correct,
+    estimate,
+    is_due,
+    spread_of,
 )
 
 
@@ -32,13 +31,6 @@ class Odometry(NamedTuple):
     distance_bias: float  # deviation between drives of the factor on distances
     heading_bias: float  # deviation between drives of the bend to one side [rad / m]
     turn_bias: float  # deviation between drives of the factor on turns
-
-
-class Start(NamedTuple):
-    """Standard deviations of the filter's first pose."""
-
-    position: float  # [m]
-    heading: float  # [rad]
 
 
 @njit(nogil=True, cache=True)
@@ -102,42 +94,59 @@ def drive(
         Filled with the filter's pose minus the true one [m, m, rad].
     """
     reported = odometry_along(random, truth, odometry)
-    most = settings.max_particles
-    poses, drawn = np.empty((3, most)), np.empty((3, most))
-    sigma = np.array([start.position, start.position, start.heading])
-    for axis in range(3):
-        poses[axis] = truth[0, axis] + sigma[axis] * random.standard_normal()
-    histogram, bins = make_histogram(most), np.int64(0)  # the constant 0 has a type of its own
-    for n in range(most):
-        for axis in range(3):
-            poses[axis, n] += sigma[axis] * random.standard_normal()
-        bins = insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
-    count, weights = most, np.full(most, 1 / most)
-    pose, at = np.array(heaviest_cluster_mean(histogram, bins, poses, count)), 0
+    tracker = begin(random, truth[0], start, settings)
     ends, sensor = np.empty((lidar.angles.size, 2)), np.empty(3)
-    updated, updates = 0, 0
     for n in range(len(truth)):
-        dx, dy = reported[n, 0] - reported[updated, 0], reported[n, 1] - reported[updated, 1]
-        turn = wrapped(reported[n, 2] - reported[updated, 2])
-        far = max(abs(dx), abs(dy)) > settings.update_min_d or abs(turn) > settings.update_min_a
-        if far:
-            move(random, poses, count, dx, dy, turn, reported[updated, 2], settings)
-        if far or n == 0:
+        due = is_due(tracker, reported, n, settings)
+        if due:
+            advance(random, tracker, reported, n, settings)
+        if due or n == 0:
             sensor[0], sensor[1] = truth[n, 1] / scores.resolution, truth[n, 0] / scores.resolution
             sensor[2] = truth[n, 2]
             measured_ends(random, squares, scores.resolution, sensor, lidar, disturbances, ends)
-            weigh(scores, ends, poses, count, weights)
-            updated, updates = n, updates + 1
-            if updates % settings.resample_interval == 0:
-                count, bins = resample(
-                    random, poses, weights, count, settings, histogram, bins, drawn
-                )
-                poses, drawn = drawn, poses
-                weights[:count] = 1 / count
-                pose, at = np.array(heaviest_cluster_mean(histogram, bins, poses, count)), n
-        # Since the last resampling the pose has followed odometry.
-        cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
-        x, y = reported[n, 0] - reported[at, 0], reported[n, 1] - reported[at, 1]
-        errors[n, 0] = pose[0] + cos * x - sin * y - truth[n, 0]
-        errors[n, 1] = pose[1] + sin * x + cos * y - truth[n, 1]
-        errors[n, 2] = wrapped(pose[2] + reported[n, 2] - reported[at, 2] - truth[n, 2])
+            correct(random, tracker, scores, ends, n, settings)
+        x, y, heading = estimate(tracker, reported, n)
+        errors[n, 0], errors[n, 1] = x - truth[n, 0], y - truth[n, 1]
+        errors[n, 2] = wrapped(heading - truth[n, 2])
+
+
+@njit(nogil=True, cache=True)
+def replay(
+    random: np.random.Generator,
+    first: NDArray[np.float64],
+    reported: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    scores: BeamScores,
+    start: Start,
+    settings: Filter,
+    poses: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+) -> None:
+    """Track a recorded drive once, and write the filter's poses and covariances.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Source of all random numbers.
+    first : (3,) array
+        Pose that the filter begins about, in the map's own axes [m, m, rad].
+    reported : (n, 3) array
+        Poses by odometry at the scans, in any frame of their own [m, m, rad].
+    ends : (n, beam, 2) array
+        Ends of the beams ahead and to the left of the robot [cells]; NaN without a return.
+    scores, start, settings
+        As for `drive`.
+    poses : (n, 3) array
+        Filled with the filter's poses in the map's own axes [m, m, rad].
+    covariances : (n, 3, 3) array
+        Filled with the covariance of the particles where they were resampled, else with NaN.
+    """
+    tracker = begin(random, first, start, settings)
+    for n in range(len(reported)):
+        due = is_due(tracker, reported, n, settings)
+        if due:
+            advance(random, tracker, reported, n, settings)
+        covariances[n] = np.nan
+        if (due or n == 0) and correct(random, tracker, scores, ends[n], n, settings):
+            spread_of(tracker, covariances[n])
+        poses[n, 0], poses[n, 1], poses[n, 2] = estimate(tracker, reported, n)

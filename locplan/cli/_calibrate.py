@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from locplan.cli._drive_options import DriveOptions
 from locplan.cli._exit_codes import NOT_IN_METRES
 from locplan.cli._groups import Json, MapFiles, command, results
 from locplan.cli._kinds import given_of
@@ -14,7 +15,13 @@ from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, SimulationOptions
 from locplan.cli._values import refuse, show
 
-app = command("calibrate", "calibrate lab.yaml -o lab.json", "field lab.yaml --config lab.json")
+app = command(
+    "calibrate",
+    "calibrate lab.yaml -o lab.json",
+    "field lab.yaml --config lab.json",
+    "calibrate lab.yaml --drive monday.mcap -o robot.json",
+    "simulate lab.yaml --random 20 --config robot.json",
+)
 
 
 @app.default
@@ -23,13 +30,14 @@ def calibrate(
     /,
     *,
     error: Annotated[
-        Literal["tracking", "match"],
+        Literal["tracking", "match"] | None,
         Parameter(help="The errors are those of the filter (tracking), or of single scans."),
-    ] = "tracking",
+    ] = None,
     fit_tau: Annotated[
         bool, Parameter(help="The scale tau of sad's exponential weights is fitted, too.")
     ] = False,
     at: AtPlaces = AtPlaces(),
+    recorded: DriveOptions = DriveOptions(),
     simulation: SimulationOptions = SimulationOptions(),
     robot_radius: RobotRadius = None,
     options: FieldOptions = FieldOptions(),
@@ -45,6 +53,9 @@ def calibrate(
 ) -> int:
     """Fit the noise level k (and tau), so that the field's deviations are errors in metres.
 
+    With --drive, k is fitted to the posteriors of recorded scans instead, and the noise of
+    odometry, of ranges, outliers and blocked beams are, too: simulations with --config have them.
+
     Where that cannot be, the exit code is 3, the written file says so, and its use warns.
     """
     from locplan._util.progress import progress_bar
@@ -54,10 +65,18 @@ def calibrate(
     from locplan.simulation._places import places_of
 
     reports.check_calibration(output)
+    recorded.check()
+    if recorded.drive:
+        unread: dict[str, object] = {"error": error, "fit_tau": fit_tau or None}
+        unread |= {"places": None if at.places == AtPlaces.places else at.places}
+        given = {name: value for name, value in vars(at).items() if name != "places"}
+        refuse("with --drive", **unread, **given, robot_radius=robot_radius)
+        return _from_drive(maps, recorded, simulation, options, threads, output, json)
+    error = error or "tracking"
     unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
     refuse(f"with --error {error}", **unread)
     config = options.to_config()
-    simulated = simulation.simulated(config, options.named_lidar())
+    simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],
@@ -75,3 +94,30 @@ def calibrate(
         written = reports.write_calibration(output, result)
     show(json, result.summary(), reports.calibration_table(result), *written)
     return 0 if result.in_metres else NOT_IN_METRES
+
+
+def _from_drive(
+    maps: list[Path],
+    recorded: DriveOptions,
+    simulation: SimulationOptions,
+    options: FieldOptions,
+    threads: int | None,
+    output: Path,
+    json: bool,
+) -> int:
+    """Fit the settings to a recorded drive."""
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.recordings import _calibration as calibration, _calibration_reports as reports
+
+    grid, recording = recorded.on_map(maps)
+    config = options.of_drive(recording.lidar)
+    robot, _ = simulation.robot(recording.lidar, config=options.config, lints=False)
+    with progress_bar("calibrating", "") as progress:
+        result = calibration.calibrate_drive(
+            recording, grid, config, **robot, threads=threads, progress=progress
+        )
+    with working("writing the results"):
+        written = reports.write_drive_calibration(output, result)
+    show(json, result.summary(), reports.drive_calibration_table(result), *written)
+    return 0 if result.field and result.field.in_metres else NOT_IN_METRES

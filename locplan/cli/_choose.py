@@ -97,7 +97,7 @@ def choose(
     config = options.to_config()
     costs.check(config)
     lidar = options.named_lidar() or lidar_of(config)
-    robot, not_simulated = simulation.robot(lidar)
+    robot, not_simulated = simulation.robot(lidar, config=options.config)
     grid = load(map_file)
     blank = costs.blank(grid)
     core.check_way(blank, start, goal)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,9 +13,10 @@ from cyclopts import Parameter
 from locplan.cli._groups import DRIVE, INPUT, Count, Text, option_group
 from locplan.cli._kinds import given_of
 from locplan.cli._values import numbers, refuse, two_numbers
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
+    from locplan.maps import OccupancyGrid
     from locplan.recordings import Recording
 
 
@@ -80,6 +83,36 @@ class DriveOptions:
             )
         move = self._move("align")
         return recording.moved(*move) if move else recording
+
+    def on_map(self, maps: Sequence[Path]) -> tuple[OccupancyGrid, Recording]:
+        """The map, and the drive on it.
+
+        Where the map does not fit, a warning tells so if the user has aligned the drive.
+
+        Raises
+        ------
+        LocplanError
+            If there are several maps, the map does not fit, or a file cannot be read.
+        """
+        from locplan._util.working import working
+        from locplan.maps import find_maps, load_map
+        from locplan.maps._files import MapWarning
+        from locplan.recordings import fit_to_map
+
+        files = find_maps(*maps)
+        if len(files) != 1:
+            raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
+        grid, drive = load_map(files[0]), self.read()
+        with working("looking whether the map fits"):
+            fit = fit_to_map(drive, grid)
+        if not fit.fits:
+            x, y, turn = fit.move
+            way = f" (--align {x:.3f},{y:.3f},{math.degrees(turn):.2f})" if fit.shifted else ""
+            fault = f"{files[0]}: {fit.sentence.rstrip('.')}{way}"
+            if self.align is None:
+                raise LocplanError(f"{fault}; --align 0,0,0 goes on as it is")
+            warnings.warn(MapWarning(fault), stacklevel=2)
+        return grid, drive
 
     @property
     def _limits(self) -> tuple[float, float] | None:

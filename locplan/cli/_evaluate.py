@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
-import warnings
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from locplan.cli._drive_options import DriveOptions
-from locplan.cli._groups import FIELD, Force, Json, MapFiles, command
+from locplan.cli._groups import FIELD, INPUT, Force, Json, MapFiles, command
 from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
 from locplan.cli._values import refuse, show
-from locplan.errors import ConfigError, LocplanError
 from locplan.field._lidar_presets import PRESETS
 
 app = command(
@@ -46,6 +43,16 @@ def evaluate(
         float | None,
         Parameter(group=FIELD, help="The field of view is that of the lidar that is named [deg]."),
     ] = None,
+    config: Annotated[
+        Path | None,
+        INPUT,
+        Parameter(
+            group=FIELD,
+            metavar="FILE.json",
+            help="The lidar, the filter and the disturbances are those of this file, as calibrate"
+            " wrote it.",
+        ),
+    ] = None,
     recorded: DriveOptions = DriveOptions(),
     at: AtPlaces = AtPlaces(),
     simulation: SimulationOptions = SimulationOptions(),
@@ -61,7 +68,7 @@ def evaluate(
     """
     recorded.check()
     if recorded.drive is not None:
-        refuse("with --drive", lidar=lidar, range=range, field_of_view=field_of_view)
+        refuse("with --drive", lidar=lidar, range=range, field_of_view=field_of_view, config=config)
         refuse("with --drive", params=simulation.params, set=simulation.set or None)
         places = {
             name: value for name, value in given_of(at).items() if value != getattr(AtPlaces, name)
@@ -74,16 +81,16 @@ def evaluate(
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _evaluation as evaluation, _reports as reports
 
-    options = FieldOptions(lidar=lidar, range=range, field_of_view=field_of_view)
-    config = options.to_config()
-    simulated = simulation.simulated(config, options.named_lidar())
+    options = FieldOptions(lidar=lidar, range=range, field_of_view=field_of_view, config=config)
+    field = options.to_config()
+    simulated = simulation.simulated(field, options.named_lidar(), file=config)
     folder = reports.EVALUATION.into(output, force=force) if output else None
     with progress_bar("driving", "drives") as progress:
         result = evaluation.evaluate(
             [load_map(file) for file in find_maps(*maps)],
             **simulated,
             **given_of(at),
-            disc=min(config.estimator.reach, evaluation.LARGEST_DISC),
+            disc=min(field.estimator.reach, evaluation.LARGEST_DISC),
             robot_radius=radius_of(robot_radius),
             threads=threads,
             progress=progress,
@@ -105,25 +112,10 @@ def _evaluate_drive(
     """Compare the fields with the scans of a recorded drive."""
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.maps import find_maps, load_map
-    from locplan.maps._files import MapWarning
-    from locplan.recordings import _reports as reports, evaluate_drive, fit_to_map
+    from locplan.recordings import _reports as reports, evaluate_drive
 
-    files = find_maps(*maps)
-    if len(files) != 1:
-        raise ConfigError(f"--drive is of one map, not of {len(files)}; name the one it was on")
     folder = reports.DRIVE.into(output, force=force) if output else None
-    grid = load_map(files[0])
-    drive = recorded.read()
-    with working("looking whether the map fits"):
-        fit = fit_to_map(drive, grid)
-    if not fit.fits:
-        x, y, turn = fit.move
-        way = f" (--align {x:.3f},{y:.3f},{math.degrees(turn):.2f})" if fit.shifted else ""
-        fault = f"{files[0]}: {fit.sentence.rstrip('.')}{way}"
-        if recorded.align is None:
-            raise LocplanError(f"{fault}; --align 0,0,0 goes on as it is")
-        warnings.warn(MapWarning(fault), stacklevel=2)
+    grid, drive = recorded.on_map(maps)
     with progress_bar("comparing fields", "fields") as progress:
         found = evaluate_drive(drive, grid, threads=threads, progress=progress)
     with working("writing the results"):

@@ -17,7 +17,7 @@ from cyclopts import Parameter
 
 from locplan.cli._groups import COMPUTING, COSTS, FIELD, INPUT, option_group
 from locplan.cli._kinds import check_has, field_names, given_of
-from locplan.cli._values import numbers
+from locplan.cli._values import numbers, refuse
 from locplan.errors import ConfigError
 from locplan.field import ESTIMATORS
 from locplan.field._lidar_presets import PRESETS
@@ -84,7 +84,8 @@ class FieldOptions:
     field_of_view: float | None = None
     """The lidar's field of view [deg] is that of its data sheet, or 360 where none is named."""
     config: Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")] = None
-    """This file has all settings, as calibrate wrote them; only a lidar may be given beside it."""
+    """This file has all settings, as calibrate wrote them, and those of simulated robots if they
+    are of a recorded drive; only a lidar may be given beside it."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
     """The estimator is scan by default where a lidar is named, and else the paper's sad."""
     preset: Literal["default", "paper"] | None = None
@@ -147,6 +148,23 @@ class FieldOptions:
             paper = given.pop("preset", None) == "paper"
             made = dataclasses.replace(kind.paper() if paper else kind(), **given)
         return FieldConfig(_seen_by(made, lidar, reach, view), **others)
+
+    def of_drive(self, lidar: Lidar) -> FieldConfig:
+        """The settings of a field for a recorded drive: its lidar takes the place of a named one.
+
+        Without an estimator it is scan.
+        """
+        from locplan.field import FieldConfig, Scan
+
+        refuse("with --drive, whose lidar is taken", lidar=self.lidar, range=self.range)
+        refuse("with --drive, whose lidar is taken", field_of_view=self.field_of_view)
+        if set(given_of(self)) <= {"stride", "headings"}:
+            return FieldConfig(Scan(lidar), **given_of(self))
+        config = self.to_config()
+        if not config.estimator.casts_rays:
+            return config
+        headings = {} if self.headings else {"headings": 0}
+        return dataclasses.replace(config, estimator=config.estimator.with_lidar(lidar), **headings)
 
     def is_fine_near_paths(self, config: FieldConfig) -> bool:
         """Whether a field on which paths are planned need only be fine near these.

@@ -140,7 +140,7 @@ def plan(
         lidar = None
     elif not planners.takes(planners.planner_for(planning.planner, **limits), "seed"):
         given.pop("seed", None)  # it is that of the drives alone
-    robot, left_out = simulation.robot(lidar) if lidar else (None, ())
+    robot, left_out = simulation.robot(lidar, config=options.config) if lidar else (None, ())
     planner = planners.planner_for(planning.planner, given, **limits)
     grid = load(map_file)
     planners.check_ends(costs.blank(grid), start, goal, stops, space=planning.space or "R2")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from locplan.cli._drive_options import DriveOptions
 from locplan.cli._groups import (
     GENERAL,
     INPUT,
@@ -28,8 +29,11 @@ app = command(
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
     "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
     "simulate lab.yaml --random 20 -o queries",
+    "simulate lab.yaml --drive monday.mcap --params nav2_params.yaml -o replayed",
 )
 
+DRIVES = 100
+"""Number of drives along each path."""
 LEAST_DISTANCE = 10.0
 """Least distance from start to goal of random queries [m]."""
 
@@ -48,8 +52,8 @@ class Driven:
     """Both paths of so many random queries on each map are driven; 5 or more give intervals."""
     least_distance: float | None = None
     """Random queries are this far from start to goal at least [m]; 10 by default."""
-    drives: Pair = 100
-    """The number of drives along each path is 100 by default."""
+    drives: Pair | None = None
+    """The number of drives along each path is 100 by default, and that of replays 20."""
 
 
 @app.default
@@ -58,6 +62,7 @@ def simulate(
     /,
     *,
     driven: Driven = Driven(),
+    recorded: DriveOptions = DriveOptions(),
     simulation: SimulationOptions = SimulationOptions(),
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
@@ -66,7 +71,11 @@ def simulate(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m)."""
+    """Drive paths with AMCL in simulated worlds: its error, and how often it is lost (> 1 m).
+
+    With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
+    errors are those against the recorded poses.
+    """
     from locplan import planners
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
@@ -74,10 +83,18 @@ def simulate(
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _reports as reports, _routes as routes, simulate as drive
 
+    recorded.check()
+    if recorded.drive:
+        unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
+        of_field = {name: value for name, value in vars(options).items() if name != "config"}
+        refuse("with --drive", **unread, **vars(costs), **of_field)
+        refuse("with --drive", scheduler=computing.scheduler, cache_dir=computing.cache_dir)
+        _replay(maps, driven.drives, recorded, simulation, options, computing, output, force, json)
+        return
     start, goal = driven.start, driven.goal
     asked = bool(driven.path), bool(start or goal), driven.random is not None
     if asked.count(True) != 1 or bool(start) != bool(goal):
-        raise ConfigError("give one of --path, --start with --goal, and --random")
+        raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
     least = LEAST_DISTANCE if driven.least_distance is None else driven.least_distance
     if driven.random is None:
         refuse("without --random", least_distance=driven.least_distance)
@@ -90,8 +107,8 @@ def simulate(
         refuse("with --path: no path is planned", **vars(costs), **own)
     config = options.to_config()
     costs.check(config)
-    simulated = simulation.simulated(config, options.named_lidar())
-    drives, threads = driven.drives, computing.threads
+    simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
+    drives, threads = driven.drives or DRIVES, computing.threads
     files = find_maps(*maps)
     if driven.random is None and len(files) > 1:
         raise ConfigError(
@@ -142,3 +159,37 @@ def simulate(
     with working("writing the results"):
         written = reports.write_simulation(folder, result) if folder else []
     show(json, result.summary(), reports.simulation_table(result), *written)
+
+
+def _replay(
+    maps: list[Path],
+    runs: int | None,
+    recorded: DriveOptions,
+    simulation: SimulationOptions,
+    options: FieldOptions,
+    computing: Computing,
+    output: Path | None,
+    force: bool,
+    json: bool,
+) -> None:
+    """Run AMCL on a recorded drive, and tell its errors against the recorded poses."""
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.recordings import _replay as core, _replay_reports as reports
+
+    folder = reports.REPLAY.into(output, force=force) if output else None
+    grid, recording = recorded.on_map(maps)
+    replayed = simulation.replayed(recording.lidar, config=options.config)
+    with progress_bar("replaying", "runs") as progress:
+        result = core.replay(
+            recording,
+            grid,
+            **replayed,
+            runs=core.RUNS if runs is None else runs,
+            seed=simulation.seed,
+            threads=computing.threads,
+            progress=progress,
+        )
+    with working("writing the results"):
+        written = reports.write_replay(folder, result) if folder else []
+    show(json, result.summary(), reports.replay_table(result), *written)

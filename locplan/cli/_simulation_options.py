@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
@@ -10,6 +11,7 @@ from cyclopts import Parameter
 
 from locplan.cli._groups import INPUT, SIMULATION, Count, Pair, Seed, option_group, results
 from locplan.cli._values import settings_of
+from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.field import FieldConfig, Lidar
@@ -25,6 +27,14 @@ class Simulated(TypedDict):
     amcl: Amcl
     disturbances: Disturbances
     seed: int
+
+
+class Replayed(TypedDict):
+    """The filter of a replay, and the spread of its first pose."""
+
+    amcl: Amcl
+    start_sigma: float
+    start_sigma_deg: float
 
 
 class Robot(TypedDict):
@@ -45,21 +55,59 @@ class FilterOptions:
     (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable; examples/README.md
     lists all."""
 
-    def robot(self, lidar: Lidar, *, lints: bool = True) -> tuple[Robot, tuple[str, ...]]:
+    def robot(
+        self, lidar: Lidar, *, config: Path | None = None, lints: bool = True
+    ) -> tuple[Robot, tuple[str, ...]]:
         """The filter and the disturbances, and the parameters that are not simulated.
 
-        Warns of parameters that work badly with this lidar, unless `lints` is False.
+        They are those of a file of settings, `config`, but the filter is that of the robot's own
+        parameters where they are given. Warns of parameters that work badly with this lidar, unless
+        `lints` is False.
         """
         from locplan.simulation._nav2 import ParameterWarning, other_parameters, read_filter
+        from locplan.simulation._robot_files import read_robot
         from locplan.simulation._settings import Amcl, Disturbances, changed
         from locplan.simulation.tuning._lint import lint
 
-        read, left_out = read_filter(self.params) if self.params else (Amcl(), ())
+        calibrated, known = read_robot(config) if config else (Amcl(), Disturbances())
+        read, left_out = read_filter(self.params) if self.params else (calibrated, ())
         settings = settings_of(self.set, "set", "alpha1=0.05", words=True)
-        amcl, disturbances = changed(read, Disturbances(), settings)
+        amcl, disturbances = changed(read, known, settings)
         for fault in lint(amcl, lidar, other_parameters(self.params)) if lints else ():
             warnings.warn(ParameterWarning(fault), stacklevel=2)
         return {"amcl": amcl, "disturbances": disturbances}, left_out
+
+    def replayed(self, lidar: Lidar, *, config: Path | None, lints: bool = True) -> Replayed:
+        """The filter that recorded drives are replayed with, and the spread of its first pose.
+
+        Raises
+        ------
+        ConfigError
+            If a disturbance is set that the recording has of its own.
+        """
+        from locplan.simulation._nav2 import warn_of
+
+        names = [text.partition("=")[0] for text in self.set]
+        refuse_those_of_drives(names)
+        robot, left_out = self.robot(lidar, config=config, lints=lints)
+        if self.params:
+            warn_of(self.params, left_out)
+        start = robot["disturbances"]
+        return {
+            "amcl": robot["amcl"],
+            "start_sigma": start.start_sigma,
+            "start_sigma_deg": start.start_sigma_deg,
+        }
+
+
+def refuse_those_of_drives(names: Sequence[str]) -> None:
+    """Raise a ConfigError if a disturbance is named that a recorded drive has of its own."""
+    from locplan.cli._kinds import field_names
+    from locplan.simulation._settings import Disturbances
+
+    for name in names:
+        if name in field_names(Disturbances) and not name.startswith("start_sigma"):
+            raise ConfigError(f"--set {name} is not read with --drive, which has its own noise")
 
 
 @option_group(SIMULATION)
@@ -70,14 +118,22 @@ class SimulationOptions(FilterOptions):
     """The seed of all random numbers is 1 by default."""
 
     def simulated(
-        self, config: FieldConfig, named: Lidar | None, *, lints: bool = True
+        self,
+        config: FieldConfig,
+        named: Lidar | None,
+        *,
+        file: Path | None = None,
+        lints: bool = True,
     ) -> Simulated:
-        """The lidar, that of the field unless one is named, the filter, and the disturbances."""
+        """The lidar, that of the field unless one is named, the filter, and the disturbances.
+
+        `file` is the file of settings that was given, if any.
+        """
         from locplan.simulation._nav2 import warn_of
         from locplan.simulation._settings import lidar_of
 
         lidar = named or lidar_of(config)
-        robot, left_out = self.robot(lidar, lints=lints)
+        robot, left_out = self.robot(lidar, config=file, lints=lints)
         if self.params:
             warn_of(self.params, left_out)
         return {"lidar": lidar, **robot, "seed": self.seed}

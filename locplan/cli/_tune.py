@@ -8,9 +8,11 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from locplan.cli._drive_options import DriveOptions
 from locplan.cli._groups import (
     FIELD,
     GENERAL,
+    INPUT,
     Force,
     Json,
     MapFile,
@@ -21,13 +23,14 @@ from locplan.cli._groups import (
 )
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import SimulationOptions
-from locplan.cli._values import load, show
+from locplan.cli._values import load, refuse, show
 from locplan.field._lidar_presets import PRESETS
 
 app = command(
     "tune",
     "tune lab.yaml --lidar turtlebot4 -o tuned",
     "tune lab.yaml --lidar rplidar-a1 --params nav2_params.yaml -o tuned",
+    "tune lab.yaml --drive monday.mcap --params nav2_params.yaml -o tuned",
 )
 
 
@@ -41,13 +44,15 @@ class Seen:
     """The lidar's range is that of its data sheet, or 6 [m]."""
     field_of_view: float | None = None
     """The field of view is that of the lidar that is named [deg]."""
+    config: Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")] = None
+    """The lidar, the filter and the disturbances are those of this file, as calibrate wrote it."""
 
 
 @option_group(GENERAL)
 class Amount:
     """The number of drives."""
 
-    paths: Annotated[int, Parameter(validator=Number(gte=5, lte=1000))] = 20
+    paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
     """The number of random paths of the search is 20 by default, and so is that of the others on
     which its result is judged; the time grows with it."""
     drives: Pair = 8
@@ -60,6 +65,7 @@ def tune(
     /,
     *,
     amount: Amount = Amount(),
+    recorded: DriveOptions = DriveOptions(),
     simulation: SimulationOptions = SimulationOptions(),
     seen: Seen = Seen(),
     robot_radius: RobotRadius = None,
@@ -80,17 +86,28 @@ def tune(
     values differ that gain, or none if nothing is clearly better; those of --set;
     and do_beamskip, which is not simulated and is off where the laser model changes.
 
+    With --drive, they are replayed on stretches of a recorded drive instead. Half
+    of these are kept for the judgement; recorded poses should be better than AMCL's.
+
     This takes some three minutes on two cores, and more with more particles.
     """
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.simulation._nav2 import other_parameters
     from locplan.simulation.tuning import _files as files, _reports as reports
-    from locplan.simulation.tuning._tune import tune as search
+    from locplan.simulation.tuning._tune import PATHS, tune as search
 
-    options = FieldOptions(lidar=seen.lidar, range=seen.range, field_of_view=seen.field_of_view)
+    recorded.check()
+    if recorded.drive:
+        of_lidar = {name: value for name, value in vars(seen).items() if name != "config"}
+        refuse("with --drive", paths=amount.paths, robot_radius=robot_radius, **of_lidar)
+        _on_drive(map_file, amount, recorded, simulation, seen, threads, output, force, json)
+        return
+    options = FieldOptions(**vars(seen))
     # The table tells what works badly.
-    simulated = simulation.simulated(options.to_config(), options.named_lidar(), lints=False)
+    simulated = simulation.simulated(
+        options.to_config(), options.named_lidar(), file=seen.config, lints=False
+    )
     grid = load(map_file)
     folder = reports.TUNING.into(output, force=force) if output else None
     if output:
@@ -99,10 +116,50 @@ def tune(
         result = search(
             grid,
             **simulated,
-            paths=amount.paths,
+            paths=amount.paths or PATHS,
             drives=amount.drives,
             robot_radius=radius_of(robot_radius),
             others=other_parameters(simulation.params),
+            threads=threads,
+            progress=progress,
+        )
+    with working("writing the results"):
+        written = reports.write_tuning(folder, result, simulation.params) if folder else []
+    about = {**result.summary(), "conclusion": reports.conclusion(result)}
+    show(json, about, reports.tuning_table(result), *written)
+
+
+def _on_drive(
+    map_file: Path,
+    amount: Amount,
+    recorded: DriveOptions,
+    simulation: SimulationOptions,
+    seen: Seen,
+    threads: int | None,
+    output: Path | None,
+    force: bool,
+    json: bool,
+) -> None:
+    """Tune on stretches of a recorded drive."""
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.recordings import tune_on_drive
+    from locplan.simulation._nav2 import other_parameters
+    from locplan.simulation.tuning import _files as files, _reports as reports
+
+    folder = reports.TUNING.into(output, force=force) if output else None
+    if output:
+        files.check_parameters(simulation.params)
+    grid, recording = recorded.on_map([map_file])
+    replayed = simulation.replayed(recording.lidar, config=seen.config, lints=False)
+    with progress_bar(f"tuning on {recorded.drive.name if recorded.drive else ''}", "") as progress:
+        result = tune_on_drive(
+            recording,
+            grid,
+            **replayed,
+            drives=amount.drives,
+            others=other_parameters(simulation.params),
+            seed=simulation.seed,
             threads=threads,
             progress=progress,
         )

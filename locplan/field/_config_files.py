@@ -54,12 +54,7 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     CalibrationWarning
         If the calibration that wrote the file found that deviations are not in metres.
     """
-    try:
-        content = parsed_json(read_text(file_path("a file of settings", path), MAX_JSON_BYTES))
-    except LocplanError as error:
-        raise ConfigError(str(error)) from None
-    except ValueError:
-        raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
+    content = read_content(path)
     settings = _settings(content)
     if not isinstance(settings, dict):
         raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
@@ -74,6 +69,22 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
         )
         warnings.warn(CalibrationWarning(message), stacklevel=2)
     return config
+
+
+def read_content(path: str | os.PathLike[str]) -> Any:
+    """All that a JSON file of settings holds.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, or is no JSON.
+    """
+    try:
+        return parsed_json(read_text(file_path("a file of settings", path), MAX_JSON_BYTES))
+    except LocplanError as error:
+        raise ConfigError(str(error)) from None
+    except ValueError:
+        raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
 
 
 def picture_of_calibration(path: FilePath) -> str | None:

@@ -65,7 +65,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     magnify = _draw_ellipses(upper, found, name)
     xy = found.matches.recording.poses[:, :2]
     upper.plot(*xy[found.outdated].T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
-    _limit_to(upper, xy)
+    limit_to(upper, xy)
     handles = [
         Line2D([], [], color="0.6", linewidth=7, label=f"predicted by {name}"),
         Line2D([], [], color="0.3", linewidth=2.6, label="measured"),
@@ -105,7 +105,7 @@ def _draw_line(
     return drawn
 
 
-def _limit_to(axes: Axes, xy: NDArray[np.float64]) -> None:
+def limit_to(axes: Axes, xy: NDArray[np.float64]) -> None:
     """Limit the map to the surroundings of the drive."""
     for low, high, limits, limit in (
         (*part, getattr(axes, f"get_{name}lim")(), getattr(axes, f"set_{name}lim"))

@@ -30,7 +30,7 @@ class Arguments(NamedTuple):
     odometry: Any
     """`drives.Odometry`: errors of the reported odometry."""
     start: Any
-    """`drives.Start`: standard deviations of the filter's first pose."""
+    """`tracking.Start`: standard deviations of the filter's first pose."""
     filter: Any
     """`particles.Filter`: AMCL's parameters."""
 
@@ -47,10 +47,11 @@ def arguments_of(
 
     `scores` are what `beam_scores` makes of the first three, where that is known.
     """
-    from locplan._kernels.drives import Odometry, Start
+    from locplan._kernels.drives import Odometry
     from locplan._kernels.lidar import Lidar as Beams
     from locplan._kernels.measured import BeamDisturbances
     from locplan._kernels.particles import BeamScores, Filter
+    from locplan._kernels.tracking import Start
 
     reach = reach_of(lidar, amcl)
     values = beam_scores(grid, amcl, reach) if scores is None else scores
@@ -103,11 +104,14 @@ def reach_of(lidar: Lidar, amcl: Amcl) -> float:
 
 def compared_beams(angles: NDArray[np.float64], amcl: Amcl) -> NDArray[np.float64]:
     """Beams of a scan that AMCL compares; its two sensor models thin them out in different ways."""
+    return np.ascontiguousarray(angles[:: beam_step(len(angles), amcl)])
+
+
+def beam_step(beams: int, amcl: Amcl) -> int:
+    """Number n such that AMCL compares every n-th of a scan's beams."""
     if amcl.laser_model_type == "likelihood_field_prob":
-        every = math.ceil(len(angles) / amcl.max_beams)
-    else:
-        every = max(1, (len(angles) - 1) // (amcl.max_beams - 1))
-    return np.ascontiguousarray(angles[::every])
+        return math.ceil(beams / amcl.max_beams)
+    return max(1, (beams - 1) // (amcl.max_beams - 1))
 
 
 def beam_scores(grid: OccupancyGrid, amcl: Amcl, reach: float) -> NDArray[np.float32]:

@@ -166,37 +166,63 @@ def calibrate(
     if fit_tau and not exponential:
         raise ConfigError("tau is of the exponential weights of estimator sad; fit k alone")
     errors = _errors(places, error)
-    measured = _rms(errors)
+    measured = rms_of(errors)
     q = np.concatenate([_q(each, config) for each in places])
     before = _bare(places, config, threads)
     fits = []
     for n, tau in enumerate(TAUS if fit_tau else (None,)):
         trial = config if tau is None else _changed(config, weights=Exponential(tau))
         bare = before if tau is None else _bare(places, trial, threads)
-        level, loss = _fit(bare, q, measured)
+        level, loss = fit_level(bare, q, measured)
         fits.append((loss, n, _changed(trial, noise_level=level), bare))
         if progress:
             progress(n + 1, len(TAUS) if fit_tau else 1)
     _, _, fitted, bare = min(fits, key=lambda fit: fit[:2])
     level = fitted.estimator.noise_level
-    _check_determined(level)
-    covariance = level * bare + q
-    predicted = _rms(covariance)
+    check_determined(level)
+    return judged(
+        fitted,
+        Interval(level, *_bootstrapped(bare, q, measured)),
+        bare,
+        q,
+        errors,
+        factor_of(rms_of(estimator.noise_level * before + q), measured),
+        fitted_tau=fit_tau,
+        maps=[each.grid.name for each in places],
+        error=error,
+    )
+
+
+def judged(
+    config: FieldConfig,
+    level: Interval,
+    bare: Array,
+    q: Array,
+    errors: Array,
+    factor_before: float,
+    *,
+    fitted_tau: bool,
+    maps: Sequence[str],
+    error: ErrorKind,
+) -> Calibration:
+    """How well the noise level of a config fits second moments of errors, (n, 2, 2) [m^2]."""
+    covariance, measured = level.value * bare + q, rms_of(errors)
+    predicted = rms_of(covariance)
     difference, variance = np.log(predicted / measured), np.log(measured).var()
     return Calibration(
-        config=fitted,
-        noise_level=Interval(level, *_bootstrapped(bare, q, measured)),
-        fitted_tau=fit_tau,
-        factor=_factor(predicted, measured),
-        factor_before=_factor(_rms(estimator.noise_level * before + q), measured),
+        config=config,
+        noise_level=level,
+        fitted_tau=fitted_tau,
+        factor=factor_of(predicted, measured),
+        factor_before=factor_before,
         within_two=float(np.mean(np.abs(difference) <= math.log(2))),
         r_squared=float(1 - np.mean(difference**2) / variance) if variance > 0 else 0.0,
         spearman=spearman(predicted, measured),
         consistency=_consistency(covariance, errors),
-        floor_share=float(np.mean(measured < _rms(q))),
+        floor_share=float(np.mean(measured < rms_of(q))),
         predicted=predicted,
         measured=measured,
-        maps=[each.grid.name for each in places],
+        maps=maps,
         error=error,
     )
 
@@ -245,7 +271,7 @@ def _added_q(places: Places, config: FieldConfig) -> Array:
     return q[:2, :2] * estimator.adds_q
 
 
-def _rms(covariance: Array) -> Array:
+def rms_of(covariance: Array) -> Array:
     """Rms deviation of positions, (n,) [m]."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
 
@@ -255,7 +281,9 @@ def _consistency(covariance: Array, errors: Array) -> float:
     return float(np.einsum("nij,nji->n", np.linalg.inv(covariance), errors).mean() / 2)
 
 
-def _fit(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
+def fit_level(
+    bare: Array, q: Array, measured: Array, weights: Array | None = None
+) -> tuple[float, float]:
     """Noise level of least loss, and the loss: the mean squared difference of logarithms."""
     from scipy.optimize import minimize_scalar
 
@@ -263,7 +291,7 @@ def _fit(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
 
     def loss(log_level: float) -> float:
         predicted = np.sqrt(math.exp(log_level) * variance + added)
-        return float(np.mean(np.log(predicted / measured) ** 2))
+        return float(np.average(np.log(predicted / measured) ** 2, weights=weights))
 
     low, high = map(math.log, LEVELS)
     coarse = np.linspace(low, high, 60)
@@ -278,11 +306,13 @@ def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]
     """The ends of the noise level's 95 % interval."""
     random = np.random.default_rng(0)
     draws = random.integers(0, len(bare), (RESAMPLES, len(bare)))
-    low, high = np.quantile([_fit(bare[n], q[n], measured[n])[0] for n in draws], (0.025, 0.975))
+    low, high = np.quantile(
+        [fit_level(bare[n], q[n], measured[n])[0] for n in draws], (0.025, 0.975)
+    )
     return float(low), float(high)
 
 
-def _check_determined(level: float) -> None:
+def check_determined(level: float) -> None:
     low, high = LEVELS
     if level < 2 * low:
         raise CalibrationError(
@@ -296,5 +326,5 @@ def _check_determined(level: float) -> None:
         )
 
 
-def _factor(predicted: Array, measured: Array) -> float:
+def factor_of(predicted: Array, measured: Array) -> float:
     return float(np.exp(np.sqrt(np.mean(np.log(predicted / measured) ** 2))))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +25,12 @@ from locplan.simulation._motion import Poses, poses_along
 from locplan.simulation._scores import FLOOR
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import DRIVE, Simulator, random_of
-from locplan.simulation.tuning._space import LEVELS
+from locplan.simulation.tuning._space import LEVELS, Level
 
 APART = (8.0, 4.0, 2.0)
 """Least distance from start to goal [m]; the first that the map is large enough for."""
 LONGEST = 16.0
 """Length that longer paths are cut to, at random [m]."""
-EVERY_LEVEL = range(len(LEVELS))
 SAMPLED = 8
 """Number of poses, of which the error at one enters the median."""
 
@@ -80,8 +81,122 @@ class Driven:
     """Position error [m] at every eighth pose, by level, path and drive."""
 
 
-class Bench:
-    """Drives of settings at all levels of disturbance; what was driven once is remembered.
+class AnyBench(ABC):
+    """Drives of settings at some levels of disturbance; what was driven once is remembered.
+
+    Parameters
+    ----------
+    grid, lidar : OccupancyGrid, Lidar
+        The map and the robot's lidar.
+    levels : sequence of Level
+        The levels of disturbance; most settings are worst at the last one.
+    lines : sequence of (n, 3) arrays
+        The poses along each path, in the map's own axes [m, m, rad].
+    drives : int
+        Greatest number of drives along each path, at each level.
+    seed : int
+        Seed of all random numbers; all settings have the same.
+    threads : int
+        Number of threads.
+    """
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        lidar: Lidar,
+        levels: Sequence[Level],
+        lines: Sequence[Poses],
+        drives: int,
+        *,
+        seed: int,
+        threads: int,
+    ) -> None:
+        self.grid, self.lidar, self.levels, self.lines = grid, lidar, tuple(levels), lines
+        self.seed, self.threads = seed, threads
+        self.lengths = np.array([np.hypot(*np.diff(each[:, :2], axis=0).T).sum() for each in lines])
+        self.driven: dict[Amcl, Driven] = {}
+        self._shape = len(levels), len(lines), drives
+        self._scores: dict[tuple[object, ...], NDArray[np.float32]] = {}
+
+    @abstractmethod
+    def arguments(self, amcl: Amcl) -> list[Any]:
+        """What `errors` needs of a setting at each level; it is made once for all drives."""
+
+    @abstractmethod
+    def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
+        """Errors (n, 3) of one drive along a path [m, m, rad]."""
+
+    def scores(self, amcl: Amcl) -> NDArray[np.float32]:
+        """Scores of beams on the map, which many settings share; see `beam_scores`."""
+        reach = reach_of(self.lidar, amcl)
+        names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
+        key = (reach, *(getattr(amcl, name) for name in names))
+        if key not in self._scores:
+            self._scores[key] = beam_scores(self.grid, amcl, reach)
+        return self._scores[key]
+
+    def drive(
+        self,
+        settings: Sequence[Amcl],
+        paths: int,
+        drives: int,
+        levels: Sequence[int] | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> None:
+        """Drive each setting along the first of the paths, so often each, at some levels or all.
+
+        `progress` is called with (done, total) drives.
+        """
+        tasks = []
+        left_out = [n for n in range(len(self.levels)) if levels is not None and n not in levels]
+        for amcl in dict.fromkeys(settings):
+            if amcl not in self.driven:
+                squares, lost, seconds = (np.full(self._shape, np.nan) for _ in range(3))
+                self.driven[amcl] = Driven(squares, lost, seconds, {})
+            missing = np.isnan(self.driven[amcl].squares[:, :paths, :drives])
+            missing[left_out] = False
+            arguments = self.arguments(amcl) if missing.any() else []
+            for level, path in np.argwhere(missing.any(axis=2)).tolist():
+                which = np.flatnonzero(missing[level, path]).tolist()
+                tasks.append((self.driven[amcl], level, path, which, arguments[level]))
+        total, done = sum(len(task[3]) for task in tasks), 0
+        pool = ThreadPoolExecutor(self.threads)
+        try:
+            for finished in as_completed([pool.submit(self._run, *task) for task in tasks]):
+                done += finished.result()
+                if progress:
+                    progress(done, total)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    def means(self, amcl: Amcl, paths: int, drives: int) -> NDArray[np.float64]:
+        """Mean over drives of the logarithm of the root mean square error, (levels,).
+
+        It is NaN at levels that were not driven.
+        """
+        squares = self.driven[amcl].squares[:, :paths, :drives]
+        return np.asarray(0.5 * np.log(squares + FLOOR).mean(axis=(1, 2)))
+
+    def updates(self, amcl: Amcl) -> int:
+        """Updates of the filter in one drive along every path, without errors of odometry."""
+        return sum(updates_along(line, amcl) for line in self.lines)
+
+    def _run(
+        self, into: Driven, level: int, path: int, drives: Sequence[int], arguments: Any
+    ) -> int:
+        for n in drives:
+            started = time.thread_time()
+            errors = self.errors(level, path, n, arguments)
+            into.seconds[level, path, n] = time.thread_time() - started
+            position = np.nan_to_num(np.hypot(errors[:, 0], errors[:, 1]), nan=FARTHEST)
+            into.lost[level, path, n] = position.max() > LOST
+            into.squares[level, path, n] = (position**2).mean()
+            into.errors[level, path, n] = position[::SAMPLED].astype(np.float32)
+        return len(drives)
+
+
+class Bench(AnyBench):
+    """Drives of settings in simulated worlds, at all levels of disturbance.
 
     Parameters
     ----------
@@ -106,7 +221,7 @@ class Bench:
         seed: int,
         threads: int | None,
     ) -> None:
-        self.levels = [
+        self.simulators = [
             Simulator(
                 grid,
                 lidar=lidar,
@@ -116,96 +231,38 @@ class Bench:
             )
             for level in LEVELS
         ]
-        poses = [poses_along(path, grid) for path in paths]
-        self.lines = [self.levels[0].on_grid(each) for each in poses]
-        self.seed = seed
+        first = self.simulators[0]
+        lines = [first.on_grid(poses_along(path, grid)) for path in paths]
+        own: Any = {"seed": seed, "threads": first.threads}
+        super().__init__(grid, first.lidar, LEVELS, lines, drives, **own)
         self.lengths = np.array([path.length for path in paths])
-        self.driven: dict[Amcl, Driven] = {}
-        self._shape = len(LEVELS), len(paths), drives
-        self._scores: dict[tuple[object, ...], NDArray[np.float32]] = {}
 
-    def drive(
-        self,
-        settings: Sequence[Amcl],
-        paths: int,
-        drives: int,
-        levels: Sequence[int] = EVERY_LEVEL,
-        progress: ProgressCallback | None = None,
-    ) -> None:
-        """Drive each setting along the first of the paths, so often each, at some levels.
+    def arguments(self, amcl: Amcl) -> list[Arguments]:
+        """Arguments of the kernel at each level."""
+        for each in self.simulators:
+            _ = each.worlds  # made once, not by every thread
+        scores = self.scores(amcl)
+        return [
+            arguments_of(each.grid, each.lidar, amcl, each.disturbances, scores=scores)
+            for each in self.simulators
+        ]
 
-        `progress` is called with (done, total) drives.
-        """
-        tasks = []
-        for amcl in dict.fromkeys(settings):
-            if amcl not in self.driven:
-                squares, lost, seconds = (np.full(self._shape, np.nan) for _ in range(3))
-                self.driven[amcl] = Driven(squares, lost, seconds, {})
-            missing = np.isnan(self.driven[amcl].squares[:, :paths, :drives])
-            missing[[n for n in EVERY_LEVEL if n not in levels]] = False
-            arguments = self._arguments(amcl) if missing.any() else []
-            for level, path in np.argwhere(missing.any(axis=2)).tolist():
-                which = np.flatnonzero(missing[level, path]).tolist()
-                tasks.append((self.driven[amcl], level, path, which, arguments[level]))
-        total, done = sum(len(task[3]) for task in tasks), 0
-        for simulator in self.levels:
-            _ = simulator.worlds  # made once, not by every thread
-        pool = ThreadPoolExecutor(self.levels[0].threads)
-        try:
-            for finished in as_completed([pool.submit(self._run, *task) for task in tasks]):
-                done += finished.result()
-                if progress:
-                    progress(done, total)
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-    def means(self, amcl: Amcl, paths: int, drives: int) -> NDArray[np.float64]:
-        """Mean over drives of the logarithm of the root mean square error, (levels,).
-
-        It is NaN at levels that were not driven.
-        """
-        squares = self.driven[amcl].squares[:, :paths, :drives]
-        return np.asarray(0.5 * np.log(squares + FLOOR).mean(axis=(1, 2)))
-
-    def updates(self, amcl: Amcl) -> int:
-        """Updates of the filter in one drive along every path, without errors of odometry."""
-        return sum(updates_along(line, amcl) for line in self.lines)
-
-    def _run(
-        self, into: Driven, level: int, path: int, drives: Sequence[int], arguments: Arguments
-    ) -> int:
+    def errors(
+        self, level: int, path: int, drive: int, arguments: Arguments
+    ) -> NDArray[np.float64]:
+        """Errors of one drive, in the map's own axes."""
         from locplan._kernels import drives as kernel
 
-        simulator, line = self.levels[level], self.lines[path]
+        simulator, line = self.simulators[level], self.lines[path]
         errors = np.empty_like(line)
-        for n in drives:
-            started = time.thread_time()
-            kernel.drive(
-                random_of(simulator.seed, DRIVE, path, n),
-                line,
-                simulator.worlds[n % len(simulator.worlds)],
-                *arguments,
-                errors,
-            )
-            into.seconds[level, path, n] = time.thread_time() - started
-            position = np.nan_to_num(np.hypot(errors[:, 0], errors[:, 1]), nan=FARTHEST)
-            into.lost[level, path, n] = position.max() > LOST
-            into.squares[level, path, n] = (position**2).mean()
-            into.errors[level, path, n] = position[::SAMPLED].astype(np.float32)
-        return len(drives)
-
-    def _arguments(self, amcl: Amcl) -> list[Arguments]:
-        """Arguments of the kernel at each level."""
-        first = self.levels[0]
-        names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
-        reach = reach_of(first.lidar, amcl)
-        key = (reach, *(getattr(amcl, name) for name in names))
-        if key not in self._scores:
-            self._scores[key] = beam_scores(first.grid, amcl, reach)
-        return [
-            arguments_of(each.grid, each.lidar, amcl, each.disturbances, scores=self._scores[key])
-            for each in self.levels
-        ]
+        kernel.drive(
+            random_of(simulator.seed, DRIVE, path, drive),
+            line,
+            simulator.worlds[drive % len(simulator.worlds)],
+            *arguments,
+            errors,
+        )
+        return errors
 
 
 def updates_along(line: Poses, amcl: Amcl) -> int:

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from locplan.plotting._picture import Picture
 from locplan.simulation.tuning._results import Tuning
-from locplan.simulation.tuning._space import LEVELS, changed_axes
+from locplan.simulation.tuning._space import changed_axes
 
 COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00")
 MARKERS = ("o", "s", "D", "^", "v")
@@ -25,7 +25,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     figure = Picture(figsize=(12, 4.8), layout="constrained")
     panels: Any = figure.subplots(1, 3, width_ratios=(3.4, 3.0, 2.6))
     errors, lost, changes = panels
-    at = np.arange(len(LEVELS))
+    at = np.arange(len(tuning.levels))
     count = len(tuning.judged)
     for n, each in enumerate(tuning.judged):
         aside = at + 0.14 * (n - (count - 1) / 2)
@@ -43,15 +43,16 @@ def tuning_figure(tuning: Tuning) -> Figure:
             axes.errorbar(aside, value, bars, fmt="none", ecolor=style["color"], elinewidth=1.5)
             axes.plot(aside, value, linestyle="none", label=label, **style)
     for axes in (errors, lost):
-        axes.set_xticks(at, [level.name for level in LEVELS])
-        axes.set_xlabel("odometry's errors, relative to those asked for")
+        axes.set_xticks(at, [level.name for level in tuning.levels])
+        if not tuning.drive:
+            axes.set_xlabel("odometry's errors, relative to those asked for")
         axes.grid(axis="y", color="0.92")
     errors.set_yscale("log")
     errors.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     errors.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     errors.yaxis.set_minor_formatter(NullFormatter())
     errors.set_ylabel("RMSE of the position [m]")
-    lost.set_ylabel("lost drives [%]")
+    lost.set_ylabel(f"lost {'replays' if tuning.drive else 'drives'} [%]")
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
     kept = {axis.name for axis in changed_axes(tuning.own, tuning.candidate)}
     ratios = [ratio for _, ratio in gains]
@@ -59,17 +60,21 @@ def tuning_figure(tuning: Tuning) -> Figure:
     changes.barh([name for name, _ in gains], [100 * (v - 1) for v in ratios], color=colours)
     changes.axvline(0, color="0.4", linewidth=0.8)
     changes.set_xlabel("increase of the RMSE without it [%]\n(grey: put back)")
-    changes.set_title("what each change gains, at its worst level", fontsize="medium")
+    where = "" if tuning.drive else ", at its worst level"
+    changes.set_title(f"what each change gains{where}", fontsize="medium")
     if not gains:
         changes.set_axis_off()
     handles, labels = errors.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
-    errors.set_title("geometric mean over the paths, 95 %", fontsize="medium")
-    lost.set_title("share of all drives, 95 %", fontsize="medium")
+    what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
+    runs = "replays" if tuning.drive else "drives"
+    parts = "stretches" if tuning.drive else "paths"
+    errors.set_title(f"geometric mean over the {parts}, 95 %", fontsize="medium")
+    lost.set_title(f"share of all {runs}, 95 %", fontsize="medium")
     verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
     figure.suptitle(
-        f"{tuning.grid.name or 'map'}, {tuning.lidar.title}: {tuning.paths} random paths,"
-        f" {tuning.drives} drives each, that nothing was chosen on{verdict}",
+        f"{tuning.grid.name or 'map'}, {tuning.lidar.title}: {tuning.paths} {what},"
+        f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}",
         fontsize="medium",
     )
     return figure

@@ -14,16 +14,14 @@ from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
 from locplan.simulation.tuning._files import check_written, tuned_file
 from locplan.simulation.tuning._results import Judged, Tuning
-from locplan.simulation.tuning._space import LEVELS, described
+from locplan.simulation.tuning._space import described
 
 TUNING = Results("tuning", ("nav2_params.yaml", "tuning.json", "tuning.png"))
-MIDDLE = 1
-"""Level of disturbance that was asked for."""
 
 
 def tuning_table(tuning: Tuning) -> str:
     """Table of the settings that were judged, the warnings, and the conclusion."""
-    head = ["", *(level.name for level in LEVELS), "RMSE to A's", "ms/update", "ms/m"]
+    head = ["", *(level.name for level in tuning.levels), "RMSE to A's", "ms/update", "ms/m"]
     rows = [
         [
             letter,
@@ -41,16 +39,31 @@ def tuning_table(tuning: Tuning) -> str:
     lines = [
         table(head, rows),
         *names,
-        "RMSE of the position and share of lost drives (> 1 m at any time), with a third of, once",
-        f"and three times odometry's errors, on {tuning.paths} random paths, {tuning.drives} drives"
-        " each, on which nothing was",
-        "chosen; RMSE to A's over all levels [95 %]; ms: CPU time, with that of the simulated scan",
+        *_explained(tuning),
         *_gains(tuning),
         f"{tuning.lidar.title}: {tuning.beams_left}",
         *(f"warning: {each}" for each in tuning.lints),
         conclusion(tuning),
     ]
     return "\n".join(lines)
+
+
+def _explained(tuning: Tuning) -> list[str]:
+    """What the table's numbers are."""
+    if tuning.drive:
+        return [
+            "RMSE of the position and share of lost replays (> 1 m at any time), against the"
+            " recorded poses,",
+            f"on {tuning.paths} stretches of {tuning.drive}, {tuning.drives} replays each, on which"
+            " nothing was chosen;",
+            "RMSE to A's [95 % over the stretches]; ms: CPU time",
+        ]
+    return [
+        "RMSE of the position and share of lost drives (> 1 m at any time), with a third of, once",
+        f"and three times odometry's errors, on {tuning.paths} random paths, {tuning.drives} drives"
+        " each, on which nothing was",
+        "chosen; RMSE to A's over all levels [95 %]; ms: CPU time, with that of the simulated scan",
+    ]
 
 
 def conclusion(tuning: Tuning) -> str:
@@ -64,10 +77,13 @@ def conclusion(tuning: Tuning) -> str:
             f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
             f" has {_interval(found.ratio)} times their RMSE)"
         )
-    before, after = own.levels[MIDDLE], found.levels[MIDDLE]
+    middle = len(own.levels) // 2  # the one that was asked for
+    before, after = own.levels[middle], found.levels[middle]
     levels = [each.level.name for each in found.levels if each.ratio.high < 1]
     where = (
-        "better at every level of disturbance"
+        "better on stretches of the drive that it was not chosen on"
+        if tuning.drive
+        else "better at every level of disturbance"
         if found.better_everywhere
         else f"clearly better at the levels {' and '.join(levels)} of disturbance"
         if levels
@@ -117,14 +133,15 @@ def _gains(tuning: Tuning) -> list[str]:
         f"{name} {100 * (ratio - 1):+.0f} %{'' if name in kept else ' (put back)'}"
         for name, ratio in sorted(tuning.contributions.items(), key=lambda each: -each[1])
     ]
-    return [f"RMSE at its worst level without a change: {', '.join(gains)}"] if gains else []
+    where = "" if tuning.drive else " at its worst level"
+    return [f"RMSE{where} without a change: {', '.join(gains)}"] if gains else []
 
 
 def _name(tuning: Tuning, judged: Judged) -> str:
     marks = []
     if judged.amcl == tuning.winner and tuning.changes:
         marks.append("to use")
-    if judged.better_everywhere:
+    if judged.better_everywhere and not tuning.drive:
         marks.append("better at every level")
     return f"{judged.name} ({'; '.join(marks)})" if marks else judged.name
 

@@ -14,10 +14,9 @@ from locplan._util.tables import finite
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.simulation._settings import Amcl, Disturbances
-from locplan.simulation.tuning._bench import Bench
+from locplan.simulation.tuning._bench import AnyBench
 from locplan.simulation.tuning._lint import BeamsLeft
 from locplan.simulation.tuning._space import (
-    LEVELS,
     Axis,
     Level,
     Value,
@@ -141,10 +140,17 @@ class Tuning:
     """Seed of the search."""
     judged_seed: int
     """Seed of the paths, worlds and drives on which was judged."""
+    drive: str = ""
+    """Name of the recorded drive, whose stretches are the paths; empty if they were simulated."""
 
     def __repr__(self) -> str:
         changes = described(self.own, self.winner)
         return f"Tuning({self.grid.name or 'map'}, {changes or 'nothing is clearly better'})"
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """The levels of disturbance; a recorded drive has one, its own."""
+        return tuple(each.level for each in self.judged[0].levels)
 
     @property
     def found(self) -> Judged:
@@ -184,18 +190,21 @@ class Tuning:
             "seed": self.seed,
             "judged_seed": self.judged_seed,
             "lidar": dataclasses.asdict(self.lidar),
-            "levels": [
+            "drive": self.drive or None,
+            "levels": None
+            if self.drive
+            else [
                 {
                     "name": level.name,
                     "disturbances": dataclasses.asdict(level.of(self.disturbances)),
                 }
-                for level in LEVELS
+                for level in self.levels
             ],
         }
         return finite(about)
 
 
-def judged(bench: Bench, name: str, amcl: Amcl, own: Amcl) -> Judged:
+def judged(bench: AnyBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
     """Errors of a setting, all of whose drives the bench has, beside the user's own."""
     driven, others = bench.driven[amcl], bench.driven[own]
     ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))
@@ -203,7 +212,7 @@ def judged(bench: Bench, name: str, amcl: Amcl, own: Amcl) -> Judged:
     _, paths, drives = driven.squares.shape
     means = bench.means(amcl, paths, drives)
     levels = []
-    for n, level in enumerate(LEVELS):
+    for n, level in enumerate(bench.levels):
         squares, lost = driven.squares[n], driven.lost[n].astype(bool)
         errors = np.concatenate([each for key, each in driven.errors.items() if key[0] == n])
         levels.append(
@@ -219,7 +228,7 @@ def judged(bench: Bench, name: str, amcl: Amcl, own: Amcl) -> Judged:
             )
         )
     metres = float(bench.lengths.sum())
-    rounds = len(LEVELS) * drives
+    rounds = len(bench.levels) * drives
     return Judged(
         name,
         amcl,

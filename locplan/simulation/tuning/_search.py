@@ -10,8 +10,8 @@ import numpy as np
 
 from locplan._util.progress import ProgressCallback
 from locplan.simulation._settings import Amcl
-from locplan.simulation.tuning._bench import EVERY_LEVEL, Bench
-from locplan.simulation.tuning._space import LEVELS, changed_axes
+from locplan.simulation.tuning._bench import AnyBench
+from locplan.simulation.tuning._space import changed_axes
 
 RUNGS = ((4, 4, 24), (2, 2, 5))
 """Rungs before the last: what paths and drives are divided by, and how many settings stay."""
@@ -20,8 +20,6 @@ FRUGAL = 2
 WORSE, WORSE_AT_A_COST = math.log(1.02), math.log(1.1)
 """Increase of the logarithm of the error up to which a change is put back, and one that makes the
 filter compare more beams a metre."""
-STRONGEST = len(LEVELS) - 1
-"""Level at which nearly every setting is worst; others are driven where they can matter."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,10 @@ class Search:
         Numbers of the last rung.
     """
 
-    def __init__(self, bench: Bench, own: Amcl, paths: int, drives: int) -> None:
+    def __init__(self, bench: AnyBench, own: Amcl, paths: int, drives: int) -> None:
         self.bench, self.own = bench, own
+        # Nearly every setting is worst there; other levels are driven where they can matter.
+        self.strongest = [len(bench.levels) - 1]
         self.rungs = [
             (max(1, paths // fewer), max(1, drives // rarer), stay) for fewer, rarer, stay in RUNGS
         ]
@@ -68,12 +68,12 @@ class Search:
         allowed = [amcl for amcl in settings if self.beams(amcl) <= self.beams(self.own)]
         staying, sizes = list(settings), []
         for paths, drives, stay in self.rungs:
-            self.bench.drive(staying, paths, drives, [STRONGEST], next(progress))
+            self.bench.drive(staying, paths, drives, self.strongest, next(progress))
             sizes.append((len(staying), paths, drives))
             ranked = sorted(staying, key=lambda amcl: self._known(amcl, paths, drives))
             frugal = [amcl for amcl in ranked if amcl in set(allowed)][:FRUGAL]
             staying = [*dict.fromkeys([*ranked[:stay], *frugal])]
-        self.bench.drive(staying, *self.last, [STRONGEST], next(progress))
+        self.bench.drive(staying, *self.last, self.strongest, next(progress))
         sizes.append((len(staying), *self.last))
         best = self._least(staying)
         frugal_best = self._least([amcl for amcl in staying if amcl in set(allowed)])
@@ -104,7 +104,7 @@ class Search:
         """The best setting with what gains next to nothing put back, and what each change gains."""
         axes, worst = changed_axes(self.own, best), self._known(best, *self.last)
         single = {axis: axis.put(best, axis.of(self.own)) for axis in axes}
-        self.bench.drive([*single.values()], *self.last, [STRONGEST], progress)
+        self.bench.drive([*single.values()], *self.last, self.strongest, progress)
         losses = {axis: self._known(amcl, *self.last) - worst for axis, amcl in single.items()}
         kept = best
         for axis in sorted(axes, key=lambda axis: losses[axis]):
@@ -117,7 +117,7 @@ class Search:
 
     def _within(self, amcl: Amcl, bound: float) -> bool:
         """Whether the logarithm of the error is up to a bound at every level."""
-        for levels in ([STRONGEST], EVERY_LEVEL):
+        for levels in (self.strongest, None):
             self.bench.drive([amcl], *self.last, levels)
             if self._known(amcl, *self.last) > bound:
                 return False

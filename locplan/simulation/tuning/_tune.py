@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from locplan._util.checks import instance, whole
 from locplan._util.machine import check_memory
@@ -14,8 +14,8 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.simulation._drives import check_drives
 from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator, random_of
-from locplan.simulation.tuning._bench import Bench, random_paths
-from locplan.simulation.tuning._lint import beams_left, lint
+from locplan.simulation.tuning._bench import AnyBench, Bench, random_paths
+from locplan.simulation.tuning._lint import BeamsLeft, beams_left, lint
 from locplan.simulation.tuning._results import NAV2, OWN, Tuning, judged
 from locplan.simulation.tuning._search import Search
 from locplan.simulation.tuning._space import LEVELS, candidates, described, nav2_defaults
@@ -121,6 +121,34 @@ def tune(
             threads=threads,
         )
 
+    return searched(
+        bench_of,
+        about.disturbances,
+        own,
+        paths,
+        drives,
+        left=left,
+        others=others,
+        seed=seed,
+        progress=progress,
+    )
+
+
+def searched(
+    bench_of: Callable[[int], AnyBench],
+    disturbances: Disturbances,
+    own: Amcl,
+    paths: int,
+    drives: int,
+    *,
+    left: BeamsLeft,
+    others: Mapping[str, object] | None,
+    seed: int,
+    progress: ProgressCallback | None,
+    drive: str = "",
+    notes: Sequence[str] = (),
+) -> Tuning:
+    """Search on one bench and judge on another, which `bench_of` makes of `SEARCH` and `JUDGE`."""
     steps = _steps(progress)
     bench = bench_of(SEARCH)
     search = Search(bench, own, paths, drives)
@@ -134,20 +162,21 @@ def tune(
     judge = bench_of(JUDGE)
     judge.drive([*order], paths, drives, progress=next(steps))
     return Tuning(
-        grid,
-        about.lidar,
-        about.disturbances,
+        judge.grid,
+        judge.lidar,
+        disturbances,
         own,
         found.kept,
         tuple(judged(judge, names[each], each, own) for each in order),
         found.without,
         left,
-        (*lint(own, about.lidar, others), *left.warnings()),
+        (*notes, *lint(own, judge.lidar, others), *left.warnings()),
         found.rungs,
         paths,
         drives,
         seed,
         judge.seed,
+        drive,
     )
 
 

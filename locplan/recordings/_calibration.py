@@ -1,0 +1,196 @@
+"""A field, a filter and disturbances calibrated by a recorded drive."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from locplan._util.checks import instance
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.tables import finite
+from locplan.errors import CalibrationError
+from locplan.field import Estimator, FieldConfig, Lidar, Scan
+from locplan.field._config import config_of
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.recordings._field_level import calibrated_field
+from locplan.recordings._odometry_noise import (
+    LEAST_UPDATES,
+    OdometryNoise,
+    as_disturbances,
+    odometry_noise,
+)
+from locplan.recordings._recording import Recording
+from locplan.recordings._scan_noise import ScanNoise, scan_noise
+from locplan.simulation import Amcl, Calibration, Disturbances
+
+ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
+FILTER_NOTE = (
+    "these alphas are the odometry's own, and not written as the filter's: one with so little"
+    " spread is soon lost; locplan tune --drive finds those for a filter"
+)
+LEAST_SIGMA = 1e-3
+"""Least standard deviation of a range that is written [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveCalibration:
+    """What a recorded drive says of a robot: for fields, for its filter, and for simulations."""
+
+    recording: Recording
+    config: FieldConfig
+    """Settings of the field, with the fitted noise level and the range noise of its lidar."""
+    field: Calibration | None
+    """Fit of the noise level; None if the drive does not determine it."""
+    scans: ScanNoise
+    """Noise of the scans."""
+    odometry: OdometryNoise | None
+    """Noise of odometry; None where the drive has none, or is too short."""
+    amcl: Amcl
+    """The filter's parameters as they were given; the fitted alphas are `odometry`'s."""
+    disturbances: Disturbances
+    """Disturbances of simulated robots, with all that was fitted."""
+    notes: tuple[str, ...]
+    """What limits the calibration, in sentences without a full stop."""
+
+    def __repr__(self) -> str:
+        level = f"k {self.field.noise_level.value:.3g}, " if self.field else ""
+        return f"DriveCalibration({level}{self.recording!r})"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The parts of a file of settings besides the field's, fit for JSON."""
+        return {
+            "amcl": dataclasses.asdict(self.amcl),
+            "disturbances": dataclasses.asdict(self.disturbances),
+        }
+
+    def summary(self) -> dict[str, object]:
+        """Results in numbers, fit for JSON."""
+        about: dict[str, object] = {
+            "drive": self.recording.summary().to_json(),
+            "field": self.field.summary() if self.field else None,
+            "scans": dataclasses.asdict(self.scans),
+            "odometry": dataclasses.asdict(self.odometry) if self.odometry else None,
+            "notes": list(self.notes),
+        }
+        return finite(about)
+
+
+def calibrate_drive(
+    recording: Recording,
+    grid: OccupancyGrid,
+    config: FieldConfig | Estimator | None = None,
+    *,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> DriveCalibration:
+    """Fit the noise level of a field, and the noise of odometry and scans, to a recorded drive.
+
+    The noise level k makes the field's deviations those of the posteriors of the recorded scans.
+    Odometry is compared with the recorded poses, and ranges with the map's walls.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive; its poses are the reference.
+    grid : OccupancyGrid
+        The map; the poses are in its world frame.
+    config : FieldConfig or Estimator, optional
+        Settings of the field; by default those of `locplan.Scan` with the recording's lidar.
+    amcl : Amcl, optional
+        The robot's filter. The alphas that are fitted hold for its distance between updates. They
+        are those of the odometry alone, and no advice for a filter, whose particles must spread
+        more.
+    disturbances : Disturbances, optional
+        Disturbances whose values stay where a drive says nothing of them.
+    threads : int, optional
+        Number of threads; all cores by default.
+    progress : callable, optional
+        Called with (done, total) in thousandths of the work.
+
+    Raises
+    ------
+    RecordingError
+        If too few scans fit the map.
+
+    Notes
+    -----
+    The scatter of the ranges is that of the lidar and of the map's cells together. The drifts of
+    odometry come out too low by 4 % on simulated drives of 300 m that turn all the time, where they
+    scatter by a tenth, and by a tenth on drives of 70 m, where they scatter by a third; their
+    intervals hold the true value in 65 to 95 % of the drives. The biases are those of one drive.
+    Objects that block beams are taken to stand 0.5 to 2 m away, as in simulation.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.recordings import record_drive
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
+    >>> drive = record_drive(grid, path, locplan.Lidar(range=6.0, beams=60))
+    >>> found = calibrate_drive(drive, grid)
+    >>> 0.02 < found.disturbances.outliers < 0.06
+    True
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    check_grid(grid)
+    config = config_of(Scan(recording.lidar) if config is None else config)
+    amcl, disturbances = amcl or Amcl(), disturbances or Disturbances()
+    instance("amcl", amcl, Amcl)
+    instance("disturbances", disturbances, Disturbances)
+    first, second = parts(progress, [500, 500])
+    scans = scan_noise(recording, grid, threads=threads, progress=first)
+    notes = []
+    if scans.set_apart:
+        notes.append(
+            f"{scans.set_apart} of {scans.set_apart + scans.scans} scans fit the map nowhere near"
+            " their poses, and are left out"
+        )
+    changes = {
+        "outliers": scans.outliers.value,
+        "occlusion": scans.occlusion.value,
+        "occlusion_deg": min(360.0, scans.occlusion_deg.value),
+    }
+    odometry = odometry_noise(recording, amcl)
+    if odometry:
+        notes += odometry.notes
+        changes |= as_disturbances(odometry)
+        notes.append(FILTER_NOTE)
+    elif recording.odometry is None:
+        notes.append("the drive has no odometry: that of simulations stays as it was")
+    else:
+        notes.append(
+            f"the drive has fewer than {LEAST_UPDATES} updates of the filter, too few for the noise"
+            " of odometry, which stays as it was"
+        )
+    config = _with_noise(config, scans.range_sigma.value)
+    field = None
+    try:
+        field = calibrated_field(recording, grid, config, threads=threads, progress=second)
+    except CalibrationError as error:
+        notes.append(str(error))
+    else:
+        config = field.config
+    return DriveCalibration(
+        recording,
+        config,
+        field,
+        scans,
+        odometry,
+        amcl,
+        dataclasses.replace(disturbances, **changes),  # type: ignore[arg-type]
+        tuple(notes),
+    )
+
+
+def _with_noise(config: FieldConfig, sigma: float) -> FieldConfig:
+    """The config with the range noise of its lidar [m], if it has one."""
+    estimator: Any = config.estimator
+    lidar: Lidar | None = getattr(estimator, "lidar", None)
+    if lidar is None:
+        return config
+    noisy = dataclasses.replace(lidar, range_sigma=max(LEAST_SIGMA, sigma))
+    return dataclasses.replace(config, estimator=estimator.with_lidar(noisy))

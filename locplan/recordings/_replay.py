@@ -1,0 +1,256 @@
+"""AMCL run again on the odometry and the scans of a recorded drive."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import instance, number, whole
+from locplan._util.intervals import Interval
+from locplan._util.machine import check_memory, check_threads
+from locplan._util.notebook import Pictured
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.recordings._blocks import blocks_along, mean_interval
+from locplan.recordings._geometry import Numbers
+from locplan.recordings._recording import Recording
+from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
+from locplan.simulation import Amcl, Disturbances, Drives
+from locplan.simulation._simulator import random_of
+
+RUNS = 20
+"""Number of runs."""
+MAX_RUNS = 10_000
+WITHIN = 0.95
+"""Share of the poses that lie in an ellipse, if the filter's covariance is right."""
+ELLIPSE = -2 * math.log(1 - WITHIN)
+"""Square of the distance of this ellipse from its middle, in standard deviations."""
+MIDDLE = 2 * math.log(2)
+"""Median of this square, if the filter's covariance is right."""
+ROUNDING = 1e-8
+"""Variance that is added so that no covariance is singular [m^2]."""
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """The filter's own covariance beside its errors, where it resampled its particles.
+
+    The interval is a percentile bootstrap over blocks of 10 m of the drive; NaN where it has fewer
+    than five.
+    """
+
+    within: Interval
+    """Share of the recorded positions in the filter's 95 % ellipse."""
+    wider: float
+    """Factor by which the filter's ellipses would have to be wider for half of the positions to lie
+    in those of 50 %."""
+    filter_std: float
+    """Median of the filter's rms deviation of the position [m]."""
+    error: float
+    """Median of the distance from the recorded position, at the same scans [m]."""
+
+    @property
+    def sentence(self) -> str:
+        """What this means for the filter's user."""
+        share = f"{self.within.value:.0%} of the recorded positions lie in its {WITHIN:.0%} ellipse"
+        if self.within.value < 0.85:
+            return (
+                f"The filter is overconfident: {share}, which would have to be {self.wider:.1f}"
+                " times as wide; or the recorded poses are off by as much."
+            )
+        if self.within.value > 0.98 and self.wider < 0.7:
+            return (
+                f"The filter is cautious: {share}, which could be {self.wider:.1f} times as wide."
+            )
+        return f"The filter's covariance agrees with its errors: {share}."
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Replay(Pictured):
+    """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
+
+    _drawn_by: ClassVar[str] = "locplan.recordings._replay_figures:replay_figure"
+
+    recording: Recording
+    grid: OccupancyGrid
+    amcl: Amcl
+    start_sigma: float
+    """Standard deviation of the filter's first position in x and y [m]."""
+    start_sigma_deg: float
+    """Standard deviation of the filter's first heading [deg]."""
+    seed: int
+    errors: Numbers
+    """The filter's pose minus the recorded one, (runs, n, 3), in the world [m, m, rad]."""
+    covariances: Numbers
+    """Covariance of the particles as AMCL publishes it, (runs, n, 3, 3), in the world; NaN where
+    they were not resampled."""
+
+    def __repr__(self) -> str:
+        return f"Replay({self.grid.name or 'map'}, {self.drives!r})"
+
+    @cached_property
+    def drives(self) -> Drives:
+        """The errors, as those of simulated drives."""
+        return Drives(self.recording.poses, self.errors)
+
+    @property
+    def poses(self) -> Numbers:
+        """The filter's poses, (runs, n, 3), in the world [m, m, rad]."""
+        return np.asarray(self.recording.poses + self.errors)
+
+    @property
+    def updated(self) -> NDArray[np.bool_]:
+        """Mask of the scans at which the filter resampled its particles, (n,)."""
+        return np.isfinite(self.covariances[0, :, 0, 0])
+
+    @property
+    def squares(self) -> Numbers:
+        """Squared distance of the recorded position from the filter's, in its own standard
+        deviations (NEES), (runs, n); NaN where it did not resample. Right covariances have 2 on
+        average."""
+        covariance = self.covariances[..., :2, :2] + ROUNDING * np.eye(2)
+        error = self.errors[..., :2]
+        a, b, c = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
+        x, y = error[..., 0], error[..., 1]
+        return np.asarray((c * x**2 - 2 * b * x * y + a * y**2) / (a * c - b**2))
+
+    @property
+    def filter_std(self) -> Numbers:
+        """Rms deviation of the position by the filter itself, the median over runs, (n,) [m]."""
+        covariance = self.covariances
+        deviation = np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
+        return np.asarray(np.median(deviation, axis=0))
+
+    @cached_property
+    def consistency(self) -> Consistency:
+        """How well the filter knows its own errors."""
+        at = self.updated
+        squares, covariance = self.squares[:, at], self.covariances[:, at]
+        inside = (squares <= ELLIPSE).mean(axis=0)
+        return Consistency(
+            mean_interval(inside, blocks_along(self.recording.poses)[at]),
+            math.sqrt(float(np.median(squares)) / MIDDLE),
+            float(np.median(np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1]))),
+            float(np.median(self.drives.position_error[:, at])),
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What limits the replay, in sentences without a full stop."""
+        return sparse_notes(self.recording, self.amcl)
+
+    def summary(self) -> dict[str, object]:
+        """All that was found, fit for JSON."""
+        found = self.consistency
+        about: dict[str, object] = {
+            "drive": self.recording.summary().to_json(),
+            "map": {"name": self.grid.name, "digest": self.grid.digest},
+            "runs": len(self.errors),
+            "updates": int(self.updated.sum()),
+            "errors": self.drives.summary(),
+            "consistency": {
+                "within_95_ellipse": list(found.within),
+                "wider_by": found.wider,
+                "filter_std_m": found.filter_std,
+                "error_m": found.error,
+                "sentence": found.sentence,
+            },
+            "notes": list(self.notes),
+            "seed": self.seed,
+            "start_sigma_m": self.start_sigma,
+            "start_sigma_deg": self.start_sigma_deg,
+            "amcl": dataclasses.asdict(self.amcl),
+        }
+        return finite(about)
+
+
+def replay(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    amcl: Amcl | None = None,
+    runs: int = RUNS,
+    start_sigma: float = Disturbances.start_sigma,
+    start_sigma_deg: float = Disturbances.start_sigma_deg,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Replay:
+    """Run AMCL on the odometry and the scans of a recorded drive.
+
+    It is the filter of the simulated drives, which follows Nav2's. It knows the odometry only at
+    the scans, and begins about the first recorded pose, off by a random amount, as in simulation.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive, with odometry; its poses are the reference.
+    grid : OccupancyGrid
+        The map; the poses are in its world frame.
+    amcl : Amcl, optional
+        Parameters of the filter; Nav2's defaults.
+    runs : int
+        Number of runs, which have random numbers of their own.
+    start_sigma, start_sigma_deg : float
+        Standard deviations of the filter's first position [m] and heading [deg].
+    seed : int
+        Seed of all random numbers; equal seeds give equal results, on any number of threads.
+    threads : int, optional
+        Number of threads; all cores by default.
+    progress : callable, optional
+        Called with (done, total) runs.
+
+    Raises
+    ------
+    RecordingError
+        If the drive has no odometry, or its first pose is not on the map.
+    ConfigError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np, locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> lidar = locplan.Lidar(range=5.0, field_of_view_deg=180.0, beams=5)
+    >>> poses = [[2.0 + n / 4, 3.0, 0.0] for n in range(9)]
+    >>> drive = Recording(np.full((9, 5), 1.0), lidar, poses, odometry=poses)
+    >>> replay(drive, grid, runs=2).errors.shape
+    (2, 9, 3)
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    check_grid(grid)
+    own = amcl or Amcl()
+    instance("amcl", own, Amcl)
+    whole("runs", runs, 1, MAX_RUNS)
+    whole("seed", seed, 0)
+    start = number("start_sigma", start_sigma, 0.0), number("start_sigma_deg", start_sigma_deg, 0.0)
+    workers = check_threads(threads)
+    check_memory(f"{runs} runs of {len(recording)} scans", 12 * 8 * runs * len(recording), "fewer")
+    tracks = Tracks(recording, grid)
+    arguments = tracks.arguments(own, Disturbances(start_sigma=start[0], start_sigma_deg=start[1]))
+    errors = np.empty((runs, len(recording), 3))
+    covariances = np.empty((runs, len(recording), 3, 3))
+    ends = tracks.ends(own)
+
+    def run(n: int) -> None:
+        found = tracks.track(random_of(seed, REPLAY, n), ends, arguments)
+        errors[n], covariances[n] = found
+
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            tasks = [pool.submit(run, n) for n in range(runs)]
+            for done, task in enumerate(tasks, 1):
+                task.result()
+                if progress:
+                    progress(done, runs)
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return Replay(recording, grid, own, *start, seed, errors, covariances)

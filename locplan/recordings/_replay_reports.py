@@ -1,0 +1,66 @@
+"""Replays of recorded drives as tables for people, and as files."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+
+from locplan._util.results import ResultFolder, Results
+from locplan._util.tables import table
+from locplan.recordings._replay import WITHIN, Replay
+from locplan.simulation._drives import PROFILE
+from locplan.simulation._formats import in_degrees, in_metres, in_percent, with_unit
+from locplan.simulation._writing import write_json, write_rows
+
+REPLAY = Results("replay", ("replay.png", "replay.json", "errors.csv"))
+WIDTH = 100
+"""Width of running text [characters]."""
+
+
+def replay_table(replay: Replay) -> str:
+    """Table of the errors against the recorded poses, and of the filter's consistency."""
+    drives, found = replay.drives, replay.consistency
+    within = found.within
+    share = f"{within.value:.0%}" if np.isnan(within.low) else in_percent(within)
+    rows = [
+        ("map", replay.grid.name),
+        ("drive", repr(replay.recording)),
+        ("runs", f"{len(replay.errors)}, each of {replay.updated.sum()} updates"),
+        ("median error", with_unit(drives.median_error, "m")),
+        ("lost (> 1 m at any time)", in_percent(drives.lost_rate)),
+        ("RMSE of those not lost", with_unit(drives.kept_rmse, "m")),
+        ("RMSE of all", with_unit(drives.rmse, "m")),
+        ("RMSE at the end", with_unit(drives.final_rmse, "m")),
+        ("heading RMSE", with_unit(in_degrees(drives.heading_rmse), "deg")),
+        (f"within the {WITHIN:.0%} ellipse", share),
+        ("rms deviation by the filter", in_metres(found.filter_std)),
+        *(("note", note) for note in replay.notes),
+    ]
+    about = (
+        "errors against the recorded positions [95 % intervals over runs, of the ellipse by"
+        f" stretches of\n10 m]; with {replay.amcl.title}; {replay.recording.lidar.title}"
+    )
+    said = textwrap.fill(found.sentence, WIDTH, break_on_hyphens=False)
+    return "\n".join([table([], rows), about, said])
+
+
+def write_replay(results: ResultFolder, replay: Replay) -> list[Path]:
+    """Write replay.json, replay.png, and errors.csv with the errors along the drive.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan.plotting import save_figure
+    from locplan.recordings import _replay_figures
+
+    with results.writing() as folder:
+        picture, about, errors = (folder / name for name in REPLAY.names)
+        save_figure(_replay_figures.replay_figure(replay), picture)
+        write_json(about, replay.summary())
+        rows = np.column_stack([replay.drives.profile(), replay.filter_std])
+        write_rows(errors, [*PROFILE, "filter_std_m"], rows.tolist())
+    return [results.folder / name for name in REPLAY.names]

@@ -1,0 +1,262 @@
+"""Noise of a recorded drive's ranges against the map's walls, and beams that something blocks."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.intervals import Interval
+from locplan._util.machine import check_threads
+from locplan._util.progress import ProgressCallback
+from locplan.errors import RecordingError
+from locplan.field import Lidar
+from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.recordings._blocks import blocks_along, intervals
+from locplan.recordings._geometry import Numbers
+from locplan.recordings._recording import Recording
+from locplan.simulation._arguments import FARTHEST, NEAREST
+
+MOST_SCANS = 300
+"""Number of scans, spread over the drive, that are compared with the map."""
+LEAST_SCANS = 10
+SETTLED_BEAMS = 61
+"""Approximate number of beams by which a scan is settled on the map."""
+FAR = 0.3
+"""Difference of a range from the map's as which larger ones count in settling [m]."""
+STEPS = ((0.08, 1.5), (0.04, 0.75), (0.02, 0.4), (0.01, 0.2), (0.005, 0.1))
+"""Steps of the position [m] and heading [deg] by which a scan is settled, one after the other."""
+ROUNDS = 8
+"""Greatest number of rounds with each step."""
+FITTING = 0.5
+"""Share of a scan's beams that must end at the map's walls."""
+CELLS, DEVIATIONS = 3.0, 4.0
+"""Cells, and standard deviations, up to which a range agrees with the map's."""
+LEAST_RUN = 4
+"""Number of neighbouring beams from which on they are blocked by one object."""
+MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+RESAMPLES, TINY = 200, 1e-9
+
+
+@dataclass(frozen=True)
+class ScanNoise:
+    """Noise of scans with 95 % intervals over blocks of the drive of 10 m."""
+
+    range_sigma: Interval
+    """Scatter of the ranges about the map's walls [m]: the lidar's noise and the map's together."""
+    outliers: Interval
+    """Share of the beams that end at a random distance, from those that go through walls."""
+    blocked: Interval
+    """Share of the beams that are shorter than the map says, without outliers."""
+    occlusion: Interval
+    """Share of the scans in which an object stands 0.5 to 2 m away, as in simulation: of those that
+    show one, over the chance that it stands before the wall."""
+    occlusion_deg: Interval
+    """Angle that is blocked in these scans [deg]."""
+    moved: float
+    """Median distance from the recorded position to the one at which a scan fits best [m]."""
+    scans: int
+    """Number of scans that were compared."""
+    set_apart: int
+    """Number of scans that fit the map nowhere near their recorded pose."""
+
+
+def scan_noise(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> ScanNoise:
+    """Compare ranges with those that the map says, from where each scan fits best.
+
+    A beam's own noise is the scatter of the ranges that end at walls, from their median absolute
+    deviation. Beams that go far through walls are outliers; as many, by the distances that the map
+    leaves them, are among those that end before the wall, and the others are blocked.
+
+    Raises
+    ------
+    RecordingError
+        If too few scans fit the map.
+    """
+    chosen = np.unique(np.linspace(0, len(recording) - 1, MOST_SCANS).round().astype(int))
+    wall = _Walls(grid, recording)
+    results: list[tuple[float, Numbers]] = []
+    with ThreadPoolExecutor(check_threads(threads)) as pool:
+        for done, each in enumerate(pool.map(wall.compared, chosen.tolist()), 1):
+            results.append(each)
+            if progress:
+                progress(done, len(chosen))
+    moves = np.array([move for move, _ in results])
+    expected = np.array([ranges for _, ranges in results])
+    measured = recording.ranges[chosen].astype(np.float64)
+    reach = recording.lidar.range
+    met = np.isfinite(expected)
+    with np.errstate(invalid="ignore"):
+        residual = measured - np.where(met, expected, reach)
+        near = met & (np.abs(residual) < FAR)
+        fits = near.sum(axis=1) > FITTING * np.maximum(met.sum(axis=1), 1)
+    if fits.sum() < LEAST_SCANS:
+        raise RecordingError(
+            f"{int(fits.sum())} of {len(chosen)} scans fit the map, too few to calibrate; is it"
+            " the right one, and are the poses in its frame? See locplan.recordings.fit_to_map"
+        )
+    scans = _Scans.of(
+        residual[fits],
+        np.where(met, expected, reach)[fits],
+        near[fits],
+        np.isfinite(measured[fits]),
+        recording.lidar,
+        grid.resolution,
+    )
+    blocks = blocks_along(recording.poses)[chosen][fits]
+    found = intervals(scans.statistics, blocks, RESAMPLES)
+    apart = len(chosen) - int(fits.sum())
+    made: Any = ScanNoise
+    result: ScanNoise = made(*found, float(np.median(moves[fits])), int(fits.sum()), apart)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Scans:
+    """What is summed up of n scans."""
+
+    deviations: Numbers
+    """Distances of ranges from the map's, in ascending order [m]."""
+    of_scan: NDArray[np.int64]
+    """The scan of each."""
+    through: Numbers
+    """Number of beams that go through walls, (n,)."""
+    room: Numbers
+    """Number of outliers that would go through walls, if all beams were outliers, (n,)."""
+    short: Numbers
+    """Number of beams that end before the wall, (n,)."""
+    before: Numbers
+    """Number of outliers that would, if all beams were outliers, (n,)."""
+    beams: int
+    open: Numbers
+    """Chance that an object 0.5 to 2 m away stands before the wall, (n,)."""
+    angle: Numbers
+    """Angle of the runs of beams that are blocked, (n,) [deg]."""
+
+    @classmethod
+    def of(
+        cls,
+        residual: Numbers,
+        walls: Numbers,
+        near: NDArray[np.bool_],
+        returned: NDArray[np.bool_],
+        lidar: Lidar,
+        resolution: float,
+    ) -> _Scans:
+        """Sums of residuals (n, beams) against walls at these distances, or at the range."""
+        deviation = np.abs(residual[near])
+        order = np.argsort(deviation)
+        sigma = MAD * float(np.median(deviation))
+        bound = max(DEVIATIONS * sigma, CELLS * resolution)
+        reach = lidar.range
+        short = returned & (residual < -bound)
+        spacing = math.degrees(abs(lidar.angles[-1] - lidar.angles[0])) / max(1, lidar.beams - 1)
+        return cls(
+            deviation[order],
+            np.nonzero(near)[0][order],
+            (returned & (residual > bound)).sum(axis=1).astype(float),
+            (np.maximum(reach - walls - bound, 0) / reach).sum(axis=1),
+            short.sum(axis=1).astype(float),
+            (np.maximum(walls - bound, 0) / reach).sum(axis=1),
+            residual.shape[1],
+            np.clip((walls - bound - NEAREST) / (FARTHEST - NEAREST), 0, 1).mean(axis=1),
+            spacing * np.array([_in_runs(each) for each in short], float),
+        )
+
+    def statistics(self, weights: Numbers) -> Numbers:
+        """The values of `ScanNoise` that have intervals, with weights of the scans."""
+        shares = np.cumsum(weights[self.of_scan])
+        middle = self.deviations[np.searchsorted(shares, shares[-1] / 2)]
+        outliers = min(1.0, float(weights @ self.through / max(float(weights @ self.room), 1.0)))
+        beams = weights.sum() * self.beams
+        blocked = max(0.0, float(weights @ self.short - outliers * (weights @ self.before)) / beams)
+        seen = weights * (self.angle > 0)
+        occlusion = min(1.0, float(seen.sum() / max(float(weights @ self.open), TINY)))
+        angle = float(seen @ self.angle / seen.sum()) if seen.any() else 0.0
+        return np.array([MAD * middle, outliers, blocked, occlusion, angle])
+
+
+def _in_runs(short: NDArray[np.bool_]) -> int:
+    """Number of beams in runs of at least `LEAST_RUN` that are short."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], short.astype(np.int8), [0]])))
+    runs = edges[1::2] - edges[::2]
+    return int(runs[runs >= LEAST_RUN].sum())
+
+
+class _Walls:
+    """The map's walls, as a recording's lidar would see them."""
+
+    def __init__(self, grid: OccupancyGrid, recording: Recording) -> None:
+        from locplan._kernels.lidar import Lidar as Beams
+        from locplan._kernels.rays import empty_squares
+
+        lidar = recording.lidar
+        self.grid, self.recording = grid, recording
+        self.squares = empty_squares(grid.cells == OCCUPIED)
+        self.every = max(1, lidar.beams // SETTLED_BEAMS)
+        self.beams, self.some = (
+            Beams(
+                np.ascontiguousarray(lidar.angles[::step]),
+                lidar.mount_x,
+                lidar.mount_y,
+                lidar.mount_yaw,
+                lidar.range_sigma,
+                0.0,
+                lidar.range,
+            )
+            for step in (1, self.every)
+        )
+
+    def compared(self, scan: int) -> tuple[float, Numbers]:
+        """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""
+        start = self.recording.poses[scan]
+        pose = self._settled(start, self.recording.ranges[scan, :: self.every])
+        return math.dist(pose[:2], start[:2]), self._ranges(pose, self.beams)
+
+    def _settled(self, pose: Numbers, measured: NDArray[np.float32]) -> Numbers:
+        """The pose near the recorded one from which the map's ranges are most like a scan's.
+
+        It moves along x, y and the heading as long as that lessens the mean difference.
+        """
+        seen = np.isfinite(measured)
+        measured = measured[seen].astype(np.float64)
+
+        def loss(trial: Numbers) -> float:
+            difference = np.abs(self._ranges(trial, self.some)[seen] - measured)
+            return float(np.minimum(difference, FAR).mean()) if len(difference) else 0.0
+
+        best = loss(pose)
+        for step, degrees in STEPS:
+            moves = np.diag([step, step, math.radians(degrees)])
+            for _ in range(ROUNDS):
+                before = best
+                for move in (*moves, *-moves):
+                    found = loss(pose + move)
+                    if found < best:
+                        pose, best = pose + move, found
+                if best == before:
+                    break
+        return pose
+
+    def _ranges(self, pose: Numbers, beams: Any) -> Numbers:
+        """Ranges by the map at a pose in the world, (beams,) [m]; inf where no wall is met."""
+        from locplan._kernels.lidar import lever, scan_ends
+
+        row, col = self.grid.world_to_grid(pose[0], pose[1])
+        heading, resolution = pose[2] - self.grid.origin[2], self.grid.resolution
+        ends = np.empty((beams.angles.size, 2))
+        scan_ends(self.squares, resolution, float(row), float(col), heading, beams, ends)
+        ends -= lever(beams, heading, resolution)
+        ranges = np.hypot(ends[:, 0], ends[:, 1]) * resolution
+        return np.where(np.isnan(ranges), np.inf, ranges)

@@ -1,0 +1,193 @@
+"""AMCL's settings tuned on stretches of a recorded drive."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import instance, whole
+from locplan._util.machine import check_threads
+from locplan._util.progress import ProgressCallback
+from locplan.errors import RecordingError
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.recordings._geometry import Numbers
+from locplan.recordings._recording import Recording
+from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
+from locplan.simulation import Amcl, Disturbances, Tuning
+from locplan.simulation._drives import check_drives
+from locplan.simulation._simulator import random_of
+from locplan.simulation.tuning._bench import LONGEST, AnyBench
+from locplan.simulation.tuning._lint import BeamsLeft
+from locplan.simulation.tuning._space import Level
+from locplan.simulation.tuning._tune import DRIVES, JUDGE, MIN_PATHS, SEARCH, searched
+
+RECORDED = Level("recorded", 1.0, 1.0)
+"""The only level of a recorded drive."""
+LEAST_LENGTH = 30.0
+"""Length of a drive below which nothing is tuned on it [m]."""
+LEAST_SCANS = 3
+"""Number of scans that a stretch must have."""
+
+
+class RecordedBench(AnyBench):
+    """Replays of settings on some stretches of a recorded drive.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        What the filter gets of the drive.
+    stretches : sequence of slice
+        The scans of each stretch.
+    start : Disturbances
+        Its `start_sigma` and `start_sigma_deg` are those of the filter's first poses.
+    drives : int
+        Greatest number of replays of each stretch.
+    seed, threads : int
+        Seed of all random numbers, and number of threads.
+    """
+
+    def __init__(
+        self,
+        tracks: Tracks,
+        stretches: Sequence[slice],
+        start: Disturbances,
+        drives: int,
+        *,
+        seed: int,
+        threads: int,
+    ) -> None:
+        lines = [tracks.truth[each] for each in stretches]
+        own: Any = {"seed": seed, "threads": threads}
+        lidar = tracks.recording.lidar
+        super().__init__(tracks.grid, lidar, [RECORDED], lines, drives, **own)
+        self._tracks, self._stretches, self._start = tracks, stretches, start
+
+    def arguments(self, amcl: Amcl) -> list[Any]:
+        """The ends of beams that the filter compares, and the kernel's arguments."""
+        ends = self._tracks.ends(amcl)
+        return [(ends, self._tracks.arguments(amcl, self._start, self.scores(amcl)))]
+
+    def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
+        """Errors of one replay, in the world."""
+        random = random_of(self.seed, REPLAY, path, drive)
+        ends, own = arguments
+        return self._tracks.track(random, ends, own, self._stretches[path])[0]
+
+
+def tune_on_drive(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    amcl: Amcl | None = None,
+    drives: int = DRIVES,
+    start_sigma: float = Disturbances.start_sigma,
+    start_sigma_deg: float = Disturbances.start_sigma_deg,
+    others: Mapping[str, object] | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Tuning:
+    """Find settings of AMCL that localize a robot better on its recorded drive than its own ones.
+
+    The drive is cut into stretches of up to 16 m. Settings are searched on every other one as
+    `locplan.simulation.tune` does on simulated paths, and what was found is judged against the
+    user's own on the others. There is but one level of disturbance, that of the recording; and the
+    recorded poses are the reference, so that they should not be those of the filter to be tuned.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive, with odometry.
+    grid : OccupancyGrid
+        The map; the poses are in its world frame.
+    amcl : Amcl, optional
+        The user's own settings, from which the search begins; Nav2's by default.
+    drives : int
+        Number of replays of each stretch, at least 2.
+    start_sigma, start_sigma_deg : float
+        Standard deviations of the filter's first position [m] and heading [deg] on a stretch.
+    others : mapping, optional
+        Further parameters in the user's file, such as `z_short`, for the warnings.
+    seed : int
+        Seed of all random numbers.
+    threads : int, optional
+        Number of threads; all cores by default.
+    progress : callable, optional
+        Called with (done, total) in thousandths of the work.
+
+    Raises
+    ------
+    RecordingError
+        If the drive has no odometry, is shorter than 30 m, or has too few scans.
+    ConfigError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.recordings import record_drive
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
+    >>> drive = record_drive(grid, path, locplan.Lidar(range=6.0, beams=60))
+    >>> own = Amcl(min_particles=20, max_particles=20)
+    >>> tune_on_drive(drive, grid, amcl=own, drives=2).winner.max_particles
+    20
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    check_grid(grid)
+    check_drives(drives)
+    whole("seed", seed, 0)
+    own = amcl or Amcl()
+    instance("amcl", own, Amcl)
+    workers = check_threads(threads)
+    start = Disturbances(start_sigma=start_sigma, start_sigma_deg=start_sigma_deg)
+    tracks = Tracks(recording, grid)
+    stretches = _stretches(recording)
+    halves = {SEARCH: stretches[::2], JUDGE: stretches[1::2]}
+    paths = len(halves[JUDGE])  # never more than those of the search
+    ends = tracks.ends(own)
+    left = BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
+
+    def bench_of(stream: int) -> RecordedBench:
+        own_seed = int(random_of(seed, stream).integers(2**31))
+        some = halves[stream][:paths]
+        return RecordedBench(tracks, some, start, drives, seed=own_seed, threads=workers)
+
+    return searched(
+        bench_of,
+        start,
+        own,
+        paths,
+        drives,
+        left=left,
+        others=others,
+        seed=seed,
+        progress=progress,
+        drive=recording.source.file or "the drive",
+        notes=sparse_notes(recording, own),
+    )
+
+
+def _stretches(recording: Recording) -> list[slice]:
+    """The scans of equally long stretches of a drive, one after the other."""
+    if recording.length < LEAST_LENGTH:
+        raise RecordingError(
+            f"the drive is {recording.length:.1f} m long, and tuning needs {LEAST_LENGTH:g} m at"
+            " least; record a longer one"
+        )
+    way: Numbers = np.concatenate(
+        [[0.0], np.cumsum(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T))]
+    )
+    count = max(2 * MIN_PATHS, int(np.ceil(way[-1] / LONGEST)))
+    edges = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1))
+    edges[-1] = len(way)
+    if np.diff(edges).min() < LEAST_SCANS:
+        raise RecordingError(
+            f"the drive has {len(recording)} scans, too sparse to tune on: stretches of"
+            f" {way[-1] / count:.1f} m have fewer than {LEAST_SCANS}; record more scans"
+        )
+    return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]

@@ -1,0 +1,313 @@
+"""Calibrations by recorded drives: the noise that a drive was made with is found."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from made_drives import LIDAR, recorded
+
+from locplan import Costmap, load_config, plan, save_map
+from locplan._kernels.drives import odometry_along
+from locplan._kernels.particles import move
+from locplan.cli import main
+from locplan.errors import ConfigError, RecordingError
+from locplan.maps import environments
+from locplan.recordings import Recording, calibrate_drive
+from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_interval
+from locplan.recordings._odometry_noise import _moved, odometry_noise
+from locplan.recordings._scan_noise import _in_runs, scan_noise
+from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.simulation._motion import poses_along
+from locplan.simulation._robot_files import read_robot
+
+EXACT = {"boundary_noise": 0.0, "outliers": 0.0, "occlusion": 0.0}
+DRIFTS = {"distance_drift": 0.03, "heading_drift_deg": 2.0, "turn_drift_deg": 3.0}
+BIASES = {"distance_bias": 0.0, "heading_bias_deg": 0.0, "turn_bias": 0.0}
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return environments.make("two_corridors", resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def line(grid):
+    costs = Costmap.blank(grid, robot_radius=0.3)
+    path = plan(costs, (2.0, 3.0), (36.0, 3.0)).path
+    return poses_along(path, grid)[::2]
+
+
+@pytest.fixture(scope="module")
+def winding():
+    """Poses of a drive of 300 m that turns all the time, 0.2 m apart, (n, 3)."""
+    turns = 0.3 * np.sin(np.arange(1500) / 4)
+    heading = np.concatenate([[0.0], np.cumsum(turns)])
+    middle = heading[:-1] + turns / 2
+    x, y = (np.concatenate([[0.0], np.cumsum(0.2 * part(middle))]) for part in (np.cos, np.sin))
+    return np.column_stack([x, y, heading])
+
+
+def driven(poses, odometry, noise=(0.0, 0.0), seed=0):
+    """A recording without scans to speak of, whose poses have noise of their own [m, rad]."""
+    random = np.random.default_rng(seed)
+    spread = np.array([noise[0], noise[0], noise[1]])
+    recorded_poses = poses + spread * random.standard_normal(poses.shape)
+    return Recording(np.ones((len(poses), LIDAR.beams)), LIDAR, recorded_poses, odometry=odometry)
+
+
+def reported(grid, poses, seed=1, **disturbances):
+    own = Simulator(grid, disturbances=Disturbances(**disturbances)).arguments.odometry
+    return odometry_along(np.random.default_rng(seed), poses, own)
+
+
+def test_drifts_of_odometry_are_found(grid, winding):
+    odometry = reported(grid, winding, **DRIFTS, **BIASES)
+    found = odometry_noise(driven(winding, odometry), Amcl())
+    for name, value in DRIFTS.items():
+        value_found, low, high = getattr(found, name)
+        assert value_found == pytest.approx(value, rel=0.25), name
+        assert 0.85 * low < value < 1.15 * high, name
+    for name in BIASES:
+        assert abs(getattr(found, name).value) < 0.3 if "deg" in name else 0.01
+    assert found.position_noise.value < 0.01
+    assert found.notes == ()
+
+
+def test_biases_of_odometry_are_found(grid, winding):
+    odometry = winding.copy()
+    steps = _moved(winding, np.arange(len(winding) - 1), np.arange(1, len(winding)))
+    for n, (ahead, aside, turn) in enumerate(steps):
+        x, y, heading = odometry[n]
+        cos, sin = math.cos(heading), math.sin(heading)
+        ahead, aside = 1.03 * ahead, 1.03 * aside
+        turn = 0.96 * turn + math.radians(0.5) * math.hypot(ahead, aside)
+        odometry[n + 1] = (
+            x + cos * ahead - sin * aside,
+            y + sin * ahead + cos * aside,
+            heading + turn,
+        )
+    found = odometry_noise(driven(winding, odometry), Amcl())
+    assert found.distance_bias.value == pytest.approx(0.03, abs=0.005)
+    assert found.turn_bias.value == pytest.approx(-0.04, abs=0.005)
+    assert found.heading_bias_deg.value == pytest.approx(0.5, abs=0.05)
+
+
+def test_noise_of_the_poses_is_told_from_that_of_odometry(grid, winding):
+    odometry = reported(grid, winding, **DRIFTS, **BIASES)
+    found = odometry_noise(driven(winding, odometry, (0.05, 0.02)), Amcl())
+    assert 0.035 < found.position_noise.value < 0.055
+    assert found.heading_noise_deg.value == pytest.approx(math.degrees(0.02), rel=0.25)
+    assert found.heading_drift_deg.value == pytest.approx(DRIFTS["heading_drift_deg"], rel=0.3)
+    assert "recorded poses are noisier than the odometry" in found.notes[0]
+
+
+def test_the_alphas_of_amcls_own_model_are_found(grid, winding):
+    true = Amcl(alpha1=0.05, alpha2=0.02, alpha3=0.04, alpha4=0.03, update_min_d=0.01)
+    settings = Simulator(grid, amcl=true).arguments.filter
+    random, poses = np.random.default_rng(2), [np.zeros(3)]
+    steps = _moved(winding, np.arange(len(winding) - 1), np.arange(1, len(winding)))
+    for ahead, aside, turn in steps:
+        particle = poses[-1][:, None].copy()
+        # Odometry in the particle's own axes, as AMCL applies it.
+        cos, sin = math.cos(poses[-1][2]), math.sin(poses[-1][2])
+        dx, dy = cos * ahead - sin * aside, sin * ahead + cos * aside
+        move(random, particle, 1, dx, dy, turn, poses[-1][2], settings)
+        poses.append(particle[:, 0])
+    found = odometry_noise(driven(np.array(poses), winding), true)
+    for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
+        assert getattr(found, name).value == pytest.approx(getattr(true, name), rel=0.3), name
+
+
+def test_short_and_straight_drives_say_what_they_cannot_tell(grid, line):
+    odometry = reported(grid, line, **DRIFTS)
+    assert odometry_noise(driven(line[:20], odometry[:20]), Amcl()) is None
+    straight = np.column_stack([np.arange(0, 60, 0.2), np.zeros(300), np.zeros(300)])
+    found = odometry_noise(driven(straight, reported(grid, straight)), Amcl())
+    assert "turned by 0 deg in all, too little for alpha1" in found.notes[0]
+
+
+def test_poses_that_jump_are_told(grid, winding):
+    odometry = reported(grid, winding, **DRIFTS, **BIASES)
+    jumping = winding.copy()
+    for n in range(100, len(jumping), 60):
+        jumping[n:, :2] += 0.5
+    found = odometry_noise(driven(jumping, odometry), Amcl())
+    assert any("may jump" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("sigma", "outliers"), [(0.01, 0.0), (0.03, 0.1)])
+def test_noise_and_outliers_of_ranges_are_found(grid, line, sigma, outliers):
+    lidar = dataclasses.replace(LIDAR, range_sigma=sigma, range=12.0)
+    made = Disturbances(**EXACT | {"outliers": outliers})
+    random = np.random.default_rng(3)
+    drive = recorded(grid, line, lidar=lidar, disturbances=made)
+    noise = random.standard_normal(line.shape) * [0.04, 0.04, 0.01]
+    found = scan_noise(dataclasses.replace(drive, poses=line + noise), grid, threads=1)
+    assert found.range_sigma.value == pytest.approx(sigma, rel=0.2)
+    assert found.outliers.value == pytest.approx(outliers, abs=0.012)
+    assert found.blocked.value < 0.01
+    assert found.range_sigma.low < found.range_sigma.value < found.range_sigma.high
+    assert 0.02 < found.moved < 0.09
+    assert found.set_apart == 0
+
+
+def test_objects_in_view_are_found(grid, line):
+    made = Disturbances(**EXACT | {"occlusion": 0.6, "occlusion_deg": 40.0})
+    found = scan_noise(recorded(grid, line, disturbances=made), grid)
+    assert found.occlusion.value == pytest.approx(0.6, abs=0.15)
+    assert 30 < found.occlusion_deg.value < 42
+    assert 0.03 < found.blocked.value < 0.6 * 40 / 270  # walls hide some objects
+    assert found.outliers.value < 0.005
+
+
+def test_runs_of_short_beams_count_from_four_on():
+    short = np.array([1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1, 1, 1, 1], bool)
+    assert _in_runs(short) == 9
+    assert _in_runs(~short) == 0
+
+
+def test_scans_of_another_map_are_refused(grid, line):
+    ranges = np.random.default_rng(0).uniform(0.5, 8.0, (len(line), LIDAR.beams))
+    with pytest.raises(RecordingError, match="scans fit the map, too few to calibrate"):
+        scan_noise(Recording(ranges, LIDAR, line), grid)
+
+
+def test_blocks_are_drawn_as_a_whole():
+    poses = np.column_stack([np.arange(0, 80, 0.5), np.zeros(160), np.zeros(160)])
+    blocks = blocks_along(poses)
+    assert np.bincount(blocks).tolist() == [20] * 8
+    drawn = draws_of(blocks)
+    assert (drawn.sum(axis=1) == 160).all()
+    assert (drawn.reshape(len(drawn), 8, 20).std(axis=2) == 0).all()
+    value, low, high = mean_interval(blocks.astype(float), blocks)
+    assert (value, low < value < high) == (3.5, True)
+    assert math.isnan(mean_interval(np.ones(60), blocks[:60]).low)
+    (total,) = intervals(lambda weights: np.array([weights.sum()]), blocks, 50)
+    assert total == (160, 160, 160)
+
+
+@pytest.fixture(scope="module")
+def drive(grid, line):
+    """There and back."""
+    back = line[::-1] + np.array([0.0, 0.0, np.pi])
+    there_and_back = np.concatenate([line, back])
+    return recorded(grid, there_and_back, disturbances=Disturbances(outliers=0.08))
+
+
+@pytest.fixture(scope="module")
+def calibrated(grid, drive):
+    return calibrate_drive(drive, grid, amcl=Amcl(max_particles=900), threads=2)
+
+
+def test_the_field_gets_the_level_of_the_measured_deviations(grid, drive, calibrated):
+    field = calibrated.field
+    assert field.noise_level.low <= field.noise_level.value <= field.noise_level.high
+    scaled = dataclasses.replace(
+        calibrated.config,
+        estimator=dataclasses.replace(calibrated.config.estimator, noise_level=3.0),
+    )
+    again = calibrate_drive(drive, grid, scaled, threads=2).field
+    assert again.noise_level == pytest.approx(field.noise_level, rel=1e-6)
+    assert again.factor_before > field.factor_before > 0.99 * field.factor
+    assert np.exp(np.log(field.predicted / field.measured).mean()) == pytest.approx(1, abs=0.1)
+
+
+def test_the_disturbances_are_those_that_were_found(calibrated):
+    assert calibrated.disturbances.outliers == calibrated.scans.outliers.value
+    assert calibrated.disturbances.outliers == pytest.approx(0.08, abs=0.02)
+    drift = calibrated.odometry.heading_drift_deg.value
+    assert calibrated.disturbances.heading_drift_deg == drift
+    assert calibrated.disturbances.boundary_noise == Disturbances.boundary_noise
+    assert calibrated.amcl == Amcl(max_particles=900)
+    sigma = calibrated.scans.range_sigma.value
+    assert calibrated.config.estimator.lidar.range_sigma == sigma
+
+
+def test_a_drive_without_odometry_calibrates_the_rest(grid, drive):
+    found = calibrate_drive(dataclasses.replace(drive, odometry=None), grid)
+    assert found.odometry is None
+    assert found.disturbances.heading_drift_deg == Disturbances.heading_drift_deg
+    assert "no odometry" in " ".join(found.notes)
+
+
+def run(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr("sys.argv", ["locplan", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr()
+    return ended.value.code, said.out, said.err
+
+
+@pytest.fixture
+def files(tmp_path, grid, drive):
+    save_map(grid, tmp_path / "map.yaml")
+    drive.save(tmp_path / "drive.npz")
+    return tmp_path
+
+
+def test_one_file_of_settings_goes_to_every_command(files, monkeypatch, capsys):
+    target = files / "robot.json"
+    code, out, err = run(
+        *(monkeypatch, capsys, "calibrate", files / "map.yaml", "--drive", files / "drive.npz"),
+        *("--set", "min_particles=100", "--set", "max_particles=200", "-o", target),
+    )
+    assert code in (0, 3)
+    assert "robot_calibration.png" in err
+    for said in ("noise level k of scan", "outliers", "alpha1", "deg/√m", "95 %"):
+        assert said in out
+    about = json.loads(target.read_text())
+    amcl, disturbances = read_robot(target)
+    assert amcl == Amcl(min_particles=100, max_particles=200)
+    assert dataclasses.asdict(disturbances) == about["disturbances"]
+    assert load_config(target).estimator.lidar.beams == LIDAR.beams
+    path = ["--start", "2,3", "--goal", "6,3", "--drives", "2", "--json"]
+    used = ["--config", target, "--set", "occlusion=0.5", "--cache-dir", files / "cache"]
+    code, out, err = run(monkeypatch, capsys, "simulate", files / "map.yaml", *path, *used)
+    assert code == 0, err
+    simulated = json.loads(out)
+    assert simulated["amcl"]["max_particles"] == 200
+    assert simulated["disturbances"]["occlusion"] == 0.5
+    assert simulated["disturbances"]["outliers"] == disturbances.outliers
+    sigma = about["config"]["lidar"]["range_sigma"] if "lidar" in about["config"] else None
+    assert sigma is None or simulated["lidar"]["range_sigma"] == sigma
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"amcl": {"alpha9": 1}}, "amcl has no 'alpha9'"),
+        ({"disturbances": {"outliers": 2}}, "disturbances: outliers must be 0 to 1"),
+        ({"disturbances": [1]}, "disturbances must hold settings by name"),
+    ],
+)
+def test_wrong_files_of_settings_are_one_clear_line(tmp_path, content, said):
+    file = tmp_path / "robot.json"
+    file.write_text(json.dumps(content))
+    with pytest.raises(ConfigError, match=said):
+        read_robot(file)
+
+
+def test_older_files_of_settings_have_the_defaults(tmp_path):
+    file = tmp_path / "older.json"
+    file.write_text(json.dumps({"config": {}}))
+    assert read_robot(file) == (Amcl(), Disturbances())
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--error", "match"], "--error is not read with --drive"),
+        (["--places", "20"], "--places is not read with --drive"),
+        (["--fit-tau"], "--fit-tau is not read with --drive"),
+        (["--lidar", "rplidar-a1"], "--lidar is not read with --drive"),
+    ],
+)
+def test_options_that_a_drive_has_no_use_for_are_refused(files, monkeypatch, capsys, given, said):
+    drive = ["--drive", files / "drive.npz", "-o", files / "robot.json", *given]
+    code, _, err = run(monkeypatch, capsys, "calibrate", files / "map.yaml", *drive)
+    assert code == 2
+    assert said in err

@@ -1,0 +1,152 @@
+"""AMCL's settings tuned on stretches of a recorded drive."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from made_drives import recorded
+
+from locplan import Costmap, plan, save_map
+from locplan.cli import main
+from locplan.errors import RecordingError
+from locplan.maps import environments
+from locplan.recordings import replay, tune_on_drive
+from locplan.recordings._tracks import Tracks
+from locplan.recordings._tuning import RecordedBench, _stretches
+from locplan.simulation import Amcl, Disturbances, read_amcl, tuning_figure
+from locplan.simulation._motion import poses_along
+from locplan.simulation.tuning._reports import conclusion, tuning_table
+
+FEW = {"min_particles": 60, "max_particles": 120}
+POOR = Amcl(**FEW, alpha1=1.0, alpha2=1.0, alpha3=1.0, alpha4=1.0)
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return environments.make("two_corridors", resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def drive(grid):
+    """A drive of 34 m, with a scan every 0.1 m."""
+    costs = Costmap.blank(grid, robot_radius=0.3)
+    path = plan(costs, (2.0, 3.0), (36.0, 3.0)).path
+    return recorded(grid, poses_along(path, grid)[::2])
+
+
+@pytest.fixture(scope="module")
+def tuned(grid, drive):
+    return tune_on_drive(drive, grid, amcl=POOR, drives=2)
+
+
+def test_stretches_are_the_whole_drive_in_equal_parts(drive):
+    stretches = _stretches(drive)
+    assert len(stretches) == 10
+    scans = np.concatenate([np.arange(len(drive))[each] for each in stretches])
+    assert scans.tolist() == list(range(len(drive)))
+    assert {round(drive[each].length, 1) for each in stretches} <= {3.3, 3.4}
+
+
+def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(grid, drive):
+    stretch = slice(100, 140)
+    start = Disturbances(start_sigma=0.0, start_sigma_deg=0.0)
+    bench = RecordedBench(Tracks(drive, grid), [stretch], start, 3, seed=1, threads=1)
+    still = Amcl(**FEW, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
+    bench.drive([still], 1, 3)
+    # Without noise all particles are one, whatever the random numbers.
+    alone = replay(drive[stretch], grid, amcl=still, runs=2, start_sigma=0.0, start_sigma_deg=0.0)
+    expected = alone.drives.mean_squares[0]
+    assert bench.driven[still].squares == pytest.approx(np.full((1, 1, 3), expected))
+    assert bench.lengths == pytest.approx([drive[stretch].length])
+    other = Amcl(**FEW)
+    bench.drive([other], 1, 3)
+    assert np.ptp(bench.driven[other].squares) > 0  # every replay has random numbers of its own
+
+
+def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
+    stretch, amcl = slice(100, 140), Amcl(**FEW)
+
+    def tracked(tracks, part):
+        random, own = np.random.default_rng(4), tracks.arguments(amcl, Disturbances())
+        return tracks.track(random, tracks.ends(amcl), own, part)
+
+    errors, covariances = tracked(Tracks(drive, grid), stretch)
+    alone = tracked(Tracks(drive[stretch], grid), slice(None))
+    assert errors == pytest.approx(alone[0], abs=1e-9)
+    assert covariances == pytest.approx(alone[1], abs=1e-9, nan_ok=True)
+
+
+def test_poor_settings_are_bettered_on_stretches_that_nothing_was_chosen_on(tuned):
+    assert tuned.own == POOR
+    assert tuned.changes
+    assert tuned.winner.alpha1 < 1.0
+    assert tuned.found.ratio.high < 1
+    assert [level.name for level in tuned.levels] == ["recorded"]
+    assert tuned.paths == 5
+
+
+def test_reports_speak_of_the_drive(tuned):
+    text = tuning_table(tuned)
+    assert "on 5 stretches of the drive, 2 replays each" in text
+    assert "random paths" not in text
+    assert "it was not chosen on" in conclusion(tuned)
+    about = tuned.summary()
+    assert (about["drive"], about["levels"]) == ("the drive", None)
+    json.dumps(about, allow_nan=False)
+    figure = tuning_figure(tuned)
+    assert "5 stretches of the drive" in figure.get_suptitle()
+
+
+def test_search_and_judgement_have_other_stretches(monkeypatch, grid, drive):
+    seen = []
+    made = RecordedBench.__init__
+
+    def noted(self, tracks, stretches, *others, **named):
+        seen.append(stretches)
+        made(self, tracks, stretches, *others, **named)
+
+    monkeypatch.setattr(RecordedBench, "__init__", noted)
+    tune_on_drive(drive, grid, amcl=Amcl(min_particles=20, max_particles=20), drives=2)
+    search, judge = ({each.start for each in stretches} for stretches in seen)
+    assert len(search) == len(judge) == 5
+    assert not search & judge
+
+
+def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
+    with pytest.raises(RecordingError, match="tuning needs 30 m at least"):
+        tune_on_drive(drive[:100], grid)
+    with pytest.raises(RecordingError, match="no odometry"):
+        tune_on_drive(dataclasses.replace(drive, odometry=None), grid)
+    with pytest.raises(RecordingError, match="too sparse to tune on"):
+        tune_on_drive(drive.every(20), grid)
+
+
+def test_sparse_scans_are_a_warning(grid, drive):
+    own = Amcl(min_particles=20, max_particles=20)
+    tuned = tune_on_drive(drive.every(5), grid, amcl=own, drives=2)
+    assert "every 0.5 m for lack of scans" in tuned.lints[0]
+
+
+def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch, capsys):
+    save_map(grid, tmp_path / "map.yaml")
+    drive.save(tmp_path / "drive.npz")
+    few = ["--set", "min_particles=20", "--set", "max_particles=40", "--drives", "2"]
+    command = ["tune", tmp_path / "map.yaml", "--drive", tmp_path / "drive.npz", *few]
+
+    def run(*more):
+        monkeypatch.setattr("sys.argv", ["locplan", *map(str, command), *map(str, more)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, capsys.readouterr()
+
+    code, said = run("-o", tmp_path / "tuned")
+    assert code == 0, said.err
+    assert "on 5 stretches of " in said.out
+    assert read_amcl(tmp_path / "tuned" / "nav2_params.yaml").max_particles == 40
+    for more, fault in ((["--paths", "8"], "--paths"), (["--range", "5"], "--range")):
+        code, said = run(*more)
+        assert code == 2
+        assert f"{fault} is not read with --drive" in said.err
