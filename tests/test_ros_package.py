@@ -501,7 +501,7 @@ def folders(tmp_path):
 
 
 def test_the_launch_file_includes_each_folder(launched, folders):
-    exports = f"{folders / 'mask'},{folders / 'layer'}"
+    exports = f"{folders / 'mask'}, {folders / 'layer'}, "
     included = launched(exports=exports, rviz="false")
     assert [action.given[0] for action in included] == [
         str(folders / name / LAUNCH) for name in ("mask", "layer")

@@ -36,9 +36,8 @@ def start(context):
     """The actions for the arguments given."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     clock = {"use_sim_time": is_true(given["use_sim_time"])}
-    # The masks' servers keep the real clock: SetParameter would put their relative file names
-    # above the absolute ones, and what they publish holds at any time.
-    actions = [servers_of(folder.strip()) for folder in given["exports"].split(",") if folder]
+    # The masks' servers keep the real clock: what they publish holds at any time.
+    actions = [servers_of(each.strip()) for each in given["exports"].split(",") if each.strip()]
     if given["map"]:
         actions += map_server(existing(given["map"]))
     if given["field"]:
