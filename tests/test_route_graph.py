@@ -183,7 +183,7 @@ def test_the_picture_has_each_edge_in_the_colour_of_its_cost_per_metre() -> None
     assert np.allclose(lines.get_array(), (graph.cost / graph.length)[order])
     assert np.allclose(np.array(lines.get_segments()), graph.nodes[graph.edges[order]])
     assert lines.get_clim() == (1.0, (graph.cost / graph.length).max())
-    assert bar.get_ylabel() == "cost J per metre of an edge"
+    assert bar.get_ylabel() == "cost per metre of an edge"
     assert axes.get_title() == "rooms"
     blank = Costmap.blank(costs.grid, robot_radius=0.2)
     assert routes_figure(blank, roadmap(blank), "").axes[0].collections[0].get_clim() == (1.0, 1.1)

@@ -89,7 +89,7 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     axes.add_collection(lines)
     size = np.clip(2 * WIDTH * shown, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
-    figure.colorbar(lines, ax=axes, label="cost J per metre of an edge", shrink=0.9)
+    figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
     axes.set_title(title, fontsize="medium")
     return figure
 

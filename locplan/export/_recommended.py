@@ -50,7 +50,8 @@ class RecommendedWays:
     changed: int
     """Number of edges whose cost is not J."""
     followed: tuple[str, ...]
-    """Names of the queries whose cheapest route on the graph is the recommended way."""
+    """Names of the queries whose cheapest route on the graph is the recommended way, or runs within
+    two metres of all of it."""
 
     @property
     def contradicted(self) -> tuple[str, ...]:
@@ -142,7 +143,8 @@ def followed_costs(
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
 
     The sum of the changes is the least there is. Not all ways are followed where they contradict
-    one another, such as two ways between the same nodes.
+    one another, such as two ways between the same nodes. A route that is not `apart` from a way
+    counts as that way.
 
     Parameters
     ----------
