@@ -128,6 +128,22 @@ def test_a_path_joins_a_lane_beside_it_and_leaves_it():
     assert all(one != other for way in ways.values() for one, other in pairwise(way))
 
 
+def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
+    """The wall makes the line from the loop's last node to where the path goes on impassable."""
+    cells = np.full((100, 100), 254)
+    cells[55:, 48:52] = 0
+    lines = Lines(Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.0))
+    there = [[1.0, 2.0], [5.0, 2.0], [3.0, 9.0], [2.0, 7.0], [5.0, 2.0], [9.0, 8.0]]
+    loop = Path(np.array(there))
+    for given in ({"loop": loop}, {"lane": Path(loop.xy[1:3]), "loop": loop}):
+        nodes, ways = joined(lines, given)
+        length = lines.along(nodes[ways["loop"]]).sum()
+        assert length == pytest.approx(4 + math.hypot(4, 6), rel=1e-6)
+        edges = [(nodes[a], nodes[b]) for a, b in pairwise(ways["loop"])]
+        assert all(math.dist(*edge) > 0.01 for edge in edges)
+        assert len(set(ways["loop"])) == len(ways["loop"])
+
+
 def test_what_cannot_be_joined(costs):
     with pytest.raises(ConfigError, match="no way to export"):
         export.recommended_ways(costs, {"stay": Path(np.array([[2.0, 3.0]]))})

@@ -118,14 +118,24 @@ def apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
     return bool(max(away.min(axis=0).max(), away.min(axis=1).max()) > MERGED)
 
 
-def _without_loops(way: list[int]) -> list[int]:
-    """A way that comes to no node twice."""
-    result: list[int] = []
+def _without_loops(way: Sequence[int]) -> list[int]:
+    """A way that comes to no node twice, as a server's routes do."""
+    result: dict[int, None] = {}
     for node in way:
-        if node in result:
-            del result[result.index(node) :]
-        result.append(node)
-    return result
+        while node in result:
+            result.popitem()
+        result[node] = None
+    return list(result)
+
+
+def _first_alike(xy: Positions) -> NDArray[np.int64]:
+    """The number of the first position that is one place with each."""
+    from scipy.spatial import cKDTree
+
+    first = np.arange(len(xy))
+    pairs = cKDTree(xy).query_pairs(SAME, output_type="ndarray")
+    np.minimum.at(first, pairs[:, 1], pairs[:, 0])
+    return first
 
 
 def _with_lane(
@@ -137,7 +147,7 @@ def _with_lane(
 
     old = len(nodes)
     both = np.concatenate([nodes, xy])
-    of_own = np.arange(old, len(both))  # the number of each position, an old one where it is there
+    of_own = old + _first_alike(xy)  # the number of each position, an old one where it is there
     links = np.empty((0, 2), int)
     if old:
         away = np.hypot(*(nodes[:, None] - xy[None]).transpose(2, 0, 1))
@@ -160,7 +170,7 @@ def _with_lane(
     while way[-1] != start:
         way.append(int(before[way[-1]]))
     way.reverse()
-    own = list(dict.fromkeys(of_own.tolist()))
+    own = _without_loops(of_own.tolist())
     if lines.along(both[way]).sum() > DEARER * lines.along(both[own]).sum():
         way = own
     added = sorted(node for node in way if node >= old)
