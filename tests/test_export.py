@@ -180,6 +180,21 @@ def test_no_robot_goes_straight_along_the_wall(corridors, inflated, scaling, rad
     assert max(grid.cell_to_world(*cell)[1] for cell in cells) > 9  # the irregular corridor
 
 
+@pytest.mark.parametrize("static", [False, True])
+def test_what_the_caller_blocks_is_lethal(costs, static):
+    mine = np.zeros(costs.grid.shape, bool)
+    mine[30:40, 50:70] = True
+    values, _ = export.keepout_mask(costs.blocked_where(mine), static=static)
+    plain, _ = export.keepout_mask(costs, static=static)
+    clear = mine & np.isfinite(costs.density)
+    assert clear.any()
+    assert (values[clear] == 100).all()
+    np.testing.assert_array_equal(values[~clear], plain[~clear])
+    density = np.where(mine, np.inf, 1.5)
+    values, _ = export.keepout_mask(Costmap.from_density(costs.grid, density), static=static)
+    np.testing.assert_array_equal(values == 100, mine & costs.grid.free)
+
+
 def test_a_static_layer_stays_below_the_values_that_mean_walls(tmp_path, costs):
     conversion = export.nav2_static(tmp_path / "layer", costs)
     assert conversion.saturated_share == 0

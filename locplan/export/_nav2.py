@@ -43,6 +43,8 @@ from locplan.maps._ros_parameters import Parameters
 
 PARAMS = "nav2.yaml"
 MASK = "mask"
+LETHAL = 100
+"""Value of a mask where no robot may be."""
 MAX_SLOWED = 99
 """Greatest value of a speed mask: 100 would mean full speed."""
 FILTERS: dict[str, Parameters] = {
@@ -170,8 +172,9 @@ def keepout_mask(
 ) -> tuple[NDArray[np.int8], Conversion]:
     """The values of a mask that make a planner charge J, (H, W): 0..99, or -1 to change nothing.
 
-    Every free cell whose u is known has a value. Of a density of one's own these are the cells
-    where it is finite. Arguments and errors are those of `nav2_keepout`; `static` is for a
+    Every free cell whose u is known has a value, or where a density of one's own is finite. Free
+    cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
+    100, which is lethal. Arguments and errors are those of `nav2_keepout`; `static` is for a
     StaticLayer, up to 98.
     """
     passable = np.isfinite(costs.density)
@@ -184,7 +187,11 @@ def keepout_mask(
         density, greatest = costs.density, float(costs.density[passable].max()) - 1
     else:
         density, greatest = density_of(costs.u, costs.weight), costs.weight
-    return values_for(density, planner_named(planner), greatest, param, static=static)
+    values, conversion = values_for(density, planner_named(planner), greatest, param, static=static)
+    values[~passable & costs.grid.free & ~costs.grid.closer_than(costs.robot_radius - 1e-9)] = (
+        LETHAL
+    )
+    return values, conversion
 
 
 def speed_mask(costs: Costmap, slowest: float) -> NDArray[np.int8]:
