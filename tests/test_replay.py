@@ -175,11 +175,17 @@ def test_consistency_is_that_of_the_squares(replayed):
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(0.02, "overconfident"), (1.0, ""), (400.0, "cautious")]
+    ("factor", "said"), [(0.02, "overconfident"), (1.0, ""), (400.0, "unsure")]
 )
 def test_wrong_covariances_are_told(replayed, factor, said):
     changed = dataclasses.replace(replayed, covariances=factor * replayed.covariances)
     assert said in changed.consistency.sentence
+
+
+def test_a_verdict_begins_with_lost_runs(replayed):
+    assert replayed.verdict == replayed.consistency.sentence
+    lost = dataclasses.replace(replayed, errors=replayed.errors + np.array([3.0, 0.0, 0.0]))
+    assert lost.verdict.startswith("The filter is lost in 100% of the runs; locplan tune --drive")
 
 
 def test_sparse_scans_are_noted(grid, drive, replayed):

@@ -37,6 +37,8 @@ MIDDLE = 2 * math.log(2)
 """Median of this square, if the filter's covariance is right."""
 ROUNDING = 1e-8
 """Variance that is added so that no covariance is singular [m^2]."""
+FEW_LOST = 0.05
+"""Share of lost runs from which on the verdict begins with it."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ class Consistency:
             )
         if self.within.value > 0.98 and self.wider < 0.7:
             return (
-                f"The filter is cautious: {share}, which could be {self.wider:.1f} times as wide."
+                f"The filter says that it is unsure: {share}, which could be {self.wider:.1f} times"
+                " as wide."
             )
         return f"The filter's covariance agrees with its errors: {share}."
 
@@ -143,6 +146,17 @@ class Replay(Pictured):
         )
 
     @property
+    def verdict(self) -> str:
+        """What this means for the filter's user: whether it is lost, and if it knows its errors."""
+        lost = self.drives.lost_rate.value
+        if lost < FEW_LOST:
+            return self.consistency.sentence
+        return (
+            f"The filter is lost in {lost:.0%} of the runs; locplan tune --drive looks for settings"
+            f" that hold. {self.consistency.sentence}"
+        )
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What limits the replay, in sentences without a full stop."""
         return sparse_notes(self.recording, self.amcl)
@@ -161,8 +175,8 @@ class Replay(Pictured):
                 "wider_by": found.wider,
                 "filter_std_m": found.filter_std,
                 "error_m": found.error,
-                "sentence": found.sentence,
             },
+            "verdict": self.verdict,
             "notes": list(self.notes),
             "seed": self.seed,
             "start_sigma_m": self.start_sigma,

@@ -73,6 +73,6 @@ def replay_figure(replay: Replay) -> Figure:
         ncols=2,
         frameon=False,
     )
-    text = " ".join([replay.consistency.sentence, *(f"Note: {each}." for each in replay.notes)])
+    text = " ".join([replay.verdict, *(f"Note: {each}." for each in replay.notes)])
     figure.supxlabel(textwrap.fill(text, int(11 * width), break_on_hyphens=False), fontsize="small")
     return figure

@@ -42,7 +42,7 @@ def replay_table(replay: Replay) -> str:
         "errors against the recorded positions [95 % intervals over runs, of the ellipse by"
         f" stretches of\n10 m]; with {replay.amcl.title}; {replay.recording.lidar.title}"
     )
-    said = textwrap.fill(found.sentence, WIDTH, break_on_hyphens=False)
+    said = textwrap.fill(replay.verdict, WIDTH, break_on_hyphens=False)
     return "\n".join([table([], rows), about, said])
 
 
