@@ -88,7 +88,7 @@ FORMATS = (
     Format("ros-map", "u in per cent for the map servers of ROS", write_map),
     Format(
         "bag",
-        "a ROS 2 bag (MCAP)",
+        "a ROS 2 bag",
         write_bag,
         BagOptions,
         suffixes=(".mcap",),
@@ -97,7 +97,7 @@ FORMATS = (
     ),
     Format(
         "path",
-        "a path (.csv, .json or .yaml)",
+        "a path; also .json or .yaml",
         write_path,
         PathOptions,
         suffixes=(".csv", ".json", ".yaml"),
