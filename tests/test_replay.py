@@ -19,6 +19,7 @@ from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.recordings import Recording, replay, replay_figure
 from locplan.recordings._replay import ELLIPSE
+from locplan.recordings._replay_reports import replay_table
 from locplan.recordings._tracks import Tracks
 from locplan.simulation import Amcl, Disturbances, Simulator
 from locplan.simulation._motion import poses_along
@@ -186,6 +187,18 @@ def test_a_verdict_begins_with_lost_runs(replayed):
     assert replayed.verdict == replayed.consistency.sentence
     lost = dataclasses.replace(replayed, errors=replayed.errors + np.array([3.0, 0.0, 0.0]))
     assert lost.verdict.startswith("The filter is lost in 100% of the runs; locplan tune --drive")
+
+
+def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
+    few = replay(drive, grid, amcl=dataclasses.replace(SHARP, resample_interval=40), runs=2)
+    assert 0 < few.consistency.updates < 10
+    assert f"at {few.consistency.updates} of the scans, too few" in few.consistency.sentence
+    none = replay(drive, grid, amcl=dataclasses.replace(SHARP, resample_interval=9999), runs=2)
+    assert none.consistency.updates == 0
+    assert none.summary()["consistency"]["filter_std_m"] is None
+    assert "nan" not in replay_table(none)
+    assert "95% ellipse" not in replay_table(none)
+    assert len(replay_figure(none).axes) == 2
 
 
 def test_sparse_scans_are_noted(grid, drive, replayed):

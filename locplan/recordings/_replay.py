@@ -35,6 +35,8 @@ ELLIPSE = -2 * math.log(1 - WITHIN)
 """Square of the distance of this ellipse from its middle, in standard deviations."""
 MIDDLE = 2 * math.log(2)
 """Median of this square, if the filter's covariance is right."""
+LEAST_UPDATES = 10
+"""Number of resamplings below which the filter's covariance is not judged."""
 ROUNDING = 1e-8
 """Variance that is added so that no covariance is singular [m^2]."""
 FEW_LOST = 0.05
@@ -58,10 +60,17 @@ class Consistency:
     """Median of the filter's rms deviation of the position [m]."""
     error: float
     """Median of the distance from the recorded position, at the same scans [m]."""
+    updates: int
+    """Number of these scans; without any, all values are NaN."""
 
     @property
     def sentence(self) -> str:
         """What this means for the filter's user."""
+        if self.updates < LEAST_UPDATES:
+            return (
+                f"The filter resampled its particles at {self.updates} of the scans, too few to"
+                " judge its covariance."
+            )
         share = f"{self.within.value:.0%} of the recorded positions lie in its {WITHIN:.0%} ellipse"
         if self.within.value < 0.85:
             return (
@@ -136,6 +145,9 @@ class Replay(Pictured):
     def consistency(self) -> Consistency:
         """How well the filter knows its own errors."""
         at = self.updated
+        if not at.any():
+            none = math.nan
+            return Consistency(Interval(none, none, none), none, none, none, 0)
         squares, covariance = self.squares[:, at], self.covariances[:, at]
         inside = (squares <= ELLIPSE).mean(axis=0)
         return Consistency(
@@ -143,6 +155,7 @@ class Replay(Pictured):
             math.sqrt(float(np.median(squares)) / MIDDLE),
             float(np.median(np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1]))),
             float(np.median(self.drives.position_error[:, at])),
+            int(at.sum()),
         )
 
     @property
@@ -168,7 +181,7 @@ class Replay(Pictured):
             "drive": self.recording.summary().to_json(),
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "runs": len(self.errors),
-            "updates": int(self.updated.sum()),
+            "updates": found.updates,
             "errors": self.drives.summary(),
             "consistency": {
                 "within_95_ellipse": list(found.within),

@@ -43,7 +43,7 @@ def replay_figure(replay: Replay) -> Figure:
     lower.fill_between(way, low, high, color=ESTIMATED, alpha=0.2, linewidth=0)
     lower.plot(way, profile[:, 5], color=ESTIMATED, linewidth=1.8)
     lower.plot(way[known], spread[known], color=FILTER, linewidth=1.4, linestyle="--")
-    top = 1.1 * max(float(high.max()), float(spread[known].max()))
+    top = 1.1 * max(float(high.max()), float(spread[known].max(initial=0.0)))
     if top > LOST / 2:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         lower.text(way[-1], LOST, "lost", ha="right", va="bottom", color="0.4", fontsize="small")

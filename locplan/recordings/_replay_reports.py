@@ -24,18 +24,21 @@ def replay_table(replay: Replay) -> str:
     drives, found = replay.drives, replay.consistency
     within = found.within
     share = f"{within.value:.0%}" if np.isnan(within.low) else in_percent(within)
+    of_filter = [
+        (f"within the {WITHIN:.0%} ellipse", share),
+        ("rms deviation by the filter", in_metres(found.filter_std)),
+    ]
     rows = [
         ("map", replay.grid.name),
         ("drive", repr(replay.recording)),
-        ("runs", f"{len(replay.errors)}, each of {replay.updated.sum()} updates"),
+        ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
         ("median error", with_unit(drives.median_error, "m")),
         ("lost (> 1 m at any time)", in_percent(drives.lost_rate)),
         ("RMSE of those not lost", with_unit(drives.kept_rmse, "m")),
         ("RMSE of all", with_unit(drives.rmse, "m")),
         ("RMSE at the end", with_unit(drives.final_rmse, "m")),
         ("heading RMSE", with_unit(in_degrees(drives.heading_rmse), "deg")),
-        (f"within the {WITHIN:.0%} ellipse", share),
-        ("rms deviation by the filter", in_metres(found.filter_std)),
+        *(of_filter if found.updates else ()),
         *(("note", note) for note in replay.notes),
     ]
     about = (
