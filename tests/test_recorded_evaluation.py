@@ -11,6 +11,7 @@ import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA, refused
+from matplotlib.collections import LineCollection
 from scipy.stats import spearmanr
 from small_drive import FILE, MAP
 
@@ -23,8 +24,9 @@ from locplan.errors import RecordingError
 from locplan.field import SearchWindow
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.recordings import Recording, evaluate_drive, match_scans
+from locplan.recordings import Recording, drive_figure, evaluate_drive, match_scans
 from locplan.recordings._reports import DRIVE, drive_table, write_drive
+from locplan.recordings._verdict import _worst_block
 
 CARMEN = SHARED_DATA / "carmen"
 
@@ -180,6 +182,28 @@ def test_intervals_are_over_stretches_of_the_drive(found):
     assert math.isnan(short.agreements["scan"].factor.low)
     assert math.isnan(short.agreements["scan"].rank.auc.low)
     assert short.verdict[0].startswith("The drive is too short to tell")
+
+
+@pytest.mark.parametrize(
+    ("blocks", "worst"),
+    [
+        ([0, 0, 0, 1, 2, 2, 2], 2),  # one scan may be bad by chance
+        ([0, 0, 0, 1, 2, 3, 4], 4),  # most stretches have but one
+    ],
+)
+def test_the_worst_stretch_has_scans_enough(blocks, worst):
+    assert _worst_block(np.array(blocks), np.array([0, 1, 2, 5, 4, 5, 6.0])) == worst
+
+
+@pytest.mark.draws
+def test_scans_far_from_each_other_are_dots(office, drive):
+    apart = evaluate_drive(drive.every(24), office, estimators={"scan": Scan(drive.lidar)})
+    axes = drive_figure(apart).axes[0]
+    lines = [each for each in axes.collections if isinstance(each, LineCollection)][-1]
+    ends = np.array([path.vertices for path in lines.get_paths()])
+    np.testing.assert_allclose(ends[:, 0], apart.matches.recording.poses[:, :2])
+    assert np.hypot(*(ends[:, 1] - ends[:, 0]).T).max() < 0.01
+    np.testing.assert_allclose(lines.get_array(), 100 * apart.matches.position_std)
 
 
 @pytest.mark.draws

@@ -24,6 +24,8 @@ from locplan.recordings._verdict import PREFERRED
 MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
 GAP = 3.0
 """Distance of scans from which on they are not joined by a line [m]."""
+DOT = 1e-3
+"""Length of a line that is a dot [m]; one without length is not drawn."""
 AROUND = 0.15
 """Width of the surroundings that are shown, as a share of the drive's."""
 ELLIPSES = 14
@@ -90,16 +92,27 @@ def _draw_line(
     width: float,
     norm: LogNorm | None,
 ) -> LineCollection:
-    """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white."""
+    """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white.
+
+    A scan far from both of its neighbours becomes a dot.
+    """
     xy = found.matches.recording.poses[:, :2]
     lines = np.stack([xy[:-1], xy[1:]], axis=1)
     means = (values[:-1] + values[1:]) / 2
     shown = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < GAP)
+    joined = np.append(shown, False) | np.insert(shown, 0, False)
+    alone = np.isfinite(values) & ~joined
+    dots = np.stack([xy[alone], xy[alone] + DOT], axis=1)
     colours: dict[str, Any] = {"colors": "white"}
     if norm:
-        colours = {"array": means[shown], "cmap": FIELD_COLOURS, "norm": norm}
+        every = np.concatenate([means[shown], values[alone]])
+        colours = {"array": every, "cmap": FIELD_COLOURS, "norm": norm}
     drawn = LineCollection(
-        list(lines[shown]), linewidths=width, capstyle="round", zorder=3, **colours
+        list(np.concatenate([lines[shown], dots])),
+        linewidths=width,
+        capstyle="round",
+        zorder=3,
+        **colours,
     )
     axes.add_collection(drawn)
     return drawn

@@ -105,11 +105,11 @@ def _about_map(matches: Matches, outdated: Mask, blocks: NDArray[np.int64]) -> s
 
 
 def _worst_block(blocks: NDArray[np.int64], values: NDArray[np.float64]) -> int:
-    """The block of the greatest mean, of those with at least three scans if there are any."""
+    """The block of the greatest mean, of those with three scans or as many as half of them have."""
     every, number, counts = np.unique(blocks, return_inverse=True, return_counts=True)
     means = np.bincount(number, values) / counts
-    enough = counts >= 3
-    return int(every[np.argmax(np.where(enough, means, -np.inf) if enough.any() else means)])
+    enough = counts >= min(3, np.median(counts))
+    return int(every[np.argmax(np.where(enough, means, -np.inf))])
 
 
 def _axis(directions: NDArray[np.float64]) -> float:
