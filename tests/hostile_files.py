@@ -35,8 +35,10 @@ from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison._specs import PlannerSpec
 from locplan.costs import Costmap, Path as Route, path_metrics
 from locplan.errors import LocplanError
+from locplan.export._distros import distribution
 from locplan.export._folders import _is_untouched_export
 from locplan.export._parameters import with_costmap
+from locplan.export._robots import Robot
 from locplan.field import (
     CovarianceField,
     FieldConfig,
@@ -502,7 +504,8 @@ def read_cache(folder: Path) -> None:
 
 
 def read_nav2(folder: Path) -> None:
-    merged = with_costmap(read_parameters(folder / "nav2.yaml"), "static")
+    robot = Robot(distribution("jazzy"), None, read_parameters(folder / "nav2.yaml"))
+    merged = with_costmap(robot, "static")
     yaml.safe_dump(merged, sort_keys=False, allow_unicode=True)
     read_amcl(folder / "nav2.yaml")
 
