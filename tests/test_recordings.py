@@ -222,6 +222,8 @@ def test_arrays_of_other_programs_are_read(tmp_path):
         ({"range_limits": (3.0, 1.0)}, "range_limits must be a least and a greatest"),
         ({"mount": (1.0, 2.0)}, "mount must be x, y"),
         ({"pose_topic": "/pose"}, "pose_topic is for bags"),
+        ({"scan_topic": "/scan"}, "scan_topic is for logs of robots"),
+        ({"map_frame": "world"}, "map_frame is for logs of robots"),
         ({"scan_topic": ""}, "scan_topic must be a name"),
         ({"map_frame": ""}, "map_frame must be a name"),
     ],

@@ -42,7 +42,7 @@ def read_csv(path: Path, options: Options) -> Contents:
     RecordingError
         If the file cannot be read, or its rows have another shape than its header.
     """
-    options.refuse_those_for_bags("a .csv file")
+    options.refuse_those_for_logs("a .csv file")
     lines = _lines(path)
     values: dict[str, str] = {}
     number, names = 0, list[str]()

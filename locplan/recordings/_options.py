@@ -12,6 +12,8 @@ from locplan.recordings._scans import MAX_RANGE
 
 FOR_BAGS = ("pose_topic", "odom_topic", "base_frame")
 """Options that only a bag can follow."""
+FOR_LOGS = ("scan_topic", "map_frame")
+"""Options that only a bag or a log of CARMEN can follow."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -58,9 +60,17 @@ class Options(Settings):
 
     def refuse_those_for_bags(self, what: str) -> None:
         """Raise a ConfigError if an option is set that only a bag can follow."""
-        for name in FOR_BAGS:
-            if getattr(self, name) is not None:
-                raise ConfigError(f"{name} is for bags, and {what} has none; leave it out")
+        self._refuse(FOR_BAGS, what)
+
+    def refuse_those_for_logs(self, what: str) -> None:
+        """Raise a ConfigError if an option is set that only the log of a robot can follow."""
+        self._refuse((*FOR_BAGS, *FOR_LOGS), what)
+
+    def _refuse(self, names: tuple[str, ...], what: str) -> None:
+        for name in names:
+            if getattr(self, name) != getattr(type(self), name):
+                kinds = "logs of robots" if name in FOR_LOGS else "bags"
+                raise ConfigError(f"{name} is for {kinds}, and {what} has none; leave it out")
 
 
 def with_options(lidar: Lidar, options: Options) -> Lidar:

@@ -66,11 +66,12 @@ def read_drive(
     window : (start, end), optional
         Keep the scans of a part of the drive, from its start on [s].
     scan_topic : str, optional
-        Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1".
+        Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". Not
+        for CSV and NPZ.
     pose_topic, odom_topic : str, optional
         Topics of the robot's poses, in place of TF, and of its odometry. Only for bags.
     map_frame : str
-        Frame of the poses.
+        Frame of the poses. Not for CSV and NPZ.
     base_frame : str, optional
         Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
         bags.

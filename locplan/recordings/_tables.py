@@ -65,7 +65,7 @@ def read_npz(path: Path, options: Options) -> Contents:
     RecordingError
         If the file is damaged, or its arrays are no recording.
     """
-    options.refuse_those_for_bags("an .npz file")
+    options.refuse_those_for_logs("an .npz file")
     try:
         arrays = _arrays(path)
     except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError):
