@@ -174,6 +174,8 @@ def test_scans_of_another_map_are_refused(grid, line):
     ranges = np.random.default_rng(0).uniform(0.5, 8.0, (len(line), LIDAR.beams))
     with pytest.raises(RecordingError, match="scans fit the map, too few to calibrate"):
         scan_noise(Recording(ranges, LIDAR, line), grid)
+    with pytest.raises(RecordingError, match="has 9 scans, too few to calibrate: 10 are needed"):
+        scan_noise(Recording(ranges[:9], LIDAR, line[:9]), grid)
 
 
 def test_blocks_are_drawn_as_a_whole():

@@ -20,7 +20,7 @@ from locplan._kernels import likelihood, posterior
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.offsets import make_lattice
 from locplan._kernels.recorded import recorded_posteriors
-from locplan.errors import RecordingError
+from locplan.errors import ConfigError, RecordingError
 from locplan.field import SearchWindow
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -182,6 +182,15 @@ def test_intervals_are_over_stretches_of_the_drive(found):
     assert math.isnan(short.agreements["scan"].factor.low)
     assert math.isnan(short.agreements["scan"].rank.auc.low)
     assert short.verdict[0].startswith("The drive is too short to tell")
+
+
+def test_drives_that_cannot_be_compared_are_refused(office, drive):
+    with pytest.raises(RecordingError, match="the drive has 8 scans, too few to compare: 10 are"):
+        evaluate_drive(drive.every(50), office)
+    with pytest.raises(RecordingError, match="no scan with enough returns"):
+        evaluate_drive(drive.every(25).moved(0.0, 500.0, 0.0), office)
+    with pytest.raises(ConfigError, match="recording must be a Recording"):
+        evaluate_drive("drive.npz", office)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import instance
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
@@ -155,6 +156,12 @@ def evaluate_drive(
     RecordingError
         If too few scans were taken where the map is known and fits.
     """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    if len(recording) < LEAST_SCANS:
+        raise RecordingError(
+            f"the drive has {len(recording)} scans, too few to compare: {LEAST_SCANS} are needed;"
+            " read more of them (every=), or record a longer one"
+        )
     lidar = recording.lidar
     if estimators is None:
         estimators = {

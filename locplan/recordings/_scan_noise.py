@@ -84,6 +84,11 @@ def scan_noise(
     RecordingError
         If too few scans fit the map.
     """
+    if len(recording) < LEAST_SCANS:
+        raise RecordingError(
+            f"the drive has {len(recording)} scans, too few to calibrate: {LEAST_SCANS} are needed;"
+            " read more of them (every=), or record a longer one"
+        )
     chosen = np.unique(np.linspace(0, len(recording) - 1, MOST_SCANS).round().astype(int))
     wall = _Walls(grid, recording)
     results: list[tuple[float, Numbers]] = []
