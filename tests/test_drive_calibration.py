@@ -9,8 +9,9 @@ import math
 import numpy as np
 import pytest
 from made_drives import LIDAR, recorded
+from small_drive import FILE, MAP
 
-from locplan import Costmap, load_config, plan, save_map
+from locplan import Costmap, load_config, load_map, plan, save_map
 from locplan._kernels.drives import odometry_along
 from locplan._kernels.particles import move
 from locplan.cli import main
@@ -162,6 +163,13 @@ def test_objects_in_view_are_found(grid, line):
     assert 30 < found.occlusion_deg.value < 42
     assert 0.03 < found.blocked.value < 0.6 * 40 / 270  # walls hide some objects
     assert found.outliers.value < 0.005
+
+
+def test_walls_that_differ_from_the_map_are_no_objects():
+    """The small drive has the usual disturbances, whose walls shadow others."""
+    found = scan_noise(Recording.load(FILE), load_map(MAP))
+    assert found.occlusion.value == pytest.approx(Disturbances.occlusion, abs=0.06)
+    assert found.occlusion_deg.value == pytest.approx(Disturbances.occlusion_deg, abs=3)
 
 
 def test_runs_of_short_beams_count_from_four_on():

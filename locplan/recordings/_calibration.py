@@ -122,7 +122,8 @@ def calibrate_drive(
     odometry come out too low by 4 % on simulated drives of 300 m that turn all the time, where they
     scatter by a tenth, and by a tenth on drives of 70 m, where they scatter by a third; their
     intervals hold the true value in 65 to 95 % of the drives. The biases are those of one drive.
-    Objects that block beams are taken to stand 0.5 to 2 m away, as in simulation.
+    Objects that block beams are taken to stand 0.5 to 2 m away, as in simulation: those further
+    away are left out.
 
     Examples
     --------

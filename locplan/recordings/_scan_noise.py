@@ -147,7 +147,8 @@ class _Scans:
     open: Numbers
     """Chance that an object 0.5 to 2 m away stands before the wall, (n,)."""
     angle: Numbers
-    """Angle of the runs of beams that are blocked, (n,) [deg]."""
+    """Angle of the runs of beams that are blocked within 2 m, (n,) [deg]; a wall that differs a
+    little from the map shadows others further away, too."""
 
     @classmethod
     def of(
@@ -165,7 +166,7 @@ class _Scans:
         sigma = MAD * float(np.median(deviation))
         bound = max(DEVIATIONS * sigma, CELLS * resolution)
         reach = lidar.range
-        short = returned & (residual < -bound)
+        short, measured = returned & (residual < -bound), walls + residual
         spacing = math.degrees(abs(lidar.angles[-1] - lidar.angles[0])) / max(1, lidar.beams - 1)
         return cls(
             deviation[order],
@@ -176,7 +177,7 @@ class _Scans:
             (np.maximum(walls - bound, 0) / reach).sum(axis=1),
             residual.shape[1],
             np.clip((walls - bound - NEAREST) / (FARTHEST - NEAREST), 0, 1).mean(axis=1),
-            spacing * np.array([_in_runs(each) for each in short], float),
+            spacing * np.array([_in_runs(each) for each in short & (measured < FARTHEST)], float),
         )
 
     def statistics(self, weights: Numbers) -> Numbers:
