@@ -19,6 +19,7 @@ from locplan.errors import ConfigError, RecordingError
 from locplan.maps import environments
 from locplan.recordings import Recording, calibrate_drive
 from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_interval
+from locplan.recordings._geometry import moved
 from locplan.recordings._odometry_noise import _moved, odometry_noise
 from locplan.recordings._scan_noise import _in_runs, scan_noise
 from locplan.simulation import Amcl, Disturbances, Simulator
@@ -163,6 +164,21 @@ def test_objects_in_view_are_found(grid, line):
     assert 30 < found.occlusion_deg.value < 42
     assert 0.03 < found.blocked.value < 0.6 * 40 / 270  # walls hide some objects
     assert found.outliers.value < 0.005
+
+
+def test_jumps_of_odometry_are_left_out():
+    """As where its driver is started again, or where a filter's pose jumps."""
+    drive = Recording.load(FILE)
+    plain = odometry_noise(drive, Amcl())
+    odometry, poses = drive.odometry.copy(), drive.poses.copy()
+    odometry[150:] = moved(odometry[150:], (-7.0, 3.0, 2.0))
+    poses[300:, 0] += 4.0
+    found = odometry_noise(dataclasses.replace(drive, poses=poses, odometry=odometry), Amcl())
+    assert "jump apart 2 times" in found.notes[-1]
+    assert not any("jump" in note for note in plain.notes)
+    for name in ("alpha2", "alpha3", "distance_drift", "distance_bias", "heading_bias_deg"):
+        value, expected = getattr(found, name).value, getattr(plain, name).value
+        assert value == pytest.approx(expected, rel=0.25, abs=2e-3), name
 
 
 def test_walls_that_differ_from_the_map_are_no_objects():

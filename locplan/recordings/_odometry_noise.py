@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval
 from locplan.recordings._blocks import blocks_along, intervals
-from locplan.recordings._geometry import Numbers, wrapped
+from locplan.recordings._geometry import Numbers, way_between, wrapped
+from locplan.recordings._jumps import without_jumps
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of
 from locplan.simulation import Amcl
@@ -91,15 +92,18 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     updates = updates_of(recording.odometry, amcl)
     if len(updates) - 1 < LEAST_UPDATES:
         return None
-    stretches = _Stretches.of(recording.poses, recording.odometry)
+    odometry, jumps = without_jumps(recording.poses, recording.odometry)
+    stretches = _Stretches.of(recording.poses, odometry)
     blocks = blocks_along(recording.poses, SPANS[-1])
-    increments = _Increments.of(recording.poses[updates], recording.odometry[updates])
+    increments = _Increments.of(recording.poses[updates], odometry[updates])
     drifts = intervals(stretches.fitted, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one can hardly be told from odometry's.
     position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
     sure = position, math.radians(heading)
     alphas = intervals(lambda w: increments.fitted(w, *sure), blocks[updates[:-1]], RESAMPLES)
     notes = _notes(recording, np.array([each.value for each in alphas]), sure, increments)
+    if jumps:
+        notes += (f"odometry and the recorded poses jump apart {jumps} times, which is left out",)
     made: Any = OdometryNoise
     result: OdometryNoise = made(*alphas, *drifts, len(updates), notes)
     return result
@@ -132,9 +136,8 @@ def _notes(
 
 def _moved(poses: Numbers, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Numbers:
     """Poses at the end as seen from those at the begin, (n, 3) [m, m, rad]."""
-    dx, dy, turn = (poses[end] - poses[begin]).T
-    cos, sin = np.cos(poses[begin, 2]), np.sin(poses[begin, 2])
-    return np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, wrapped(turn)])
+    ways = way_between(poses[begin], poses[end])
+    return np.column_stack([ways[:, :2], wrapped(ways[:, 2])])
 
 
 @dataclass(frozen=True, eq=False)
