@@ -21,7 +21,7 @@ from locplan._kernels.likelihood import TOP
 from locplan._kernels.offsets import make_lattice
 from locplan._kernels.recorded import recorded_posteriors
 from locplan.errors import ConfigError, RecordingError
-from locplan.field import SearchWindow
+from locplan.field import FieldConfig, SearchWindow
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording, drive_figure, evaluate_drive, match_scans
@@ -273,6 +273,40 @@ def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive):
     assert "does not fit" in fault
     assert "--align 0,0,0 goes on as it is" in fault
     assert "is not there" in refused(run("evaluate", MAP, "--drive", tmp_path / "none.npz"))
+
+
+def test_a_field_that_hardly_ranks_the_scans_is_not_recommended(found):
+    weak = dataclasses.replace(found, predicted={"sad": found.predicted["sad"]})
+    assert "says where" not in weak.verdict[0]
+    mixed = found.predicted["scan"].copy()
+    some = np.arange(len(mixed)) % 5 < 3
+    mixed[some] = mixed[some][::-1]
+    little = dataclasses.replace(found, predicted={"scan": mixed})
+    assert little.agreements["scan"].rank.spearman.value < 0.5
+    assert "says where" not in little.verdict[0]
+
+
+def test_where_most_scans_do_not_fit_nothing_is_concluded(found):
+    score = found.matches.score.copy()
+    score[::2] = -2.0
+    bad = dataclasses.replace(found, matches=dataclasses.replace(found.matches, score=score))
+    assert (
+        "scans do not fit the map at their poses: check how the lidar is mounted" in bad.verdict[0]
+    )
+
+
+def test_the_command_compares_a_calibrated_estimator_too(run, tmp_path, drive):
+    drive.every(12).save(tmp_path / "few.npz")
+    config = FieldConfig(Scan(drive.lidar, noise_level=0.7))
+    (tmp_path / "own.json").write_text(json.dumps(config.to_json()))
+    code, out, _ = run(
+        *("evaluate", MAP, "--drive", tmp_path / "few.npz", "--json"),
+        *("--config", tmp_path / "own.json"),
+    )
+    assert code == 0
+    of = json.loads(out)["estimators"]
+    assert list(of) == ["sad", "fisher", "scan", "fused", "config"]
+    assert of["config"]["factor"][0] < of["scan"]["factor"][0]
 
 
 def test_a_shifted_drive_is_refused_with_the_way_back(run, tmp_path, drive):

@@ -299,3 +299,9 @@ def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, c
     assert code == 2
     assert "seems shifted" in err
     assert "--align" in err
+
+
+def test_odometry_that_stands_still_is_refused(grid, drive):
+    frozen = dataclasses.replace(drive, odometry=np.zeros_like(drive.poses))
+    with pytest.raises(RecordingError, match=r"the odometry moves by 0\.0 m, but the poses by"):
+        replay(frozen, grid)

@@ -68,13 +68,13 @@ def evaluate(
     """
     recorded.check()
     if recorded.drive is not None:
-        refuse("with --drive", lidar=lidar, range=range, field_of_view=field_of_view, config=config)
+        refuse("with --drive", lidar=lidar, range=range, field_of_view=field_of_view)
         refuse("with --drive", params=simulation.params, set=simulation.set or None)
         places = {
             name: value for name, value in given_of(at).items() if value != getattr(AtPlaces, name)
         }
         refuse("with --drive", **places, robot_radius=robot_radius)
-        _evaluate_drive(maps, recorded, threads, output, force=force, json=json)
+        _evaluate_drive(maps, recorded, config, threads, output, force=force, json=json)
         return
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
@@ -103,6 +103,7 @@ def evaluate(
 def _evaluate_drive(
     maps: list[Path],
     recorded: DriveOptions,
+    config: Path | None,
     threads: int | None,
     output: Path | None,
     *,
@@ -113,11 +114,16 @@ def _evaluate_drive(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.recordings import _reports as reports, evaluate_drive
+    from locplan.recordings._evaluation import estimators_for
 
     folder = reports.DRIVE.into(output, force=force) if output else None
+    own = {"config": FieldOptions(config=config).to_config().estimator} if config else {}
     grid, drive = recorded.on_map(maps)
+    estimators = estimators_for(drive.lidar) | own
     with progress_bar("comparing fields", "fields") as progress:
-        found = evaluate_drive(drive, grid, threads=threads, progress=progress)
+        found = evaluate_drive(
+            drive, grid, estimators=estimators, threads=threads, progress=progress
+        )
     with working("writing the results"):
         written = reports.write_drive(folder, found) if folder else []
     show(json, found.summary(), reports.drive_table(found), *written)

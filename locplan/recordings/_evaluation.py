@@ -19,6 +19,7 @@ from locplan.field import (
     FieldConfig,
     Fisher,
     Fused,
+    Lidar,
     Sad,
     Scan,
     load_or_compute,
@@ -162,14 +163,8 @@ def evaluate_drive(
             f"the drive has {len(recording)} scans, too few to compare: {LEAST_SCANS} are needed;"
             " read more of them (every=), or record a longer one"
         )
-    lidar = recording.lidar
     if estimators is None:
-        estimators = {
-            "sad": Sad(),
-            "fisher": Fisher(lidar),
-            "scan": Scan(lidar),
-            "fused": Fused.of(lidar),
-        }
+        estimators = estimators_for(recording.lidar)
     tell = progress or (lambda done, total: None)
     matches = match_scans(recording, grid, settings=settings, threads=threads)
     tell(1, len(estimators) + 1)
@@ -190,6 +185,16 @@ def evaluate_drive(
             " See locplan.recordings.fit_to_map"
         )
     return result
+
+
+def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
+    """All estimators by name, with a recording's lidar."""
+    return {
+        "sad": Sad(),
+        "fisher": Fisher(lidar),
+        "scan": Scan(lidar),
+        "fused": Fused.of(lidar),
+    }
 
 
 def _points_along(

@@ -64,3 +64,8 @@ def after_way(poses: Numbers, ways: Numbers) -> Numbers:
 def wrapped(angles: Any) -> Numbers:
     """Angles within -pi to pi [rad]."""
     return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def way_length(poses: Numbers) -> float:
+    """Length of the way over poses (n, 3) [m]."""
+    return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())

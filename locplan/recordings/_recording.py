@@ -19,6 +19,7 @@ from locplan.recordings._geometry import (
     ends_on_robot,
     has_return,
     moved,
+    way_length,
     wrapped,
 )
 from locplan.recordings._summary import DriveSummary
@@ -191,7 +192,7 @@ class Recording:
     @property
     def length(self) -> float:
         """Length of the way from scan to scan [m]."""
-        return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+        return way_length(self.poses)
 
     def ends_on_robot(self) -> Numbers:
         """Ends of the beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid
-from locplan.recordings._geometry import Numbers, wrapped
+from locplan.recordings._geometry import Numbers, way_length, wrapped
 from locplan.recordings._recording import Recording
 from locplan.simulation import Amcl, Disturbances
 from locplan.simulation._arguments import Arguments, arguments_of, beam_step
@@ -18,6 +18,8 @@ REPLAY = 14
 """Stream of random numbers of replays."""
 SPARSE = 1.5
 """Factor on the filter's own distance between updates above which scans are too sparse for it."""
+STILL = 0.1
+"""Way of the odometry over that of the poses below which it stood still."""
 ALL = slice(None)
 
 
@@ -61,6 +63,12 @@ class Tracks:
             raise RecordingError(
                 f"{recording.source.file or 'the recording'} has no odometry, which a replay needs;"
                 " record it, too, or name its topic (--odom-topic, odom_topic=)"
+            )
+        moved, told = recording.length, way_length(recording.odometry)
+        if told < STILL * moved:
+            raise RecordingError(
+                f"the odometry moves by {told:.1f} m, but the poses by {moved:.1f} m; is it the"
+                " right topic, and was it recorded?"
             )
         row, col = (np.floor(each) for each in grid.world_to_grid(*recording.poses[0, :2]))
         if not (0 <= row < grid.shape[0] and 0 <= col < grid.shape[1]):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from locplan.recordings._agreement import Agreement
 from locplan.recordings._matches import Matches
 from locplan.simulation._formats import plain, short
+from locplan.simulation._ranking import Rank
 
 Mask = NDArray[np.bool_]
 
@@ -18,6 +19,10 @@ PREFERRED = ("scan", "fused", "fisher", "sad")
 """The estimators, the one that is named first where it ranks the scans better than chance."""
 SHARP = 0.1
 """Deviation up to which nine of ten scans fix the position well enough everywhere [m]."""
+GOOD = 0.5
+"""Rank correlation from which on a field is good enough to plan by."""
+MOST = 0.3
+"""Share of outdated scans from which on nothing else is concluded."""
 MANY = 0.05
 """Share of outdated scans from which on they are worth a sentence."""
 
@@ -44,6 +49,13 @@ def conclusions(
     blocks : (n,) array of int
         The block of the drive that each scan belongs to.
     """
+    apart = int(outdated.sum())
+    if apart > MOST * len(outdated):
+        return [
+            f"{apart} of {len(outdated)} scans do not fit the map at their poses: check how the"
+            " lidar is mounted (mount), the poses, and that the map is of this place and time.",
+            "Until then the comparison with the fields says little.",
+        ]
     return [
         _about_fields(agreements),
         f"{_about_places(matches, compared, blocks)}{_about_map(matches, outdated, blocks)}.",
@@ -53,9 +65,10 @@ def conclusions(
 def _about_fields(agreements: Mapping[str, Agreement]) -> str:
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
-    for name in names:
+    sure = [name for name in names if _is_better_than_chance(agreements[name].rank)]
+    for name in sure:
         rank, factor = agreements[name].rank, agreements[name].factor
-        if rank.spearman.low > 0 or rank.auc.low > 0.5:
+        if rank.spearman.value >= GOOD:
             return (
                 f"On this drive `{name}` says where the scans fix the pose badly: rank correlation"
                 f" {short(rank.spearman)}, AUC {short(rank.auc)} for the worst fifth, and its"
@@ -68,10 +81,20 @@ def _about_fields(agreements: Mapping[str, Agreement]) -> str:
             f"The drive is too short to tell whether a field is right: `{best}` has a rank"
             f" correlation of {plain(rank.spearman.value)}, but less than 50 m were compared."
         )
+    if best in sure:
+        return (
+            f"The fields rank the scans of this drive only a little better than chance (`{best}`"
+            f" {short(rank.spearman)}, AUC {short(rank.auc)}): look at the picture before you plan"
+            " by one."
+        )
     return (
         f"No field ranks the scans of this drive better than chance (`{best}`"
         f" {short(rank.spearman)}): do not plan by a field here before you know why."
     )
+
+
+def _is_better_than_chance(rank: Rank) -> bool:
+    return rank.spearman.low > 0 and rank.auc.value > 0.5
 
 
 def _about_places(matches: Matches, compared: Mask, blocks: NDArray[np.int64]) -> str:
