@@ -136,7 +136,7 @@ def test_poses_that_jump_are_told(grid, winding):
     odometry = reported(grid, winding, **DRIFTS, **BIASES)
     jumping = winding.copy()
     for n in range(100, len(jumping), 60):
-        jumping[n:, :2] += 0.5
+        jumping[n:, :2] += 0.3
     found = odometry_noise(driven(jumping, odometry), Amcl())
     assert any("may jump" in note for note in found.notes)
 
@@ -174,9 +174,9 @@ def test_jumps_of_odometry_are_left_out():
     odometry[150:] = moved(odometry[150:], (-7.0, 3.0, 2.0))
     poses[300:, 0] += 4.0
     found = odometry_noise(dataclasses.replace(drive, poses=poses, odometry=odometry), Amcl())
-    assert "jump apart 2 times" in found.notes[-1]
+    assert found.notes[-1].endswith("which are left out: 2")
     assert not any("jump" in note for note in plain.notes)
-    for name in ("alpha2", "alpha3", "distance_drift", "distance_bias", "heading_bias_deg"):
+    for name in ("alpha2", "alpha3", "distance_drift", "heading_drift_deg", "heading_bias_deg"):
         value, expected = getattr(found, name).value, getattr(plain, name).value
         assert value == pytest.approx(expected, rel=0.25, abs=2e-3), name
 

@@ -92,10 +92,10 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     updates = updates_of(recording.odometry, amcl)
     if len(updates) - 1 < LEAST_UPDATES:
         return None
-    odometry, jumps = without_jumps(recording.poses, recording.odometry)
-    stretches = _Stretches.of(recording.poses, odometry)
-    blocks = blocks_along(recording.poses, SPANS[-1])
-    increments = _Increments.of(recording.poses[updates], odometry[updates])
+    poses, odometry, jumps = without_jumps(recording.poses, recording.odometry)
+    stretches = _Stretches.of(poses, odometry)
+    blocks = blocks_along(poses, SPANS[-1])
+    increments = _Increments.of(poses[updates], odometry[updates])
     drifts = intervals(stretches.fitted, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one can hardly be told from odometry's.
     position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
@@ -103,7 +103,7 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     alphas = intervals(lambda w: increments.fitted(w, *sure), blocks[updates[:-1]], RESAMPLES)
     notes = _notes(recording, np.array([each.value for each in alphas]), sure, increments)
     if jumps:
-        notes += (f"odometry and the recorded poses jump apart {jumps} times, which is left out",)
+        notes += (f"jumps of odometry against the recorded poses, which are left out: {jumps}",)
     made: Any = OdometryNoise
     result: OdometryNoise = made(*alphas, *drifts, len(updates), notes)
     return result
