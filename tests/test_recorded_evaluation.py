@@ -26,7 +26,7 @@ from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording, drive_figure, evaluate_drive, match_scans
 from locplan.recordings._reports import DRIVE, drive_table, write_drive
-from locplan.recordings._verdict import _worst_block
+from locplan.recordings._verdict import _axis, _worst_block
 
 CARMEN = SHARED_DATA / "carmen"
 
@@ -202,6 +202,11 @@ def test_drives_that_cannot_be_compared_are_refused(office, drive):
 )
 def test_the_worst_stretch_has_scans_enough(blocks, worst):
     assert _worst_block(np.array(blocks), np.array([0, 1, 2, 5, 4, 5, 6.0])) == worst
+
+
+def test_an_axis_along_x_has_no_angle():
+    assert _axis(np.radians([179.0, 180.8, -0.3])) == 0
+    assert _axis(np.radians([85.0, -89.0])) == 88
 
 
 @pytest.mark.draws

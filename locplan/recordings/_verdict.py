@@ -111,7 +111,7 @@ def _about_places(matches: Matches, compared: Mask, blocks: NDArray[np.int64]) -
     median, direction = float(np.median(std[here])), _axis(matches.direction[here])
     return (
         f"The worst 10 m lie around {_middle(matches, here)}, where the position is known to"
-        f" {100 * median:.0f} cm along {math.degrees(direction):.0f}°"
+        f" {100 * median:.0f} cm along {direction}°"
     )
 
 
@@ -135,9 +135,9 @@ def _worst_block(blocks: NDArray[np.int64], values: NDArray[np.float64]) -> int:
     return int(every[np.argmax(np.where(enough, means, -np.inf))])
 
 
-def _axis(directions: NDArray[np.float64]) -> float:
-    """Mean of axes, which have no sense, 0 to pi [rad]."""
-    return float(np.angle(np.exp(2j * directions).mean()) / 2 % np.pi)
+def _axis(directions: NDArray[np.float64]) -> int:
+    """Mean of axes, which have no sense, in whole degrees from 0 to 179."""
+    return round(math.degrees(float(np.angle(np.exp(2j * directions).mean()))) / 2) % 180
 
 
 def _middle(matches: Matches, chosen: Mask) -> str:
