@@ -20,7 +20,7 @@ from locplan.maps import environments
 from locplan.recordings import Recording, calibrate_drive
 from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_interval
 from locplan.recordings._geometry import moved
-from locplan.recordings._odometry_noise import _moved, odometry_noise
+from locplan.recordings._odometry_noise import _moved, as_disturbances, odometry_noise
 from locplan.recordings._scan_noise import _in_runs, scan_noise
 from locplan.simulation import Amcl, Disturbances, Simulator
 from locplan.simulation._motion import poses_along
@@ -245,8 +245,12 @@ def test_the_field_gets_the_level_of_the_measured_deviations(grid, drive, calibr
 def test_the_disturbances_are_those_that_were_found(calibrated):
     assert calibrated.disturbances.outliers == calibrated.scans.outliers.value
     assert calibrated.disturbances.outliers == pytest.approx(0.08, abs=0.02)
-    drift = calibrated.odometry.heading_drift_deg.value
-    assert calibrated.disturbances.heading_drift_deg == drift
+    odometry = calibrated.odometry
+    assert calibrated.disturbances.distance_drift == odometry.distance_drift.value
+    assert calibrated.disturbances.heading_drift_deg == Disturbances().heading_drift_deg
+    assert "which are not written" in " ".join(odometry.notes)
+    turned = dataclasses.replace(odometry, turned=7.0)
+    assert as_disturbances(turned)["heading_drift_deg"] == odometry.heading_drift_deg.value
     assert calibrated.disturbances.boundary_noise == Disturbances.boundary_noise
     assert calibrated.amcl == Amcl(max_particles=900)
     sigma = calibrated.scans.range_sigma.value

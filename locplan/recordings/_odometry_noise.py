@@ -74,6 +74,8 @@ class OdometryNoise:
     """Standard deviation of a recorded pose's position [m]."""
     heading_noise_deg: Interval
     """Standard deviation of a recorded pose's heading [deg]."""
+    turned: float
+    """Sum of the robot's turns [rad]."""
     updates: int
     """Number of the filter's updates, between which the increments were compared."""
     notes: tuple[str, ...]
@@ -105,7 +107,8 @@ def odometry_noise(recording: Recording, amcl: Amcl) -> OdometryNoise | None:
     if jumps:
         notes += (f"jumps of odometry against the recorded poses, which are left out: {jumps}",)
     made: Any = OdometryNoise
-    result: OdometryNoise = made(*alphas, *drifts, len(updates), notes)
+    turned = float(np.abs(wrapped(np.diff(recording.poses[:, 2]))).sum())
+    result: OdometryNoise = made(*alphas, *drifts, turned, len(updates), notes)
     return result
 
 
@@ -123,7 +126,7 @@ def _notes(
     if turned < LITTLE_TURN:
         notes.append(
             f"the robot turned by {math.degrees(turned):.0f} deg in all, too little for alpha1,"
-            " alpha4 and the drift of turns"
+            " alpha4 and the drifts of heading and turns, which are not written"
         )
     jumps = increments.jumps(alphas, *sure)
     if jumps > 0.01:
@@ -337,7 +340,11 @@ def _not_negative(matrix: Numbers, vector: Numbers) -> Numbers:
 
 
 def as_disturbances(noise: OdometryNoise) -> dict[str, float]:
-    """The drifts, and the sizes of the biases, by their names in `Disturbances`."""
-    names = ("distance_drift", "heading_drift_deg", "turn_drift_deg")
-    biases = ("distance_bias", "heading_bias_deg", "turn_bias")
-    return {name: abs(getattr(noise, name).value) for name in (*names, *biases)}
+    """The drifts, and the sizes of the biases, by their names in `Disturbances`.
+
+    Where the robot turned little, the drifts of heading and turns cannot be told apart.
+    """
+    names = ["distance_drift", "distance_bias", "heading_bias_deg"]
+    if noise.turned >= LITTLE_TURN:
+        names += ["heading_drift_deg", "turn_drift_deg", "turn_bias"]
+    return {name: abs(getattr(noise, name).value) for name in names}
