@@ -33,7 +33,12 @@ from .field import (
     load_or_compute as load_or_compute,
     save_config as save_config,
 )
-from .landmarks import Box as Box, Pole as Pole
+from .landmarks import (
+    Box as Box,
+    Landmarks as Landmarks,
+    Pole as Pole,
+    place_landmarks as place_landmarks,
+)
 from .maps import OccupancyGrid as OccupancyGrid, load_map as load_map, save_map as save_map
 from .planners import (
     CostToGo as CostToGo,

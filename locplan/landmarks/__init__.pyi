@@ -1,6 +1,10 @@
+from ._landmarks import Landmarks as Landmarks, Setting as Setting
 from ._objects import (
     Box as Box,
     LandmarkObject as LandmarkObject,
     Pole as Pole,
     with_objects as with_objects,
 )
+from ._place import place_landmarks as place_landmarks
+from ._regular import Regularity as Regularity
+from ._verification import Outcome as Outcome, Verification as Verification
