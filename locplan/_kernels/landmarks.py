@@ -47,7 +47,11 @@ class Outline(NamedTuple):
 
 
 class Told(NamedTuple):
-    """How the sum over the rays becomes information: share * sum / (1 + other * hits)."""
+    """How the sum over the rays becomes information: share * sum / (1 + other * hits).
+
+    The hits are those on the map without objects: if those on objects counted, a search would
+    rather hide objects from each other than see them well.
+    """
 
     share: float  # [1 / m^2]
     other: float  # how far each further hit lessens what a hit tells
@@ -195,6 +199,8 @@ def sums_of(hits: NDArray[np.float32], least: float) -> NDArray[np.float64]:
     for n in range(hits.shape[0]):
         for b in range(hits.shape[1]):
             _change(sums[n], hits[n, b], 1.0, least)
+            if least <= hits[n, b, RANGE] < np.inf:
+                sums[n, HITS] += 1
     return sums
 
 
@@ -210,7 +216,6 @@ def _change(sums: NDArray[np.float64], hit: NDArray[np.float32], sign: float, le
         sums[XT] += sign * nx * turn
         sums[YT] += sign * ny * turn
         sums[TT] += sign * turn * turn
-        sums[HITS] += sign
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -225,7 +230,10 @@ def with_object(
     heading: float,
     changed: NDArray[np.float64],
 ) -> bool:
-    """Write a pose's sums with an object at (x, y) into `changed` (7,); False if they stay."""
+    """Write a pose's sums with an object at (x, y) into `changed` (7,); False if they stay.
+
+    The number of hits stays in any case: it is that on the map without objects.
+    """
     begin, count = meeting(rays, n, outline, x, y)
     if count == 0:
         return False

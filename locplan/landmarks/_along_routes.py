@@ -27,6 +27,7 @@ class AlongRoutes:
     threads: int
     hits: NDArray[np.float32] = field(init=False)
     sums: NDArray[np.float64] = field(init=False)
+    hits_of_map: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
         self.start(np.empty((0, 3)))
@@ -40,12 +41,16 @@ class AlongRoutes:
 
     def start(self, chosen: NDArray[np.float64]) -> None:
         """Begin from objects at these poses, (k, 3) [cells, cells, rad]."""
-        from locplan._kernels.landmarks import add_object, sums_of
+        from locplan._kernels.landmarks import HITS, add_object, sums_of
 
         self.hits = self.seen.hits.copy()
         for x, y, heading in self.own(chosen):
             add_object(self.hits, self.seen.rays, self.outline, x, y, heading)
         self.sums = sums_of(self.hits, self.seen.rays.least)
+        if len(chosen):
+            self.sums[:, HITS] = self.hits_of_map
+        else:
+            self.hits_of_map = self.sums[:, HITS].copy()
 
     def value(self) -> float:
         """The objective with the objects [m^2]."""

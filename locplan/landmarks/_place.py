@@ -172,7 +172,9 @@ def place_landmarks(
         search.curve(order),
         tuple(
             Rejected(x, y, heading, reason)
-            for (x, y, heading), reason in zip(_in_world(empty, refused).tolist(), reasons, strict=True)
+            for (x, y, heading), reason in zip(
+                _in_world(empty, refused).tolist(), reasons, strict=True
+            )
         ),
         before=grid,
         grid=with_objects(empty, kind, chosen),
