@@ -7,4 +7,5 @@ from ._objects import (
 )
 from ._place import place_landmarks as place_landmarks
 from ._regular import Regularity as Regularity
+from ._trials import best_of_trials as best_of_trials
 from ._verification import Outcome as Outcome, Verification as Verification

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
@@ -68,10 +68,12 @@ class Landmarks(Pictured):
     """The map that was given."""
     grid: OccupancyGrid
     """The map with the landmarks."""
-    kept: int
-    """Number of existing objects that stay where they are."""
-    search: Search = field(repr=False)
-    """The search, for places at random."""
+    existing: int
+    """Number of existing objects that could be moved."""
+    indices: NDArray[np.int64]
+    """Index of each place among those of the search; the existing objects' come first."""
+    search: Search
+    """The search, for other placements."""
 
     def __repr__(self) -> str:
         low, high = self.deviations[-1], self.deviations[0]
@@ -98,6 +100,11 @@ class Landmarks(Pictured):
     def deviations(self) -> NDArray[np.float64]:
         """Expected deviation of the position, the root of the curve, (k + 1,) [m]."""
         return np.sqrt(self.curve)
+
+    @property
+    def kept(self) -> int:
+        """Number of existing objects that stay where they are."""
+        return int((self.indices < self.existing).sum())
 
     @property
     def paying(self) -> int:

@@ -26,7 +26,7 @@ from locplan.landmarks._objects import (
 )
 from locplan.landmarks._passages import Passages
 from locplan.landmarks._problem import kept_out, routes_of, without_objects
-from locplan.landmarks._search import Search
+from locplan.landmarks._search import Search, in_world
 from locplan.landmarks._surroundings import surroundings
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.simulation import Amcl, Disturbances
@@ -165,7 +165,7 @@ def place_landmarks(
     order = search.run(list(range(len(moved))), count, progress)
     refused = np.concatenate([candidates.refused, every[list(search.refused)]], dtype=np.float64)
     reasons = [*candidates.reasons, *search.refused.values()]
-    chosen = _in_world(empty, every[order])
+    chosen = search.in_world(empty, np.array(order, np.int64))
     return Landmarks(
         setting,
         chosen,
@@ -173,12 +173,13 @@ def place_landmarks(
         tuple(
             Rejected(x, y, heading, reason)
             for (x, y, heading), reason in zip(
-                _in_world(empty, refused).tolist(), reasons, strict=True
+                in_world(empty, refused).tolist(), reasons, strict=True
             )
         ),
         before=grid,
         grid=with_objects(empty, kind, chosen),
-        kept=sum(n < len(moved) for n in order),
+        existing=len(moved),
+        indices=np.array(order, np.int64),
         search=search,
     )
 
@@ -198,12 +199,6 @@ def _within(
     apart, _ = cKDTree(routes).query(places[:, :2], distance_upper_bound=reach)
     near: NDArray[np.float64] = places[np.isfinite(apart)]
     return near
-
-
-def _in_world(grid: OccupancyGrid, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places (row, col, heading) on the map as poses in the world, (n, 3) [m, m, rad]."""
-    x, y = grid.grid_to_world(places[:, 0], places[:, 1])
-    return np.column_stack([x, y, places[:, 2] + grid.origin[2]])
 
 
 def _reasons(reasons: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from locplan.landmarks._candidates import too_close
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._passages import Passages
+from locplan.maps import OccupancyGrid
 
 ROUNDS = 3
 """Greatest number of rounds in which each object may be exchanged for another place."""
@@ -135,6 +136,10 @@ class Search:
             values.append(self.objective.value())
         return np.array(values)
 
+    def in_world(self, grid: OccupancyGrid, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Poses of some places in the world, (k, 3) [m, m, rad]."""
+        return in_world(grid, self.places[indices])
+
     def at_random(self, count: int, random: np.random.Generator) -> list[int]:
         """Places drawn at random that are allowed beside each other, at most `count`."""
         chosen: list[int] = []
@@ -146,6 +151,12 @@ class Search:
                 chosen.append(n)
                 passages.place(self.places[n])
         return chosen
+
+
+def in_world(grid: OccupancyGrid, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
+    x, y = grid.grid_to_world(places[:, 0], places[:, 1])
+    return np.column_stack([x, y, places[:, 2] + grid.origin[2]])
 
 
 def in_threads(

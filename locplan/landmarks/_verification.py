@@ -202,8 +202,6 @@ def _random_maps(made: Landmarks, count: int, seed: int) -> list[OccupancyGrid]:
         chosen = search.at_random(len(made), random_of(seed, RANDOM_PLACES, n))
         if not chosen:
             return []
-        places = search.places[chosen]
-        x, y = setting.grid.grid_to_world(places[:, 0], places[:, 1])
-        poses = np.column_stack([x, y, places[:, 2] + setting.grid.origin[2]])
+        poses = search.in_world(setting.grid, np.array(chosen, np.int64))
         maps.append(with_objects(setting.grid, setting.kind, poses))
     return maps
