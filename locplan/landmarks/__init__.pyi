@@ -1,3 +1,4 @@
+from ._figures import landmarks_figure as landmarks_figure
 from ._landmarks import Landmarks as Landmarks, Setting as Setting
 from ._objects import (
     Box as Box,
