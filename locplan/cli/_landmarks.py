@@ -23,8 +23,8 @@ from locplan.cli._groups import (
 )
 from locplan.cli._options import RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import SimulationOptions
-from locplan.cli._values import load, numbers, read_paths, show, two_numbers
-from locplan.errors import ConfigError, LocplanError
+from locplan.cli._values import load, numbers, position, read_paths, show, two_numbers
+from locplan.errors import ConfigError
 from locplan.field._lidar_presets import PRESETS
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Placing:
     """The objects, the routes that they serve, and where they may stand."""
 
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2"
-    """The objects are poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH) [m]; pole:0.2 by default."""
+    """They are poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH) [m]; pole:0.2 by default."""
     count: Annotated[int, Parameter()] = 6
     """So many are placed at most, 6 by default."""
     start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
@@ -60,9 +60,13 @@ class Placing:
     margin: float = 0.2
     """Routes and passages keep this distance from the objects besides the radius, 0.2 m by
     default."""
-    keep_out: Annotated[tuple[Text, ...], Parameter(metavar="X0,Y0,X1,Y1")] = ()
+    keep_out: Annotated[
+        tuple[str, ...], Parameter(metavar="X0,Y0,X1,Y1", allow_leading_hyphen=True)
+    ] = ()
     """No object stands in this rectangle [m]; repeatable."""
-    existing: Annotated[tuple[Text, ...], Parameter(metavar="X,Y[,DEG]")] = ()
+    existing: Annotated[
+        tuple[str, ...], Parameter(metavar="X,Y[,DEG]", allow_leading_hyphen=True)
+    ] = ()
     """An object of this kind stands in the map here, and may be moved [m, deg]; repeatable."""
     drives: Annotated[int, Parameter()] = 100
     """The number of drives of the verification is 100 by default; 0 leaves it out."""
@@ -115,8 +119,6 @@ def landmarks(
 
     Drives with your own filter, before, after and with random places, say whether they help.
     """
-    import math
-
     from locplan import landmarks as core
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
@@ -135,12 +137,7 @@ def landmarks(
         check_drives(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
-    existing = []
-    for text in placing.existing:
-        x, y, *turn = numbers("existing", text)
-        if len(turn) > 1:
-            raise LocplanError("--existing must be X,Y or X,Y,DEG")
-        existing.append((x, y, *map(math.radians, turn)))
+    existing = [position("existing", text) for text in placing.existing]
     keep_out = [numbers("keep-out", text, 4) for text in placing.keep_out]
     grid = load(map_file)
     routes: dict[str, Any]

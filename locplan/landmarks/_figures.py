@@ -135,7 +135,7 @@ def _draw_gains(axes: Axes, made: Landmarks) -> None:
     """Draw the expected deviation over the number of landmarks."""
     numbers: NDArray[Any] = np.arange(len(made.curve))
     axes.plot(numbers, made.deviations, "o-", color=AFTER, markersize=4)
-    if made.deviations[-1] > 0 and made.deviations[0] > 3 * made.deviations[-1]:
+    if made.deviations[-1] > 0 and made.deviations[0] > 10 * made.deviations[-1]:
         axes.set_yscale("log")
         _plainly(axes.yaxis)
     else:

@@ -72,13 +72,15 @@ class Passages:
         if not touched.any():
             return False
         after = before & ~closed
-        _, parts, about, _ = cv2.connectedComponentsWithStats(after.astype(np.uint8), None, 8)
+        _, parts, about, _ = cv2.connectedComponentsWithStats(
+            after.astype(np.uint8), connectivity=4
+        )
         least = POCKET / self.resolution**2 if around >= AROUND else 0
         large = np.flatnonzero(about[:, cv2.CC_STAT_AREA] >= least)
         large = large[large > 0]
         if large.size < 2:
             return False
-        _, joined = cv2.connectedComponents(before.astype(np.uint8), None, 8)
+        _, joined = cv2.connectedComponents(before.astype(np.uint8), connectivity=4)
         within = np.unique(joined[touched])
         owners = [joined[parts == part][0] for part in large.tolist()]
         return any(owners.count(each) > 1 for each in within.tolist())
