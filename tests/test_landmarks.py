@@ -15,7 +15,7 @@ from conftest import corridor, drawn, few_of, refused
 
 import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
-from locplan._kernels import landmarks as kernels
+from locplan._kernels import landmarks as kernels, way_covariances as ways
 from locplan._kernels.rays import empty_squares
 from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
@@ -293,12 +293,12 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
 def test_the_objective_is_that_of_plain_matrices(outline):
     grid, rays = small_scene()
     normals = surface_normals(grid.cells == OCCUPIED)
-    routes, told = np.array([0, 3, 4]), kernels.Told(2.0, 0.03)
-    motion = kernels.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
+    routes, told = np.array([0, 3, 4]), ways.Told(2.0, 0.03)
+    motion = ways.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
     hits = hits_on(grid, rays)
     sums = kernels.sums_of(hits, rays.least)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
-    found = kernels.uncertainties(places, hits, sums, rays, routes, outline, told, motion)
+    found = ways.uncertainties(places, hits, sums, rays, routes, outline, told, motion)
     for place, value in zip(places, found, strict=True):
         information = [
             naive.landmark_information(

@@ -58,7 +58,8 @@ class AlongRoutes:
 
     def profile(self) -> NDArray[np.float64]:
         """P_xx + P_yy at each pose with the objects, (n,) [m^2]."""
-        from locplan._kernels.landmarks import XX, YY, covariances
+        from locplan._kernels.landmarks import XX, YY
+        from locplan._kernels.way_covariances import covariances
 
         seen = self.seen
         _, after = covariances(self.sums, seen.rays.poses, seen.routes, seen.told, seen.motion)
@@ -66,7 +67,7 @@ class AlongRoutes:
 
     def values(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """The objective with each place besides, (m,) [m^2]."""
-        from locplan._kernels.landmarks import uncertainties
+        from locplan._kernels.way_covariances import uncertainties
 
         seen = self.seen
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,40 +13,16 @@ from numpy.typing import NDArray
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
-from locplan.costs import Path
-from locplan.field import Lidar
 from locplan.landmarks._candidates import Rejected
-from locplan.landmarks._objects import LandmarkObject
 from locplan.landmarks._regular import Regularity, regularity
 from locplan.landmarks._search import Search
+from locplan.landmarks._setting import Setting
+from locplan.landmarks._verification import Verification, verified
 from locplan.maps import OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
 from locplan.simulation._simulate import DRIVES
-
-if TYPE_CHECKING:
-    from locplan.landmarks._verification import Verification
 
 PAYS = 0.05
 """Share by which a landmark must lower the expected deviation to pay."""
-
-
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What landmarks are placed for: the map, the routes, and the robot."""
-
-    grid: OccupancyGrid
-    """The map without the objects that are placed."""
-    kind: LandmarkObject
-    """The object."""
-    routes: Mapping[str, Path]
-    """Routes by name."""
-    planned: bool
-    """Whether the routes are shortest paths, to be planned again among the objects."""
-    lidar: Lidar
-    amcl: Amcl
-    disturbances: Disturbances
-    robot_radius: float
-    """Radius of the robot [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,9 +137,10 @@ class Landmarks(Pictured):
         ConfigError
             If a number is out of its range.
         """
-        from locplan.landmarks._verification import verified
-
-        return verified(self, drives, seed, random_sets, threads, progress)
+        maps = self.before, self.grid
+        return verified(
+            self.setting, maps, self.search, len(self), drives, seed, random_sets, threads, progress
+        )
 
     def summary(self) -> dict[str, object]:
         """Places, gains and settings in numbers, fit for JSON."""

@@ -16,7 +16,7 @@ from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.landmarks._along_routes import AlongRoutes
 from locplan.landmarks._candidates import WHERE, Rejected, Where, checked, places_of
-from locplan.landmarks._landmarks import Landmarks, Setting
+from locplan.landmarks._landmarks import Landmarks
 from locplan.landmarks._objects import (
     LandmarkObject,
     check_object,
@@ -27,6 +27,7 @@ from locplan.landmarks._objects import (
 from locplan.landmarks._passages import Passages
 from locplan.landmarks._problem import kept_out, routes_of, without_objects
 from locplan.landmarks._search import Search, in_world
+from locplan.landmarks._setting import Setting
 from locplan.landmarks._surroundings import surroundings
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.simulation import Amcl, Disturbances

@@ -49,9 +49,9 @@ class Surroundings:
     routes: NDArray[np.int64]
     """Indices at which the routes begin, and the number of all poses, (r + 1,)."""
     told: Any
-    """`landmarks.Told`: how much a beam tells the filter."""
+    """`way_covariances.Told`: how much a beam tells the filter."""
     motion: Any
-    """`landmarks.Motion`: how the filter's pose spreads on the way."""
+    """`way_covariances.Motion`: how the filter's pose spreads on the way."""
 
 
 def surroundings(
@@ -145,12 +145,12 @@ def hits_on(grid: OccupancyGrid, rays: Any) -> NDArray[np.float32]:
 
 
 def told_by(amcl: Amcl, lidar: Lidar, rays: int, resolution: float, looks: float) -> Any:
-    """`landmarks.Told` of a filter: the curvature of its log-weight, per look around.
+    """`way_covariances.Told` of a filter: the curvature of its log-weight, per look around.
 
     A product of likelihoods adds the curvature of each beam. The other model of Nav2 weighs by
     1 plus the sum of their cubes: the more beams hit, the less each tells.
     """
-    from locplan._kernels.landmarks import Told
+    from locplan._kernels.way_covariances import Told
 
     share = len(compared_beams(lidar.angles, amcl)) / rays
     sigma = SIGMA * max(amcl.sigma_hit, resolution)
@@ -162,8 +162,8 @@ def told_by(amcl: Amcl, lidar: Lidar, rays: int, resolution: float, looks: float
 
 
 def motion_of(amcl: Amcl, disturbances: Disturbances) -> Any:
-    """`landmarks.Motion` of a filter that updates every `update_min_d`, and of the odometry."""
-    from locplan._kernels.landmarks import Motion
+    """`way_covariances.Motion` of a filter with its updates, and of the odometry."""
+    from locplan._kernels.way_covariances import Motion
 
     step = amcl.update_min_d
     drift = math.radians(disturbances.heading_drift_deg)

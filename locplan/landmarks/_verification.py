@@ -13,8 +13,9 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
-from locplan.landmarks._landmarks import Landmarks, Setting
 from locplan.landmarks._objects import with_objects
+from locplan.landmarks._search import Search
+from locplan.landmarks._setting import Setting
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.simulation import Drives, Simulator
@@ -132,23 +133,28 @@ class Verification:
 
 
 def verified(
-    made: Landmarks,
+    setting: Setting,
+    maps: tuple[OccupancyGrid, OccupancyGrid],
+    search: Search,
+    count: int,
     drives: int,
     seed: int,
     random_sets: int,
     threads: int | None,
     progress: ProgressCallback | None,
 ) -> Verification:
-    """Drive before, after, and with random places; see `Landmarks.verify`."""
+    """Drive on the maps before and after, and with `count` objects at random places.
+
+    See `Landmarks.verify`.
+    """
     check_drives(drives)
     whole("random_sets", random_sets, 1, 1000)
-    setting = made.setting
-    sets = _random_maps(made, min(random_sets, drives // 2), seed)
+    sets = _random_maps(setting, search, count, min(random_sets, drives // 2), seed)
     routes = len(setting.routes)
     shares = [drives // max(len(sets), 1)] * len(sets)
     callbacks = parts(progress, [routes * n for n in (drives, drives, *shares)])
-    before = drive_on(setting, made.before, drives, seed, threads, callbacks[0])
-    after = drive_on(setting, made.grid, drives, seed, threads, callbacks[1])
+    before = drive_on(setting, maps[0], drives, seed, threads, callbacks[0])
+    after = drive_on(setting, maps[1], drives, seed, threads, callbacks[1])
     others: list[Drives] = []
     for grid, share, part in zip(sets, shares, callbacks[2:], strict=True):
         others += drive_on(setting, grid, share, seed, threads, part)
@@ -194,12 +200,13 @@ def replanned(setting: Setting, grid: OccupancyGrid) -> dict[str, Path]:
     return paths
 
 
-def _random_maps(made: Landmarks, count: int, seed: int) -> list[OccupancyGrid]:
-    """Maps with as many objects at random places of those that are allowed."""
-    search, setting = made.search, made.setting
+def _random_maps(
+    setting: Setting, search: Search, count: int, sets: int, seed: int
+) -> list[OccupancyGrid]:
+    """Maps with `count` objects at random places of those that are allowed."""
     maps = []
-    for n in range(count):
-        chosen = search.at_random(len(made), random_of(seed, RANDOM_PLACES, n))
+    for n in range(sets):
+        chosen = search.at_random(count, random_of(seed, RANDOM_PLACES, n))
         if not chosen:
             return []
         poses = search.in_world(setting.grid, np.array(chosen, np.int64))
