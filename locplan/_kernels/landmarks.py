@@ -221,10 +221,12 @@ def with_object(
     any_ray = False
     new = np.zeros(4, np.float32)
     from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    cos, sin = np.cos(rays.step), np.sin(rays.step)
+    bearing = rays.first[n] + (begin - 1) * rays.step
+    dx, dy = np.cos(bearing), np.sin(bearing)
     for k in range(count):
         b = (begin + k) % rays.beams
-        bearing = rays.first[n] + b * rays.step
-        dx, dy = np.cos(bearing), np.sin(bearing)
+        dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
         at, nx, ny = entry(outline, heading, from_x - x, from_y - y, dx, dy)
         if at >= hits[n, b, RANGE] or at > rays.most:
             continue

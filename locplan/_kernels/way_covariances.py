@@ -25,6 +25,9 @@ from locplan._kernels.landmarks import (
     with_object,
 )
 
+FORGOTTEN = 1e-6
+"""Share by which a variance may differ and yet count as what it was without an object."""
+
 
 class Told(NamedTuple):
     """How the sum over the rays becomes information: share * sum / (1 + other * hits).
@@ -118,6 +121,14 @@ def covariances(
 
 
 @njit(inline="always")
+def _alike(p: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether an object that is out of sight no longer matters."""
+    alike = abs(p[XX] - other[XX]) <= FORGOTTEN * other[XX]
+    alike &= abs(p[YY] - other[YY]) <= FORGOTTEN * other[YY]
+    return alike and abs(p[TT] - other[TT]) <= FORGOTTEN * other[TT]
+
+
+@njit(inline="always")
 def _begin(p: NDArray[np.float64], motion: Motion) -> None:
     for k in range(6):
         p[k] = 0.0
@@ -178,5 +189,6 @@ def uncertainties(
                     continue
                 update(p, changed if meets else sums[n], told)
                 value += p[XX] + p[YY] - after[n, XX] - after[n, YY]
+                differs = meets or not _alike(p, after[n])
         result[m] = value / count
     return result
