@@ -1108,7 +1108,7 @@ def landmark_information(stops, normals, resolution, rays, n, outline, objects):
         if rays.least <= best <= rays.most:
             hx, hy = rays.levers[n] + best * np.array([dx, dy])
             gradient = np.array([normal[0], normal[1], hx * normal[1] - hy * normal[0]])
-            total += np.outer(gradient, gradient)
+            total += np.outer(gradient, gradient) / (1 + rays.swing * best**2)
     return total
 
 

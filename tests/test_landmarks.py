@@ -254,6 +254,7 @@ def small_scene(least=0.0, view=360.0):
         view == 360,
         least,
         3.5,
+        0.2,
     )
 
 
@@ -272,7 +273,7 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
     occupied = grid.cells == OCCUPIED
     normals = surface_normals(occupied)
     hits = hits_on(grid, rays)
-    sums = kernels.sums_of(hits, rays.least)
+    sums = kernels.sums_of(hits, rays)
     objects = [(3.0, 2.6, 0.7), (1.9, 2.1, 2.0)]
     changed = np.empty(7)
     for n in (1, 2):
@@ -283,7 +284,7 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
             np.testing.assert_allclose(found, wanted, atol=2e-4)
     for place in objects:
         kernels.add_object(hits, rays, outline, *place)
-    sums = kernels.sums_of(hits, rays.least)
+    sums = kernels.sums_of(hits, rays)
     for n in (1, 2):
         wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, objects)
         np.testing.assert_allclose(as_matrix(sums[n]), wanted, atol=2e-4)
@@ -296,7 +297,7 @@ def test_the_objective_is_that_of_plain_matrices(outline):
     routes, told = np.array([0, 3, 4]), ways.Told(2.0, 0.03)
     motion = ways.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
     hits = hits_on(grid, rays)
-    sums = kernels.sums_of(hits, rays.least)
+    sums = kernels.sums_of(hits, rays)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
     found = ways.uncertainties(places, hits, sums, rays, routes, outline, told, motion)
     for place, value in zip(places, found, strict=True):

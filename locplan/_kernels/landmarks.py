@@ -4,7 +4,8 @@ A robot looks around at poses along its routes, by rays that are evenly spaced. 
 hit is known: the range, the surface's normal n, and the turn h x n, h counted from the robot's
 centre, so that g = (n_x, n_y, h x n) is the gradient of the end's distance from the surface (as in
 `information`). An object changes the rays that meet it before what they hit, and no others: it
-adds g g^T of its own surface, and takes away that of what was hit.
+adds g g^T of its own surface, and takes away that of what was hit. Far hits weigh less, since a
+filter's heading errs anew with every update, and a beam's end swings by that times its range.
 
 Lengths are in metres, in the map's own axes: x along the columns, y along the rows.
 """
@@ -36,6 +37,7 @@ class Rays(NamedTuple):
     all_round: bool  # whether the last ray has the first as its neighbour
     least: float  # nearer returns count as none [m]
     most: float  # greatest range [m]
+    swing: float  # a beam of range r tells 1 / (1 + swing r^2) of what a short one does [1 / m^2]
 
 
 class Outline(NamedTuple):
@@ -172,21 +174,22 @@ def add_object(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sums_of(hits: NDArray[np.float32], least: float) -> NDArray[np.float64]:
-    """Sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
+def sums_of(hits: NDArray[np.float32], rays: Rays) -> NDArray[np.float64]:
+    """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
     sums = np.zeros((hits.shape[0], 7))
     for n in range(hits.shape[0]):
         for b in range(hits.shape[1]):
-            _change(sums[n], hits[n, b], 1.0, least)
-            if least <= hits[n, b, RANGE] < np.inf:
+            _change(sums[n], hits[n, b], 1.0, rays)
+            if rays.least <= hits[n, b, RANGE] < np.inf:
                 sums[n, HITS] += 1
     return sums
 
 
 @njit(inline="always")
-def _change(sums: NDArray[np.float64], hit: NDArray[np.float32], sign: float, least: float) -> None:
+def _change(sums: NDArray[np.float64], hit: NDArray[np.float32], sign: float, rays: Rays) -> None:
     """Add a hit to the sums of a pose, or take it away."""
-    if least <= hit[RANGE] < np.inf:
+    if rays.least <= hit[RANGE] < np.inf:
+        sign /= 1 + rays.swing * np.float64(hit[RANGE]) ** 2
         nx, ny = np.float64(hit[NORMAL_X]), np.float64(hit[NORMAL_Y])
         turn = np.float64(hit[TURN])
         sums[XX] += sign * nx * nx
@@ -231,9 +234,9 @@ def with_object(
         if at >= hits[n, b, RANGE] or at > rays.most:
             continue
         any_ray = True
-        _change(changed, hits[n, b], -1.0, rays.least)
+        _change(changed, hits[n, b], -1.0, rays)
         hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
         new[RANGE], new[NORMAL_X], new[NORMAL_Y] = at, nx, ny
         new[TURN] = hx * ny - hy * nx
-        _change(changed, new, 1.0, rays.least)
+        _change(changed, new, 1.0, rays)
     return any_ray

@@ -46,7 +46,7 @@ class AlongRoutes:
         self.hits = self.seen.hits.copy()
         for x, y, heading in self.own(chosen):
             add_object(self.hits, self.seen.rays, self.outline, x, y, heading)
-        self.sums = sums_of(self.hits, self.seen.rays.least)
+        self.sums = sums_of(self.hits, self.seen.rays)
         if len(chosen):
             self.sums[:, HITS] = self.hits_of_map
         else:

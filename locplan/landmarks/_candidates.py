@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan.costs import Path
 from locplan.landmarks._objects import Shape, filled_cells
 from locplan.landmarks._passages import Passages
 from locplan.maps import OccupancyGrid
@@ -61,7 +63,12 @@ class Candidates:
 
 
 def places_of(
-    grid: OccupancyGrid, shape: Shape, where: Where, spacing: float
+    grid: OccupancyGrid,
+    shape: Shape,
+    where: Where,
+    spacing: float,
+    routes: Iterable[Path],
+    keep: float,
 ) -> NDArray[np.float64]:
     """Poses of an object along walls and free-standing, not yet checked, (n, 3).
 
@@ -72,6 +79,7 @@ def places_of(
         parts.append(along_walls(grid, shape, spacing))
     if where != "walls":
         parts.append(free_standing(grid, shape))
+        parts.append(beside_routes(grid, shape, routes, keep, spacing))
     return np.concatenate(parts)
 
 
@@ -118,6 +126,35 @@ def free_standing(grid: OccupancyGrid, shape: Shape) -> NDArray[np.float64]:
     row, col = row[clear], col[clear]
     ways = (0.0,) if shape.half_length == shape.half_width else (0.0, math.pi / 2)
     return np.concatenate([np.column_stack([row, col, np.full(len(row), way)]) for way in ways])
+
+
+def beside_routes(
+    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float, spacing: float
+) -> NDArray[np.float64]:
+    """Poses every `spacing` [m] on both sides of routes through the open, as near as allowed.
+
+    Near objects tell most to a filter whose heading is uncertain. They are turned as the route is,
+    long ones also across it, and have the clearance of `free_standing`.
+    """
+    long = shape.half_length != shape.half_width
+    found = [np.empty((0, 3))]
+    for path in routes:
+        fine = path.resampled(spacing)
+        ahead = np.arctan2(*np.gradient(fine.xy, axis=0).T[::-1]) - grid.origin[2]
+        row, col = grid.world_to_grid(*fine.xy.T)
+        for turn in (0.0, math.pi / 2) if long else (0.0,):
+            extent = shape.half_length if turn else shape.half_width
+            for side in (-1, 1):
+                away = side * (keep + extent) / grid.resolution + side
+                at_row, at_col = row + np.cos(ahead) * away, col - np.sin(ahead) * away
+                heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
+                found.append(np.column_stack([at_row, at_col, heading]))
+    poses = np.concatenate(found)
+    rows, cols = np.floor(poses[:, :2]).astype(int).T
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    poses, at = poses[inside], (rows[inside], cols[inside])
+    clear: NDArray[np.float64] = poses[grid.free[at] & (grid.clearance[at] > FREE_CLEARANCE)]
+    return clear
 
 
 def checked(

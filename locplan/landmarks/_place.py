@@ -86,10 +86,11 @@ def place_landmarks(
     margin : float
         Distance that routes and passages keep from the objects besides the radius [m].
     where : str
-        Places that are tried: along "walls", "free" on a lattice of 1 m with a clearance above
-        1.2 m, or "both". Those beyond the lidar's range of all routes are left out.
+        Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
+        1 m and beside the routes, or "both". Those beyond the lidar's range of all routes are left
+        out.
     spacing : float
-        Distance between the places along walls [m].
+        Distance between the places along walls and beside routes [m].
     keep_out : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
         Cells, or rectangles in the world [m], that no object may stand in.
     existing : iterable of (x, y) or (x, y, heading)
@@ -143,7 +144,7 @@ def place_landmarks(
     seen = surroundings(empty, routes, shape, lidar, amcl, disturbances)
     passages = Passages(empty, shape, robot_radius, margin)
     on_routes = _fine(empty, routes)
-    tried = places_of(empty, shape, where, spacing)
+    tried = places_of(empty, shape, where, spacing, routes.values(), robot_radius + margin)
     tried = _within(tried, on_routes, (seen.rays.most + shape.reach) / grid.resolution)
     candidates = checked(
         tried,

@@ -69,14 +69,14 @@ def surroundings(
     LocplanError
         If a path leaves the free cells.
     """
-    step = min(max(amcl.update_min_d, MIN_STEP), MAX_STEP)
+    step = step_of(amcl)
     lines = []
     for name, path in paths.items():
         try:
             lines.append(_every(poses_along(path, grid), step))
         except LocplanError as error:
             raise LocplanError(f"path {name}: {error}") from None
-    rays = rays_at(on_own_axes(grid, np.concatenate(lines)), shape, lidar, amcl)
+    rays = rays_at(on_own_axes(grid, np.concatenate(lines)), shape, lidar, amcl, grid.resolution)
     looks = step / max(amcl.update_min_d, 1e-3)
     return Surroundings(
         rays,
@@ -102,7 +102,7 @@ def _every(poses: Poses, step: float) -> Poses:
     return kept
 
 
-def rays_at(poses: Poses, shape: Shape, lidar: Lidar, amcl: Amcl) -> Any:
+def rays_at(poses: Poses, shape: Shape, lidar: Lidar, amcl: Amcl, resolution: float) -> Any:
     """`landmarks.Rays` at poses in the map's own axes, so dense that no object is missed."""
     from locplan._kernels.landmarks import Rays
 
@@ -125,7 +125,25 @@ def rays_at(poses: Poses, shape: Shape, lidar: Lidar, amcl: Amcl) -> Any:
         lidar.sees_all_round,
         max(lidar.least_range, amcl.laser_min_range, 0.0),
         reach,
+        swing_of(amcl, resolution),
     )
+
+
+def step_of(amcl: Amcl) -> float:
+    """Distance between two looks around [m]."""
+    return min(max(amcl.update_min_d, MIN_STEP), MAX_STEP)
+
+
+def swing_of(amcl: Amcl, resolution: float) -> float:
+    """How fast beams tell less with their range, see `landmarks.Rays` [1 / m^2].
+
+    It is the variance of the heading in one update over that of a beam's end at which it still
+    tells: sums of cubes are narrower than products.
+    """
+    times = 1 if amcl.robot_model_type == OMNIDIRECTIONAL else 2
+    turn = times * amcl.alpha2 * amcl.update_min_d**2
+    narrow = 1.0 if amcl.laser_model_type == "likelihood_field_prob" else 3.0
+    return narrow * turn / (SIGMA * max(amcl.sigma_hit, resolution)) ** 2
 
 
 def hits_on(grid: OccupancyGrid, rays: Any) -> NDArray[np.float32]:
