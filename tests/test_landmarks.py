@@ -28,6 +28,7 @@ from locplan.landmarks._candidates import (
     KEPT_OUT,
     ON_ROUTE,
     along_walls,
+    beside_routes,
     checked,
     free_standing,
     too_close,
@@ -38,7 +39,7 @@ from locplan.landmarks._problem import kept_out
 from locplan.landmarks._regular import regularity
 from locplan.landmarks._reports import to_geojson
 from locplan.landmarks._search import BESIDE_OTHERS
-from locplan.landmarks._surroundings import hits_on, motion_of, surroundings, told_by
+from locplan.landmarks._surroundings import hits_on, motion_of, surroundings, swing_of, told_by
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances
 
@@ -143,6 +144,20 @@ def test_free_places_have_clearance_and_a_long_object_is_tried_both_ways():
     assert (grid.clearance[rows, cols] > FREE_CLEARANCE).all()
     assert set(places[:, 2]) == {0.0, math.pi / 2}
     assert len(places) == 2 * len(free_standing(grid, Pole(0.2).shape)) > 60
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.8])
+def test_places_beside_routes_are_as_near_as_allowed(turn):
+    grid = dataclasses.replace(open_floor(), origin=(1.0, 2.0, turn))
+    line = np.column_stack(grid.grid_to_world([40.0, 40.0], [20.0, 100.0]))
+    shape = Box(0.8, 0.2).shape
+    places = beside_routes(grid, shape, [Path(line)], 0.5, 0.4)
+    assert len(places) == 4 * 21
+    aside = np.abs(places[:, 0] - 40) * 0.1
+    along = np.abs(np.sin(places[:, 2])) < 1e-6
+    np.testing.assert_allclose(aside[along], 0.5 + 0.1 + 0.1)
+    np.testing.assert_allclose(aside[~along], 0.5 + 0.4 + 0.1)
+    assert along.sum() == 42
 
 
 DOOR = drawn(
@@ -323,6 +338,12 @@ def test_a_hit_tells_a_likelihood_field_some_22_times_less_where_all_beams_hit()
     summed = told_by(Amcl(), lidar, rays, 0.05, 1.0)
     ratio = product.share / (summed.share / (1 + summed.other * rays))
     assert 20 < ratio < 24
+
+
+def test_far_beams_tell_less_the_more_the_filters_heading_errs():
+    assert swing_of(PRODUCT, 0.05) == pytest.approx(2 * 0.2 * 0.25**2 / 0.4**2)
+    assert swing_of(Amcl(), 0.05) == pytest.approx(3 * swing_of(PRODUCT, 0.05))
+    assert swing_of(Amcl(alpha2=0.0), 0.05) == 0
 
 
 def test_the_motion_is_the_filters():
@@ -525,7 +546,20 @@ def map_file(tmp_path, hallway):
 
 def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     out = tmp_path / "marked"
-    options = ["--object", "box:0.4,0.2", "--count", 2, "--drives", 2, "--range", 3, "-o", out]
+    options = [
+        "--object",
+        "box:0.4,0.2",
+        "--count",
+        2,
+        "--drives",
+        2,
+        "--trials",
+        1,
+        "--range",
+        3,
+        "-o",
+        out,
+    ]
     more = ["--set", "max_particles=100", "--set", "min_particles=100", "--keep-out", "-9,-2,0,2"]
     ends = ["--start", "-6,0", "--goal", "6,0"]
     code, said, err = run("landmarks", map_file, *ends, *options, *more)

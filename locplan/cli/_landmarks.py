@@ -70,8 +70,9 @@ class Placing:
     """An object of this kind stands in the map here, and may be moved [m, deg]; repeatable."""
     drives: Annotated[int, Parameter()] = 100
     """The number of drives of the verification is 100 by default; 0 leaves it out."""
-    trials: Count = 1
-    """So many placements that promise the same are driven first, and the best is taken."""
+    trials: Count | None = None
+    """So many placements that promise the same are driven first, and the best is taken; 4 by
+    default, and 1 without drives."""
 
 
 @option_group(FIELD)
@@ -124,7 +125,7 @@ def landmarks(
     from locplan._util.working import working
     from locplan.landmarks import _reports as reports
     from locplan.landmarks._objects import parsed_object
-    from locplan.landmarks._trials import best_of_trials
+    from locplan.landmarks._trials import TRIALS, best_of_trials
     from locplan.planners import read_stations
     from locplan.simulation._drives import check_drives
 
@@ -167,8 +168,9 @@ def landmarks(
             progress=progress,
         )
     seed = simulation.seed
+    trials = placing.trials or (TRIALS if drives else 1)
     with progress_bar("driving placements", "drives") as progress:
-        made = best_of_trials(made, placing.trials, seed=seed, threads=threads, progress=progress)
+        made = best_of_trials(made, trials, seed=seed, threads=threads, progress=progress)
     verification = None
     if drives:
         with progress_bar("verifying by drives", "drives") as progress:

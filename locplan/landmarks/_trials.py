@@ -20,12 +20,12 @@ from locplan.landmarks._verification import drive_on
 from locplan.simulation import Drives
 from locplan.simulation._simulator import random_of
 
-TRIALS = 6
+TRIALS = 4
 """Default number of placements that are driven."""
 MAX_TRIALS = 100
 SHARE = 0.5
 """Share of the places that a further placement is searched among."""
-FIRST_DRIVES = 20
+FIRST_DRIVES = 40
 """Number of drives along each route in the first round; it doubles while placements halve."""
 MIN_ERROR = 1e-3
 """Least error of a drive [m], since its logarithm counts."""
