@@ -71,14 +71,14 @@ class Search:
             if found is None:
                 break
             chosen.append(found)
-        for _ in range(ROUNDS):
-            before = list(chosen)
-            for n in range(len(chosen)):
-                others = chosen[:n] + chosen[n + 1 :]
-                found = self.best(others, chosen[n])
-                chosen[n] = chosen[n] if found is None else found
-                step()
-            if chosen == before:
+        settled = 0  # objects in a row that stay where they are
+        for turn in range(ROUNDS * len(chosen)):
+            n = turn % len(chosen)
+            found = self.best(chosen[:n] + chosen[n + 1 :], chosen[n])
+            settled = settled + 1 if found is None else 1
+            chosen[n] = chosen[n] if found is None else found
+            step()
+            if settled == len(chosen):
                 break
         if progress:
             progress(steps, steps)

@@ -32,7 +32,7 @@ MIN_STEP, MAX_STEP = 0.1, 0.5
 """Least and greatest distance between two looks around [m]; else it is that of two updates."""
 MIN_RAYS, MAX_RAYS = 360, 2880
 """Least and greatest number of rays in a full circle."""
-RAYS_ACROSS = 4
+RAYS_ACROSS = 2
 """Number of rays that meet the narrowest side of an object at the lidar's full range."""
 MIN_VARIANCE = 1e-8
 """Least variance of the first pose [m^2, rad^2]; 0 has no inverse."""
