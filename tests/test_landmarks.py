@@ -414,12 +414,11 @@ def test_landmarks_leave_the_route_and_each_other_alone(placed):
 
 
 def test_what_two_close_together_is_refused_beside_the_first(hallway):
-    made = place_landmarks(
-        hallway, Box(0.6, 0.5), 8, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, margin=0.1
-    )
+    route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
+    made = place_landmarks(hallway, kind, 2, paths=route, amcl=PRODUCT, lidar=SHORT, margin=0.1)
     search = made.search
     at = search.in_world(hallway, np.arange(len(search.places)))
-    one = int(np.argmin(np.hypot(at[:, 0], at[:, 1] + 1)))
+    one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
     opposite = int(np.argmin(np.hypot(at[:, 0] - at[one, 0], at[:, 1] - 1)))
     beside = int(np.argsort(np.hypot(*(at[:, :2] - at[one, :2]).T))[1])
     assert search.fault(opposite, [], search.around([])) == ""
