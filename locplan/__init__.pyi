@@ -3,6 +3,7 @@ from . import (
     costs as costs,
     export as export,
     field as field,
+    landmarks as landmarks,
     maps as maps,
     paper as paper,
     planners as planners,
@@ -31,6 +32,12 @@ from .field import (
     load_config as load_config,
     load_or_compute as load_or_compute,
     save_config as save_config,
+)
+from .landmarks import (
+    Box as Box,
+    Landmarks as Landmarks,
+    Pole as Pole,
+    place_landmarks as place_landmarks,
 )
 from .maps import OccupancyGrid as OccupancyGrid, load_map as load_map, save_map as save_map
 from .planners import (

@@ -24,6 +24,7 @@ ORDER = (
     {"plotting"},
     {"simulation"},
     {"recordings"},
+    {"landmarks"},
     {"comparison", "export", "paper"},
     {"cli"},
 )

@@ -18,6 +18,7 @@ COMMANDS = (
     "export",
     "field",
     "info",
+    "landmarks",
     "maps",
     "pareto",
     "plan",

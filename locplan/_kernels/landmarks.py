@@ -1,0 +1,242 @@
+"""What objects would tell a robot along its routes.
+
+A robot looks around at poses along its routes, by rays that are evenly spaced. Of each ray its
+hit is known: the range, the surface's normal n, and the turn h x n, h counted from the robot's
+centre, so that g = (n_x, n_y, h x n) is the gradient of the end's distance from the surface (as in
+`information`). An object changes the rays that meet it before what they hit, and no others: it
+adds g g^T of its own surface, and takes away that of what was hit. Far hits weigh less, since a
+filter's heading errs anew with every update, and a beam's end swings by that times its range.
+
+Lengths are in metres, in the map's own axes: x along the columns, y along the rows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._kernels.rays import cast
+
+RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3
+"""Columns of a hit; the range is infinite and all else 0 without one."""
+XX, XY, YY, XT, YT, TT, HITS = 0, 1, 2, 3, 4, 5, 6
+"""Columns of the sums over the rays of a pose."""
+
+
+class Rays(NamedTuple):
+    """The poses of the robot, and the rays at each."""
+
+    poses: NDArray[np.float64]  # (n, 2) the robot's centre [m]
+    levers: NDArray[np.float64]  # (n, 2) the lidar from there [m]
+    first: NDArray[np.float64]  # (n,) bearing of the first ray [rad]
+    step: float  # from one ray to the next [rad]
+    beams: int  # rays at a pose
+    all_round: bool  # whether the last ray has the first as its neighbour
+    least: float  # nearer returns count as none [m]
+    most: float  # greatest range [m]
+    swing: float  # a beam of range r tells 1 / (1 + swing r^2) of what a short one does [1 / m^2]
+
+
+class Outline(NamedTuple):
+    """Outline of the objects: half the extents [m], or the radius of a disc twice."""
+
+    half_length: float
+    half_width: float
+    is_round: bool
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def hits_of_map(
+    squares: NDArray[np.uint8],
+    normals: NDArray[np.float32],
+    resolution: float,
+    rays: Rays,
+    begin: int,
+    end: int,
+    hits: NDArray[np.float32],
+) -> None:
+    """Fill the hits (n, beams, 4) of the poses from `begin` to `end` on a map."""
+    for n in range(begin, end):
+        x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+        for b in range(rays.beams):
+            bearing = rays.first[n] + b * rays.step
+            dx, dy = np.cos(bearing), np.sin(bearing)
+            at, row, col = cast(
+                squares, y / resolution, x / resolution, dy, dx, rays.most / resolution
+            )
+            at *= resolution
+            hit = hits[n, b]
+            if not 0 < at < np.inf or at < rays.least:
+                # Nothing is seen behind a wall that is too near.
+                hit[RANGE] = at if at < rays.least else np.inf
+                hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
+                continue
+            nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
+            hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
+            hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
+            hit[TURN] = hx * ny - hy * nx
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def entry(
+    outline: Outline, heading: float, x: float, y: float, dx: float, dy: float
+) -> tuple[float, float, float]:
+    """Range at which a ray from (x, y) enters an object at the origin, and the normal there.
+
+    The range is infinite where the ray misses it, or begins within it.
+    """
+    if outline.is_round:
+        along = -(x * dx + y * dy)
+        aside = x * dy - y * dx
+        inside = outline.half_length**2 - aside * aside
+        if inside < 0:
+            return np.inf, 0.0, 0.0
+        at = along - np.sqrt(inside)
+        if at <= 0:
+            return np.inf, 0.0, 0.0
+        return at, (x + at * dx) / outline.half_length, (y + at * dy) / outline.half_length
+    cos, sin = np.cos(heading), np.sin(heading)
+    u, v, du, dv = cos * x + sin * y, cos * y - sin * x, cos * dx + sin * dy, cos * dy - sin * dx
+    enter_u, leave_u, enter_v, leave_v = -np.inf, np.inf, -np.inf, np.inf
+    if du != 0:
+        enter_u = (-np.copysign(outline.half_length, du) - u) / du
+        leave_u = (np.copysign(outline.half_length, du) - u) / du
+    elif abs(u) > outline.half_length:
+        return np.inf, 0.0, 0.0
+    if dv != 0:
+        enter_v = (-np.copysign(outline.half_width, dv) - v) / dv
+        leave_v = (np.copysign(outline.half_width, dv) - v) / dv
+    elif abs(v) > outline.half_width:
+        return np.inf, 0.0, 0.0
+    at = max(enter_u, enter_v)
+    if at > min(leave_u, leave_v) or at <= 0:
+        return np.inf, 0.0, 0.0
+    if enter_u > enter_v:
+        return at, cos, sin
+    return at, -sin, cos
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def meeting(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[int, int]:
+    """First ray of a pose that may meet an object at (x, y), and how many follow it; or none."""
+    reach = outline.half_length
+    if not outline.is_round:
+        reach = np.hypot(outline.half_length, outline.half_width)
+    away_x = x - rays.poses[n, 0] - rays.levers[n, 0]
+    away_y = y - rays.poses[n, 1] - rays.levers[n, 1]
+    away = np.hypot(away_x, away_y)
+    if away - reach > rays.most:
+        return 0, 0
+    if away <= reach:
+        return 0, rays.beams
+    half = np.arcsin(reach / away) / rays.step
+    middle = (np.arctan2(away_y, away_x) - rays.first[n]) / rays.step
+    turn = 2 * np.pi / rays.step
+    middle -= turn * np.floor((middle - half) / turn)
+    begin, end = int(np.ceil(middle - half - 1e-6)), int(np.floor(middle + half + 1e-6))
+    if rays.all_round:
+        return begin, min(end - begin + 1, rays.beams)
+    if begin >= rays.beams:  # it may still reach over the first ray from behind
+        begin, end = 0, int(np.floor(middle + half + 1e-6 - turn))
+    end = min(end, rays.beams - 1)
+    return begin, max(end - begin + 1, 0)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def add_object(
+    hits: NDArray[np.float32],
+    rays: Rays,
+    outline: Outline,
+    x: float,
+    y: float,
+    heading: float,
+) -> None:
+    """Change the hits (n, beams, 4) as an object at (x, y) does."""
+    for n in range(rays.first.size):
+        begin, count = meeting(rays, n, outline, x, y)
+        from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+        for k in range(count):
+            b = (begin + k) % rays.beams
+            bearing = rays.first[n] + b * rays.step
+            dx, dy = np.cos(bearing), np.sin(bearing)
+            at, nx, ny = entry(outline, heading, from_x - x, from_y - y, dx, dy)
+            hit = hits[n, b]
+            if at >= hit[RANGE] or at > rays.most:
+                continue
+            if at < rays.least:
+                nx, ny = 0.0, 0.0
+            hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
+            hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
+            hit[TURN] = hx * ny - hy * nx
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sums_of(hits: NDArray[np.float32], rays: Rays) -> NDArray[np.float64]:
+    """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
+    sums = np.zeros((hits.shape[0], 7))
+    for n in range(hits.shape[0]):
+        for b in range(hits.shape[1]):
+            _change(sums[n], hits[n, b], 1.0, rays)
+            if rays.least <= hits[n, b, RANGE] < np.inf:
+                sums[n, HITS] += 1
+    return sums
+
+
+@njit(inline="always")
+def _change(sums: NDArray[np.float64], hit: NDArray[np.float32], sign: float, rays: Rays) -> None:
+    """Add a hit to the sums of a pose, or take it away."""
+    if rays.least <= hit[RANGE] < np.inf:
+        sign /= 1 + rays.swing * np.float64(hit[RANGE]) ** 2
+        nx, ny = np.float64(hit[NORMAL_X]), np.float64(hit[NORMAL_Y])
+        turn = np.float64(hit[TURN])
+        sums[XX] += sign * nx * nx
+        sums[XY] += sign * nx * ny
+        sums[YY] += sign * ny * ny
+        sums[XT] += sign * nx * turn
+        sums[YT] += sign * ny * turn
+        sums[TT] += sign * turn * turn
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def with_object(
+    sums: NDArray[np.float64],
+    hits: NDArray[np.float32],
+    rays: Rays,
+    n: int,
+    outline: Outline,
+    x: float,
+    y: float,
+    heading: float,
+    changed: NDArray[np.float64],
+) -> bool:
+    """Write a pose's sums with an object at (x, y) into `changed` (7,); False if they stay.
+
+    The number of hits stays in any case: it is that on the map without objects.
+    """
+    begin, count = meeting(rays, n, outline, x, y)
+    if count == 0:
+        return False
+    for k in range(7):
+        changed[k] = sums[n, k]
+    any_ray = False
+    new = np.zeros(4, np.float32)
+    from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    cos, sin = np.cos(rays.step), np.sin(rays.step)
+    bearing = rays.first[n] + (begin - 1) * rays.step
+    dx, dy = np.cos(bearing), np.sin(bearing)
+    for k in range(count):
+        b = (begin + k) % rays.beams
+        dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
+        at, nx, ny = entry(outline, heading, from_x - x, from_y - y, dx, dy)
+        if at >= hits[n, b, RANGE] or at > rays.most:
+            continue
+        any_ray = True
+        _change(changed, hits[n, b], -1.0, rays)
+        hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
+        new[RANGE], new[NORMAL_X], new[NORMAL_Y] = at, nx, ny
+        new[TURN] = hx * ny - hy * nx
+        _change(changed, new, 1.0, rays)
+    return any_ray

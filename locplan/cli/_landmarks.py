@@ -1,0 +1,182 @@
+"""The command that proposes places for landmarks, and proves by drives whether they help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import (
+    COSTS,
+    FIELD,
+    GENERAL,
+    INPUT,
+    Count,
+    Force,
+    Json,
+    MapFile,
+    Text,
+    command,
+    option_group,
+    results,
+)
+from locplan.cli._options import RobotRadius, Threads, radius_of
+from locplan.cli._simulation_options import SimulationOptions
+from locplan.cli._values import load, numbers, position, read_paths, show, two_numbers
+from locplan.errors import ConfigError
+from locplan.field._lidar_presets import PRESETS
+
+if TYPE_CHECKING:
+    from locplan.field import Lidar
+
+app = command(
+    "landmarks",
+    "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --params nav2_params.yaml -o marked",
+)
+
+
+@option_group(GENERAL)
+class Placing:
+    """The objects, the routes that they serve, and where they may stand."""
+
+    object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2"
+    """They are poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH) [m]; pole:0.2 by default."""
+    count: Annotated[int, Parameter()] = 6
+    """So many are placed at most, 6 by default."""
+    start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
+    """The robot drives the shortest path from here [m]."""
+    goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
+    """The shortest path leads here [m]."""
+    path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
+    """The robot drives this path (x_m,y_m); repeatable."""
+    places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
+    """The robot drives between all places in this file (name,x,y)."""
+    where: Literal["walls", "free", "both"] = "both"
+    """Places along walls, in the open, or both are tried, by default both."""
+    spacing: float = 0.5
+    """Along walls a place is tried every 0.5 m by default."""
+    margin: float = 0.2
+    """Routes and passages keep this distance from the objects besides the radius, 0.2 m by
+    default."""
+    keep_out: Annotated[
+        tuple[str, ...], Parameter(metavar="X0,Y0,X1,Y1", allow_leading_hyphen=True)
+    ] = ()
+    """No object stands in this rectangle [m]; repeatable."""
+    existing: Annotated[
+        tuple[str, ...], Parameter(metavar="X,Y[,DEG]", allow_leading_hyphen=True)
+    ] = ()
+    """An object of this kind stands in the map here, and may be moved [m, deg]; repeatable."""
+    drives: Annotated[int, Parameter()] = 100
+    """The number of drives of the verification is 100 by default; 0 leaves it out."""
+    trials: Count | None = None
+    """So many placements that promise the same are driven first, and the best is taken; 4 by
+    default, and 1 without drives."""
+
+
+@option_group(FIELD)
+class LidarOptions:
+    """The lidar."""
+
+    lidar: Annotated[str | None, Parameter(choices=tuple(PRESETS))] = None
+    """The lidar, or the robot that carries it, is one of these; one of 6 m by default."""
+    range: float | None = None
+    """The lidar's range [m] is that of its data sheet, or 6 by default where none is named."""
+    field_of_view: float | None = None
+    """The lidar's field of view [deg] is that of its data sheet, or 360 where none is named."""
+
+    def named(self) -> Lidar:
+        """The lidar that was named, or a short one, with its own range and view where given."""
+        from locplan.cli._options import _changed
+        from locplan.field import Lidar
+        from locplan.simulation._settings import SHORT_LIDAR
+
+        lidar = Lidar.preset(self.lidar) if self.lidar else SHORT_LIDAR
+        return _changed(lidar, self.range, self.field_of_view)
+
+
+@app.default
+def landmarks(
+    map_file: MapFile,
+    /,
+    *,
+    placing: Placing = Placing(),
+    simulation: SimulationOptions = SimulationOptions(),
+    robot_radius: Annotated[RobotRadius, Parameter(group=COSTS)] = None,
+    lidar_options: LidarOptions = LidarOptions(),
+    threads: Threads = None,
+    output: Annotated[
+        Path | None,
+        results(
+            "The places (CSV, GeoJSON), the map with the objects, a picture and the tables are"
+            " written to this folder."
+        ),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Propose places for poles or boxes that keep the robot from getting lost on its routes.
+
+    Drives with your own filter, before, after and with random places, say whether they help.
+    """
+    from locplan import landmarks as core
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.landmarks import _reports as reports
+    from locplan.landmarks._objects import parsed_object
+    from locplan.landmarks._trials import TRIALS, best_of_trials
+    from locplan.planners import read_stations
+    from locplan.simulation._drives import check_drives
+
+    start, goal, drives = placing.start, placing.goal, placing.drives
+    asked = bool(placing.path), bool(start or goal), placing.places is not None
+    if asked.count(True) != 1 or bool(start) != bool(goal):
+        raise ConfigError("give one of --path, --start with --goal, and --places")
+    kind = parsed_object(placing.object)
+    if drives:
+        check_drives(drives)
+    lidar = lidar_options.named()
+    robot, not_simulated = simulation.robot(lidar)
+    existing = [position("existing", text) for text in placing.existing]
+    keep_out = [numbers("keep-out", text, 4) for text in placing.keep_out]
+    grid = load(map_file)
+    routes: dict[str, Any]
+    if placing.path:
+        routes = {"paths": read_paths(placing.path)}
+    elif placing.places:
+        routes = {"places": {s.name: (s.x, s.y) for s in read_stations(placing.places)}}
+    else:
+        ends = two_numbers("start", start or ""), two_numbers("goal", goal or "")
+        routes = {"places": {"start": ends[0], "goal": ends[1]}}
+    folder = reports.LANDMARKS.into(output, force=force) if output else None
+    with progress_bar("placing landmarks", "steps") as progress:
+        made = core.place_landmarks(
+            grid,
+            kind,
+            placing.count,
+            **routes,
+            lidar=lidar,
+            **robot,
+            robot_radius=radius_of(robot_radius),
+            margin=placing.margin,
+            where=placing.where,
+            spacing=placing.spacing,
+            keep_out=keep_out or None,
+            existing=existing,
+            threads=threads,
+            progress=progress,
+        )
+    seed = simulation.seed
+    trials = placing.trials or (TRIALS if drives else 1)
+    with progress_bar("driving placements", "drives") as progress:
+        made = best_of_trials(made, trials, seed=seed, threads=threads, progress=progress)
+    verification = None
+    if drives:
+        with progress_bar("verifying by drives", "drives") as progress:
+            verification = made.verify(drives, seed=seed, threads=threads, progress=progress)
+    if folder:
+        with working("writing the landmarks"):
+            reports.write_landmarks(folder, made, verification, not_simulated)
+    about = reports.landmarks_summary(made, verification, not_simulated)
+    show(json, about, reports.landmarks_table(made, verification, not_simulated), output)

@@ -1,0 +1,13 @@
+from ._figures import landmarks_figure as landmarks_figure
+from ._landmarks import Landmarks as Landmarks
+from ._objects import (
+    Box as Box,
+    LandmarkObject as LandmarkObject,
+    Pole as Pole,
+    with_objects as with_objects,
+)
+from ._place import place_landmarks as place_landmarks
+from ._regular import Regularity as Regularity
+from ._setting import Setting as Setting
+from ._trials import best_of_trials as best_of_trials
+from ._verification import Outcome as Outcome, Verification as Verification

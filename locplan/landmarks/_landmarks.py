@@ -1,0 +1,170 @@
+"""The result of a placement: the landmarks, what each gains, and the map with them."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.notebook import Pictured
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.landmarks._candidates import Rejected
+from locplan.landmarks._regular import Regularity, regularity
+from locplan.landmarks._search import Search
+from locplan.landmarks._setting import Setting
+from locplan.landmarks._verification import Verification, verified
+from locplan.maps import OccupancyGrid
+from locplan.simulation._simulate import DRIVES
+
+PAYS = 0.05
+"""Share by which a landmark must lower the expected deviation to pay."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Landmarks(Pictured):
+    """Places of equal objects, in order of gain."""
+
+    _drawn_by: ClassVar[str] = "locplan.landmarks:landmarks_figure"
+
+    setting: Setting
+    """What they are placed for."""
+    poses: NDArray[np.float64]
+    """World x, y and heading of each, (k, 3) [m, m, rad]."""
+    curve: NDArray[np.float64]
+    """Expected mean of P_xx + P_yy along the routes with 0, 1, ... landmarks, (k + 1,) [m^2]."""
+    rejected: tuple[Rejected, ...]
+    """Places that were refused, and why."""
+    before: OccupancyGrid
+    """The map that was given."""
+    grid: OccupancyGrid
+    """The map with the landmarks."""
+    existing: int
+    """Number of existing objects that could be moved."""
+    indices: NDArray[np.int64]
+    """Index of each place among those of the search; the existing objects' come first."""
+    search: Search
+    """The search, for other placements."""
+
+    def __repr__(self) -> str:
+        low, high = self.deviations[-1], self.deviations[0]
+        return (
+            f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
+            f" expected deviation {high:.3g} -> {low:.3g} m)"
+        )
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """World x and y of each landmark, (k, 2) [m]."""
+        xy: NDArray[np.float64] = self.poses[:, :2]
+        return xy
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """What each landmark takes off the curve beside those before it, (k,) [m^2]."""
+        return -np.diff(self.curve)
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Expected deviation of the position, the root of the curve, (k + 1,) [m]."""
+        return np.sqrt(self.curve)
+
+    @property
+    def kept(self) -> int:
+        """Number of existing objects that stay where they are."""
+        return int((self.indices < self.existing).sum())
+
+    @property
+    def paying(self) -> int:
+        """Number of landmarks from which on no further one pays.
+
+        Each one after lowers the expected deviation by less than 5 %.
+        """
+        steps = 1 - self.deviations[1:] / self.deviations[:-1]
+        paying = np.flatnonzero(steps >= PAYS)
+        return int(paying[-1]) + 1 if paying.size else 0
+
+    @cached_property
+    def regular(self) -> Regularity | None:
+        """A row of landmarks that the filter can mistake for one a step farther, or None."""
+        return regularity(self.positions)
+
+    def first(self, count: int) -> NDArray[np.float64]:
+        """Poses of the `count` landmarks that gain most, (count, 3) [m, m, rad]."""
+        return self.poses[:count].copy()
+
+    def reasons(self) -> dict[str, int]:
+        """Number of places that were refused for each reason."""
+        every = [each.reason for each in self.rejected]
+        return {reason: every.count(reason) for reason in dict.fromkeys(every)}
+
+    def verify(
+        self,
+        drives: int = DRIVES,
+        *,
+        seed: int = 1,
+        random_sets: int = 5,
+        threads: int | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> Verification:
+        """Drive before, after, and with as many objects at random places.
+
+        Routes that were planned between places are planned again among the objects.
+
+        Parameters
+        ----------
+        drives : int
+            Number of drives along each route, at least 2; as many are made in all sets of random
+            places together.
+        seed : int
+            Seed of all random numbers.
+        random_sets : int
+            Number of sets of random places, at least 1.
+        threads : int, optional
+            Number of threads; all cores by default.
+        progress : callable, optional
+            Called with (done, total) drives.
+
+        Raises
+        ------
+        ConfigError
+            If a number is out of its range.
+        """
+        maps = self.before, self.grid
+        return verified(
+            self.setting, maps, self.search, len(self), drives, seed, random_sets, threads, progress
+        )
+
+    def summary(self) -> dict[str, object]:
+        """Places, gains and settings in numbers, fit for JSON."""
+        setting, regular = self.setting, self.regular
+        return finite(
+            {
+                "map": {"name": self.before.name, "digest": self.before.digest},
+                "map_with_landmarks": {"digest": self.grid.digest},
+                "object": {"kind": type(setting.kind).__name__, **dataclasses.asdict(setting.kind)},
+                "landmarks": [
+                    {"x_m": x, "y_m": y, "heading_rad": heading, "gain_m2": gain}
+                    for (x, y, heading), gain in zip(
+                        self.poses.tolist(), self.gains.tolist(), strict=True
+                    )
+                ],
+                "expected_deviation_m": self.deviations.tolist(),
+                "paying": self.paying,
+                "kept": self.kept,
+                "regular": None if regular is None else regular._asdict(),
+                "rejected": self.reasons(),
+                "routes": {name: path.length for name, path in setting.routes.items()},
+                "robot_radius": setting.robot_radius,
+                "lidar": dataclasses.asdict(setting.lidar),
+                "amcl": dataclasses.asdict(setting.amcl),
+                "disturbances": dataclasses.asdict(setting.disturbances),
+            }
+        )

@@ -1,0 +1,287 @@
+"""The objects that serve as landmarks: their shape, and the cells of a map that they fill."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import Settings, keep_checked, number, positive, shown
+from locplan.errors import ConfigError
+from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
+
+GREATEST_SIZE = 100.0
+"""Greatest length of an object [m]."""
+THIN = 2.0
+"""Width of an object up to which the cells that its outline meets are filled, too [cells]."""
+
+
+class Shape(NamedTuple):
+    """A shape in numbers, as the kernels take it: a disc, or a rectangle."""
+
+    half_length: float
+    """Half the extent along the heading, or the radius [m]."""
+    half_width: float
+    """Half the extent across the heading, or the radius [m]."""
+    is_round: bool
+    """Whether it is a disc."""
+
+    @property
+    def reach(self) -> float:
+        """Greatest distance of a point of the shape from its centre [m]."""
+        return self.half_length if self.is_round else math.hypot(self.half_length, self.half_width)
+
+    def distance(self, x: Any, y: Any, heading: float = 0.0) -> NDArray[np.float64]:
+        """Distance from points to a shape at the origin; 0 within it [m]."""
+        if self.is_round:
+            return np.asarray(np.maximum(np.hypot(x, y) - self.half_length, 0.0))
+        cos, sin = math.cos(heading), math.sin(heading)
+        along = np.abs(cos * x + sin * y) - self.half_length
+        across = np.abs(cos * y - sin * x) - self.half_width
+        return np.asarray(np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)))
+
+
+@dataclass(frozen=True, repr=False)
+class Pole(Settings):
+    """A round post.
+
+    Raises
+    ------
+    ConfigError
+        If the diameter is not above 0 and at most 100 m.
+
+    Examples
+    --------
+    >>> Pole(diameter=0.1).title
+    'pole of 0.1 m'
+    """
+
+    diameter: float = 0.2
+    """Diameter [m]."""
+
+    def __post_init__(self) -> None:
+        keep_checked(self, ("diameter",), _size)
+
+    @property
+    def title(self) -> str:
+        """Kind and size, for tables."""
+        return f"pole of {self.diameter:g} m"
+
+    @property
+    def shape(self) -> Shape:
+        """The outline as the kernels take it."""
+        return Shape(self.diameter / 2, self.diameter / 2, is_round=True)
+
+
+@dataclass(frozen=True, repr=False)
+class Box(Settings):
+    """A rectangular object such as a box, a cabinet or a board.
+
+    Raises
+    ------
+    ConfigError
+        If a side is not above 0 and at most 100 m.
+
+    Examples
+    --------
+    >>> Box(1.2, 0.1).title
+    'box of 1.2 x 0.1 m'
+    """
+
+    length: float = 0.6
+    """Extent along its heading, which is the wall's where it stands at one [m]."""
+    width: float = 0.3
+    """Extent across its heading [m]."""
+
+    def __post_init__(self) -> None:
+        keep_checked(self, ("length", "width"), _size)
+
+    @property
+    def title(self) -> str:
+        """Kind and size, for tables."""
+        return f"box of {self.length:g} x {self.width:g} m"
+
+    @property
+    def shape(self) -> Shape:
+        """The outline as the kernels take it."""
+        return Shape(self.length / 2, self.width / 2, is_round=False)
+
+
+LandmarkObject: TypeAlias = Pole | Box
+"""An object that can be a landmark."""
+
+
+def check_object(kind: object) -> None:
+    """Raise a ConfigError unless this is an object that can be a landmark."""
+    if not isinstance(kind, (Pole, Box)):
+        raise ConfigError(
+            "the object must be a Pole or a Box, such as locplan.Pole(diameter=0.2), not"
+            f" {shown(kind)}"
+        )
+
+
+def parsed_object(text: str) -> LandmarkObject:
+    """The object in a text such as pole:0.2 or box:0.6,0.3.
+
+    Raises
+    ------
+    ConfigError
+        If the text names none.
+
+    Examples
+    --------
+    >>> parsed_object("box:0.6,0.3").title
+    'box of 0.6 x 0.3 m'
+    """
+    name, _, sizes = text.partition(":")
+    try:
+        values = [float(size) for size in sizes.split(",")] if sizes else []
+    except ValueError:
+        values = [math.nan]
+    if name == "pole" and len(values) <= 1:
+        return Pole(*values)
+    if name == "box" and len(values) in (0, 2):
+        return Box(*values)
+    raise ConfigError(
+        "the object must be pole:DIAMETER or box:LENGTH,WIDTH in metres, such as pole:0.2 or"
+        f" box:0.6,0.3, not {shown(text)}"
+    )
+
+
+def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]) -> OccupancyGrid:
+    """Copy of a map with equal objects in it.
+
+    An object fills the cells whose centre lies within it. Where it is narrower than two cells, it
+    also fills those that its outline meets, so that a thin board neither vanishes nor has gaps.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    kind : Pole or Box
+        The object.
+    poses : iterable of (x, y) or (x, y, heading)
+        Centres in the world, and headings counter-clockwise from the x axis [m, m, rad]. What lies
+        outside the map is left out.
+
+    Raises
+    ------
+    ConfigError
+        If the object or a pose is none.
+
+    Examples
+    --------
+    >>> from locplan.maps import FREE
+    >>> grid = OccupancyGrid(np.full((6, 8), FREE, np.uint8), resolution=0.1)
+    >>> with_objects(grid, Box(0.4, 0.2), [(0.4, 0.3)]).cells[::-1] // FREE
+    array([[1, 1, 1, 1, 1, 1, 1, 1],
+           [1, 1, 1, 1, 1, 1, 1, 1],
+           [1, 1, 0, 0, 0, 0, 1, 1],
+           [1, 1, 0, 0, 0, 0, 1, 1],
+           [1, 1, 1, 1, 1, 1, 1, 1],
+           [1, 1, 1, 1, 1, 1, 1, 1]], dtype=uint8)
+    """
+    check_grid(grid)
+    check_object(kind)
+    cells = grid.cells.copy()
+    for row, col, heading in on_grid(grid, checked_poses(poses)):
+        rows, cols = filled_cells(kind.shape, row, col, heading, grid.resolution, grid.shape)
+        cells[rows, cols] = OCCUPIED
+    return dataclasses.replace(grid, cells=cells)
+
+
+def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> NDArray[np.float64]:
+    """Poses (x, y) or (x, y, heading) as an array (n, 3) [m, m, rad]."""
+    rows = []
+    for pose in poses:
+        try:
+            values = [float(value) for value in pose]
+        except (TypeError, ValueError):
+            values = []
+        if len(values) not in (2, 3) or not np.isfinite(values).all():
+            raise ConfigError(f"{name} must be (x, y) or (x, y, heading), not {shown(pose)}")
+        rows.append([*values, 0.0][:3])
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def on_grid(grid: OccupancyGrid, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses in the world as (row, col, heading) on the map [cells, cells, rad]."""
+    rows, cols = grid.world_to_grid(poses[:, 0], poses[:, 1])
+    return np.column_stack([rows, cols, poses[:, 2] - grid.origin[2]])
+
+
+def filled_cells(
+    shape: Shape,
+    row: float,
+    col: float,
+    heading: float,
+    resolution: float,
+    map_shape: tuple[int, int],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the cells of a map that a shape fills; see `with_objects`.
+
+    The position is continuous [cells], the heading from the columns' axis towards that of the rows.
+    """
+    rows, cols = window_around(row, col, shape.reach / resolution + 1, map_shape)
+    y, x = np.meshgrid(
+        (np.arange(rows.start, rows.stop) + 0.5 - row) * resolution,
+        (np.arange(cols.start, cols.stop) + 0.5 - col) * resolution,
+        indexing="ij",
+    )
+    filled = shape.distance(x, y, heading) <= 1e-9
+    if 2 * min(shape.half_length, shape.half_width) < THIN * resolution:
+        at = _outline(shape, heading, resolution / 8) / resolution + (col, row)
+        at_row, at_col = np.floor(at[:, 1]).astype(int), np.floor(at[:, 0]).astype(int)
+        inside = (at_row >= rows.start) & (at_row < rows.stop)
+        inside &= (at_col >= cols.start) & (at_col < cols.stop)
+        filled[at_row[inside] - rows.start, at_col[inside] - cols.start] = True
+    found_rows, found_cols = np.nonzero(filled)
+    return found_rows + rows.start, found_cols + cols.start
+
+
+def window_around(
+    row: float, col: float, reach: float, map_shape: tuple[int, int]
+) -> tuple[slice, slice]:
+    """Rows and columns of a map within `reach` of a position [cells]."""
+    ends = [
+        slice(*(min(max(int(v), 0), size) for v in (math.floor(at - reach), at + reach + 1)))
+        for at, size in zip((row, col), map_shape, strict=True)
+    ]
+    return ends[0], ends[1]
+
+
+def outline_of(kind: LandmarkObject, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners of an object at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
+    shape = kind.shape
+    if shape.is_round:
+        angle = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+        return pose[:2] + shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
+    signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    corners = signs * (shape.half_length, shape.half_width)
+    return np.asarray(pose[:2] + corners @ np.array([(cos, sin), (-sin, cos)]))
+
+
+def _outline(shape: Shape, heading: float, step: float) -> NDArray[np.float64]:
+    """Points x, y along the outline of a shape at the origin, at most `step` apart [m]."""
+    if shape.is_round:
+        count = math.ceil(2 * math.pi * shape.half_length / step)
+        angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
+        return shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
+    corners = outline_of(
+        Box(2 * shape.half_length, 2 * shape.half_width), np.array([0.0, 0.0, heading])
+    )
+    sides = []
+    for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        count = math.ceil(float(np.hypot(*(other - one))) / step)
+        sides.append(one + np.linspace(0, 1, count, endpoint=False)[:, None] * (other - one))
+    return np.concatenate(sides)
+
+
+def _size(name: str, value: object) -> float:
+    return number(name, positive(name, value, "m"), 0.0, GREATEST_SIZE)

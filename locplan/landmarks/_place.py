@@ -1,0 +1,209 @@
+"""Where to put landmarks: `place_landmarks`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._util.checks import instance, number, one_of, positive, whole
+from locplan._util.machine import check_threads
+from locplan._util.progress import ProgressCallback
+from locplan.costs import ROBOT_RADIUS, Path
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+from locplan.landmarks._along_routes import AlongRoutes
+from locplan.landmarks._candidates import WHERE, Rejected, Where, checked, places_of
+from locplan.landmarks._landmarks import Landmarks
+from locplan.landmarks._objects import (
+    LandmarkObject,
+    check_object,
+    checked_poses,
+    on_grid,
+    with_objects,
+)
+from locplan.landmarks._passages import Passages
+from locplan.landmarks._problem import kept_out, routes_of, without_objects
+from locplan.landmarks._search import Search, in_world
+from locplan.landmarks._setting import Setting
+from locplan.landmarks._surroundings import surroundings
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.simulation import Amcl, Disturbances
+from locplan.simulation._settings import SHORT_LIDAR
+
+MARGIN = 0.2
+"""Default distance that the robot keeps from landmarks besides its radius [m]."""
+SPACING = 0.5
+"""Default spacing of the places that are tried along walls [m]."""
+MAX_COUNT = 200
+"""Greatest number of landmarks."""
+
+
+def place_landmarks(
+    grid: OccupancyGrid,
+    kind: LandmarkObject,
+    count: int,
+    *,
+    paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
+    places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
+    lidar: Lidar | None = None,
+    amcl: Amcl | None = None,
+    disturbances: Disturbances | None = None,
+    robot_radius: float = ROBOT_RADIUS,
+    margin: float = MARGIN,
+    where: Where = "both",
+    spacing: float = SPACING,
+    keep_out: ArrayLike | None = None,
+    existing: Iterable[Sequence[float]] = (),
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Landmarks:
+    """Choose places for objects that keep a robot from getting lost along its routes.
+
+    They make the mean of P_xx + P_yy small along the routes, P the covariance of an information
+    filter with the noise of the robot's own: a greedy choice, and up to three rounds in which each
+    object may go elsewhere. `Landmarks.verify` tells by simulated drives whether they help.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    kind : Pole or Box
+        The object.
+    count : int
+        Number of objects to place, besides those in `existing`. There are fewer where no further
+        one helps, or may stand.
+    paths : Path, or mapping of str to Path or to (n, 2) array, optional
+        Routes of the robot in the world [m], within the free cells.
+    places : sequence of (x, y), or mapping of str to (x, y), optional
+        Instead of paths: the robot drives the shortest paths between all of these [m].
+    lidar, amcl, disturbances : optional
+        The robot's lidar, its filter, and the disturbances; see `locplan.simulation.Simulator`.
+    robot_radius : float
+        Radius of the robot [m].
+    margin : float
+        Distance that routes and passages keep from the objects besides the radius [m].
+    where : str
+        Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
+        1 m and beside the routes, or "both". Those beyond the lidar's range of all routes are left
+        out.
+    spacing : float
+        Distance between the places along walls and beside routes [m].
+    keep_out : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
+        Cells, or rectangles in the world [m], that no object may stand in.
+    existing : iterable of (x, y) or (x, y, heading)
+        Objects of this kind that are drawn in the map and may be moved [m, m, rad].
+    threads : int, optional
+        Number of threads; all cores by default. The result does not depend on it.
+    progress : callable, optional
+        Called with (done, total) steps of the search.
+
+    Returns
+    -------
+    Landmarks
+
+    Raises
+    ------
+    LocplanError
+        If an argument is out of its range, a path leaves the free cells, or no object may stand
+        anywhere.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> route = Path(np.array([[6.0, 3.0], [30.0, 3.0]]))
+    >>> filter_ = Amcl(laser_model_type="likelihood_field_prob")
+    >>> made = place_landmarks(grid, locplan.Pole(0.2), 2, paths=route, amcl=filter_)
+    >>> made.poses.shape, bool(made.curve[2] < made.curve[1] < made.curve[0])
+    ((2, 3), True)
+    """
+    check_grid(grid)
+    check_object(kind)
+    moved = checked_poses(existing, "an existing object")
+    whole("count", count, 0 if len(moved) else 1, MAX_COUNT)
+    number("robot_radius", robot_radius, 0.0)
+    number("margin", margin, 0.0)
+    positive("spacing", spacing, "m")
+    one_of("where", where, WHERE)
+    lidar, amcl = lidar or SHORT_LIDAR, amcl or Amcl()
+    disturbances = disturbances or Disturbances()
+    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+    instance("amcl", amcl, Amcl)
+    instance("disturbances", disturbances, Disturbances)
+    threads = check_threads(threads)
+    area = kept_out(grid, keep_out)
+    empty = without_objects(grid, kind, moved) if len(moved) else grid
+    routes = routes_of(empty, paths, places, robot_radius)
+    setting = Setting(
+        empty, kind, routes, places is not None, lidar, amcl, disturbances, robot_radius
+    )
+    shape = kind.shape
+    seen = surroundings(empty, routes, shape, lidar, amcl, disturbances)
+    passages = Passages(empty, shape, robot_radius, margin)
+    on_routes = _fine(empty, routes)
+    tried = places_of(empty, shape, where, spacing, routes.values(), robot_radius + margin)
+    tried = _within(tried, on_routes, (seen.rays.most + shape.reach) / grid.resolution)
+    candidates = checked(
+        tried,
+        empty,
+        shape,
+        passages,
+        routes=on_routes,
+        keep=robot_radius + margin,
+        keep_out=area,
+    )
+    standing = on_grid(empty, moved)
+    every = np.concatenate([standing, candidates.poses])
+    if not len(every):
+        raise ConfigError(
+            f"no {kind.title} may stand within the lidar's range of a route:"
+            f" {_reasons(candidates.reasons)}; allow where='both', a smaller object or margin"
+        )
+    objective = AlongRoutes(seen, shape, grid.resolution, threads)
+    search = Search(objective, every, shape, passages, grid.resolution)
+    order = search.run(list(range(len(moved))), count, progress)
+    refused = np.concatenate([candidates.refused, every[list(search.refused)]], dtype=np.float64)
+    reasons = [*candidates.reasons, *search.refused.values()]
+    chosen = search.in_world(empty, np.array(order, np.int64))
+    return Landmarks(
+        setting,
+        chosen,
+        search.curve(order),
+        tuple(
+            Rejected(x, y, heading, reason)
+            for (x, y, heading), reason in zip(
+                in_world(empty, refused).tolist(), reasons, strict=True
+            )
+        ),
+        before=grid,
+        grid=with_objects(empty, kind, chosen),
+        existing=len(moved),
+        indices=np.array(order, np.int64),
+        search=search,
+    )
+
+
+def _fine(grid: OccupancyGrid, routes: Mapping[str, Path]) -> NDArray[np.float64]:
+    """Rows and columns along routes, at most half a cell apart, (n, 2) [cells]."""
+    xy = np.concatenate([path.resampled(grid.resolution / 2).xy for path in routes.values()])
+    return np.column_stack(grid.world_to_grid(*xy.T))
+
+
+def _within(
+    places: NDArray[np.float64], routes: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
+    """Places within a distance [cells] of the routes."""
+    from scipy.spatial import cKDTree
+
+    apart, _ = cKDTree(routes).query(places[:, :2], distance_upper_bound=reach)
+    near: NDArray[np.float64] = places[np.isfinite(apart)]
+    return near
+
+
+def _reasons(reasons: Sequence[str]) -> str:
+    """How many places were refused for which reason."""
+    counts: dict[str, Any] = {each: reasons.count(each) for each in dict.fromkeys(reasons)}
+    return ", ".join(f"{count} {each}" for each, count in counts.items()) or "there are no places"

@@ -1,0 +1,197 @@
+"""Reports of landmarks: tables for people, and files."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan._util.results import ResultFolder, Results
+from locplan._util.tables import table
+from locplan.landmarks._landmarks import PAYS, Landmarks
+from locplan.landmarks._objects import Pole, outline_of
+from locplan.landmarks._verification import Outcome, Verification
+from locplan.simulation._formats import in_percent, with_unit
+from locplan.simulation._settings import differing
+from locplan.simulation._writing import write_json, write_rows
+
+MAP = "map_with_landmarks"
+LANDMARKS = Results(
+    "landmarks",
+    (
+        "landmarks.json",
+        "landmarks.png",
+        "landmarks.csv",
+        "landmarks.geojson",
+        "rejected.csv",
+        "verification.csv",
+        f"{MAP}.yaml",
+        f"{MAP}.pgm",
+    ),
+)
+COLUMNS = ("number", "x_m", "y_m", "heading_deg", "length_m", "width_m", "gain_m2", "deviation_m")
+"""Names of the columns of landmarks.csv; a pole's length and width are its diameter."""
+DRIVEN = (
+    "landmarks",
+    "drives",
+    *("lost_rate", "lost_rate_low", "lost_rate_high"),
+    *("rmse_m", "rmse_low_m", "rmse_high_m"),
+    "kept_rmse_m",
+)
+"""Names of the columns of verification.csv."""
+WIDTH = 105
+"""Usual width of the text [characters]."""
+
+
+def landmarks_table(
+    made: Landmarks, verification: Verification | None, not_simulated: Sequence[str] = ()
+) -> str:
+    """What the drives say, then the landmarks in order of gain, and what was refused.
+
+    `not_simulated` names parameters of the robot's filter that are left out.
+    """
+    setting = made.setting
+    kinds = ", ".join(differing(setting.disturbances))
+    driven, lines = "", []
+    if verification:
+        rows = [
+            [name, str(each.number), in_percent(each.lost_rate), *_errors(each)]
+            for name, each in _outcomes(verification)
+        ]
+        heads = ["landmarks", "drives", "lost (> 1 m) [95 %]", "error, all drives", "not lost"]
+        driven = table(heads, rows) + "\n"
+        lines.append(verification.verdict)
+    else:
+        lines.append("not verified: nothing was driven")
+    lines.append(f"with {setting.amcl.title}; {setting.lidar.title}")
+    if kinds:
+        lines.append(f"disturbances: {kinds}")
+    if not_simulated:
+        lines.append(f"not simulated: {', '.join(not_simulated)}")
+    placed = [
+        [str(n), f"{x:.2f}", f"{y:.2f}", f"{math.degrees(heading):.0f}", f"{deviation:.3f}"]
+        for n, ((x, y, heading), deviation) in enumerate(
+            zip(made.poses.tolist(), made.deviations[1:].tolist(), strict=True), 1
+        )
+    ]
+    heads = ["landmark", "x [m]", "y [m]", "heading [deg]", "expected deviation [m]"]
+    after = [
+        f"{len(made)} x {setting.kind.title}, in order of gain; expected deviation without any"
+        f" {made.deviations[0]:.3f} m"
+    ]
+    if made.paying < len(made):
+        after.append(
+            f"from number {made.paying + 1} on each lowers it by less than {PAYS:.0%}:"
+            f" {made.paying} may do; drive them to know"
+        )
+    if made.existing:
+        after.append(f"{made.kept} of {made.existing} existing objects stay where they are")
+    if made.regular:
+        after.append(
+            f"careful: {made.regular}, which a filter can mistake for a shift; move one of them"
+        )
+    if made.rejected:
+        counts = ", ".join(f"{count} {reason}" for reason, count in made.reasons().items())
+        after.append(f"places refused: {counts}")
+    said = [driven + "\n".join(_wrapped(lines)), table(heads, placed), "\n".join(_wrapped(after))]
+    return "\n".join(part for part in said if part)
+
+
+def _wrapped(lines: Sequence[str]) -> list[str]:
+    width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDTH)
+    return [part for line in lines for part in textwrap.wrap(line, width)]
+
+
+def _outcomes(verification: Verification) -> list[tuple[str, Outcome]]:
+    named = [("none", verification.before), ("proposed", verification.after)]
+    if verification.random:
+        named.append(("as many at random", verification.random))
+    return named
+
+
+def _errors(outcome: Outcome) -> tuple[str, str]:
+    return with_unit(outcome.rmse, "m"), with_unit(outcome.kept_rmse, "m")
+
+
+def to_geojson(made: Landmarks, frame: str = "map") -> dict[str, Any]:
+    """Landmarks as GeoJSON: outlines in the map's frame [m], with number, pose, size and gain."""
+    sizes = {"kind": "pole" if isinstance(made.setting.kind, Pole) else "box", "frame": frame}
+    features = []
+    for n, (pose, gain) in enumerate(zip(made.poses, made.gains.tolist(), strict=True), 1):
+        ring = outline_of(made.setting.kind, pose).round(4).tolist()
+        x, y, heading = pose.tolist()
+        about = {
+            "number": n,
+            "x": round(x, 4),
+            "y": round(y, 4),
+            "heading_deg": round(math.degrees(heading), 2),
+            **vars(made.setting.kind),
+            "gain_m2": gain,
+            **sizes,
+        }
+        geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+        features.append({"type": "Feature", "properties": about, "geometry": geometry})
+    return {"type": "FeatureCollection", "name": "landmarks", "features": features}
+
+
+def landmarks_summary(
+    made: Landmarks, verification: Verification | None, not_simulated: Sequence[str] = ()
+) -> dict[str, object]:
+    """Verification and landmarks in numbers, fit for JSON."""
+    return {
+        "verification": verification.summary() if verification else None,
+        **made.summary(),
+        "not_simulated": list(not_simulated),
+    }
+
+
+def write_landmarks(
+    results: ResultFolder,
+    made: Landmarks,
+    verification: Verification | None,
+    not_simulated: Sequence[str] = (),
+) -> list[Path]:
+    """Write the places, the map with the landmarks, the picture, and the tables.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be made or written.
+    """
+    from locplan.landmarks import _figures
+    from locplan.maps import save_map
+    from locplan.plotting import save_figure
+
+    shape = made.setting.kind.shape
+    with results.writing() as folder:
+        write_json(folder / "landmarks.json", landmarks_summary(made, verification, not_simulated))
+        save_figure(_figures.landmarks_figure(made, verification), folder / "landmarks.png")
+        rows = [
+            [n, x, y, math.degrees(heading), 2 * shape.half_length, 2 * shape.half_width, *gained]
+            for n, ((x, y, heading), *gained) in enumerate(
+                zip(made.poses, made.gains, made.deviations[1:], strict=True), 1
+            )
+        ]
+        write_rows(folder / "landmarks.csv", COLUMNS, rows)
+        text = json.dumps(to_geojson(made), allow_nan=False)
+        (folder / "landmarks.geojson").write_text(text + "\n", encoding="utf-8")
+        refused = ([x, y, np.degrees(turn), why] for x, y, turn, why in made.rejected)
+        write_rows(folder / "rejected.csv", ("x_m", "y_m", "heading_deg", "reason"), refused)
+        if verification:
+            write_rows(
+                folder / "verification.csv",
+                DRIVEN,
+                (
+                    [name, each.number, *each.lost_rate, *each.rmse, each.kept_rmse.value]
+                    for name, each in _outcomes(verification)
+                ),
+            )
+        save_map(made.grid, folder / f"{MAP}.yaml")
+        written = sorted(file.name for file in folder.iterdir())
+    return [results.folder / name for name in written]

@@ -1,0 +1,214 @@
+"""Verification of landmarks: simulated drives before, after, and with random places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import whole
+from locplan._util.intervals import Interval, of_rms, wilson
+from locplan._util.progress import ProgressCallback, parts
+from locplan._util.tables import finite
+from locplan.costs import Costmap, Path
+from locplan.landmarks._objects import with_objects
+from locplan.landmarks._search import Search
+from locplan.landmarks._setting import Setting
+from locplan.maps import OccupancyGrid
+from locplan.planners import plan
+from locplan.simulation import Drives, Simulator
+from locplan.simulation._drives import check_drives
+from locplan.simulation._simulate import drive_paths
+from locplan.simulation._simulator import random_of
+
+FEW_LOST = 0.02
+"""Share of lost drives up to which none counts as lost to begin with."""
+RANDOM_PLACES = 100
+"""Stream of random numbers of places at random, beside those of `Simulator`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome:
+    """Drives along some routes with one set of objects, or several."""
+
+    drives: tuple[Drives, ...]
+    """Drives of each route and set."""
+
+    @property
+    def number(self) -> int:
+        """Number of drives."""
+        return sum(len(each.errors) for each in self.drives)
+
+    @property
+    def lost_rate(self) -> Interval:
+        """Share of the drives that were lost at any time."""
+        lost = np.concatenate([each.lost for each in self.drives])
+        return wilson(float(lost.mean()), len(lost))
+
+    @property
+    def rmse(self) -> Interval:
+        """Root mean square of the position error along the way [m]."""
+        return of_rms(self._mean_squares)
+
+    @property
+    def kept_rmse(self) -> Interval:
+        """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
+        lost = np.concatenate([each.lost for each in self.drives])
+        return of_rms(self._mean_squares[~lost])
+
+    @property
+    def _mean_squares(self) -> NDArray[np.float64]:
+        return np.concatenate([each.mean_squares for each in self.drives])
+
+    def __repr__(self) -> str:
+        return f"Outcome({self.number} drives, {self.lost_rate.value:.0%} lost)"
+
+    def summary(self) -> dict[str, object]:
+        """Errors and share of lost drives in numbers, fit for JSON."""
+        return finite(
+            {
+                "drives": self.number,
+                "lost_rate": list(self.lost_rate),
+                "rmse_m": list(self.rmse),
+                "kept_rmse_m": list(self.kept_rmse),
+            }
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verification:
+    """Drives without landmarks, with them, and with as many objects at random places."""
+
+    before: Outcome
+    after: Outcome
+    random: Outcome | None
+    """Drives with random places; None where no object may stand at other ones."""
+    profiles: Mapping[str, tuple[Drives, Drives]]
+    """Drives of each route before and after."""
+    seed: int
+
+    def __repr__(self) -> str:
+        return f"Verification({self.verdict})"
+
+    @property
+    def nothing_to_gain(self) -> bool:
+        """Whether no drive was lost to begin with, but for 2 %."""
+        return self.before.lost_rate.value <= FEW_LOST
+
+    @property
+    def helps(self) -> bool:
+        """Whether fewer are lost after, with intervals that do not touch."""
+        return self.after.lost_rate.high < self.before.lost_rate.low
+
+    @property
+    def verdict(self) -> str:
+        """What the drives say, in one line."""
+        before, after = self.before, self.after
+        error = f"error {before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
+        if self.nothing_to_gain:
+            return (
+                f"nothing to gain: {before.lost_rate.value:.0%} of the drives are lost without"
+                f" landmarks ({error})"
+            )
+        lost = f"{before.lost_rate.value:.0%} of the drives lost before,"
+        lost += f" {after.lost_rate.value:.0%} after"
+        if self.random is not None:
+            lost += f", {self.random.lost_rate.value:.0%} at random places"
+        said = "they help" if self.helps else "not shown to help"
+        return f"{said}: {lost}; {error}"
+
+    def summary(self) -> dict[str, object]:
+        """The verdict, and the numbers behind it, fit for JSON."""
+        return {
+            "verdict": self.verdict,
+            "nothing_to_gain": self.nothing_to_gain,
+            "helps": self.helps,
+            "before": self.before.summary(),
+            "after": self.after.summary(),
+            "random": self.random.summary() if self.random else None,
+            "seed": self.seed,
+        }
+
+
+def verified(
+    setting: Setting,
+    maps: tuple[OccupancyGrid, OccupancyGrid],
+    search: Search,
+    count: int,
+    drives: int,
+    seed: int,
+    random_sets: int,
+    threads: int | None,
+    progress: ProgressCallback | None,
+) -> Verification:
+    """Drive on the maps before and after, and with `count` objects at random places.
+
+    See `Landmarks.verify`.
+    """
+    check_drives(drives)
+    whole("random_sets", random_sets, 1, 1000)
+    sets = _random_maps(setting, search, count, min(random_sets, drives // 2), seed)
+    routes = len(setting.routes)
+    shares = [drives // max(len(sets), 1)] * len(sets)
+    callbacks = parts(progress, [routes * n for n in (drives, drives, *shares)])
+    before = drive_on(setting, maps[0], drives, seed, threads, callbacks[0])
+    after = drive_on(setting, maps[1], drives, seed, threads, callbacks[1])
+    others: list[Drives] = []
+    for grid, share, part in zip(sets, shares, callbacks[2:], strict=True):
+        others += drive_on(setting, grid, share, seed, threads, part)
+    return Verification(
+        Outcome(tuple(before)),
+        Outcome(tuple(after)),
+        Outcome(tuple(others)) if others else None,
+        dict(zip(setting.routes, zip(before, after, strict=True), strict=True)),
+        seed,
+    )
+
+
+def drive_on(
+    setting: Setting,
+    grid: OccupancyGrid,
+    drives: int,
+    seed: int,
+    threads: int | None,
+    progress: ProgressCallback | None,
+) -> Sequence[Drives]:
+    """Drives of each route on a map that the robot's filter has, too."""
+    simulator = Simulator(
+        grid,
+        lidar=setting.lidar,
+        amcl=setting.amcl,
+        disturbances=setting.disturbances,
+        seed=seed,
+        threads=threads,
+    )
+    paths = replanned(setting, grid) if setting.planned else setting.routes
+    return list(drive_paths(simulator, paths, drives, 0, progress).values())
+
+
+def replanned(setting: Setting, grid: OccupancyGrid) -> dict[str, Path]:
+    """Shortest paths between the ends of the routes on another map."""
+    costs = Costmap.blank(grid, robot_radius=setting.robot_radius)
+    paths = {}
+    for name, path in setting.routes.items():
+        (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
+        found = plan(costs, (x0, y0), (x1, y1)).path
+        assert found is not None, "no landmark cuts a passage"
+        paths[name] = found
+    return paths
+
+
+def _random_maps(
+    setting: Setting, search: Search, count: int, sets: int, seed: int
+) -> list[OccupancyGrid]:
+    """Maps with `count` objects at random places of those that are allowed."""
+    maps = []
+    for n in range(sets):
+        chosen = search.at_random(count, random_of(seed, RANDOM_PLACES, n))
+        if not chosen:
+            return []
+        poses = search.in_world(setting.grid, np.array(chosen, np.int64))
+        maps.append(with_objects(setting.grid, setting.kind, poses))
+    return maps

@@ -1,0 +1,657 @@
+"""Landmarks: objects, places for them, what they tell, the search, and its verification."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import itertools
+import json
+import math
+
+import naive
+import numpy as np
+import pytest
+from conftest import corridor, drawn, few_of, refused
+
+import locplan
+from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
+from locplan._kernels import landmarks as kernels, way_covariances as ways
+from locplan._kernels.rays import empty_squares
+from locplan.field import Lidar
+from locplan.field._surfaces import surface_normals
+from locplan.landmarks import best_of_trials, landmarks_figure, with_objects
+from locplan.landmarks._along_routes import AlongRoutes
+from locplan.landmarks._candidates import (
+    AT_WALL,
+    FREE_CLEARANCE,
+    IN_PASSAGE,
+    KEPT_OUT,
+    ON_ROUTE,
+    along_walls,
+    beside_routes,
+    checked,
+    free_standing,
+    too_close,
+)
+from locplan.landmarks._objects import Shape, filled_cells, parsed_object
+from locplan.landmarks._passages import Passages
+from locplan.landmarks._problem import kept_out
+from locplan.landmarks._regular import regularity
+from locplan.landmarks._reports import to_geojson
+from locplan.landmarks._search import BESIDE_OTHERS, TOO_NEAR
+from locplan.landmarks._surroundings import hits_on, motion_of, surroundings, swing_of, told_by
+from locplan.landmarks._trials import score
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.simulation import Amcl, Disturbances, Drives
+
+PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
+SHORT = Lidar(range=3.0)
+ROUTE = {"middle": np.array([[-6.0, 0.0], [6.0, 0.0]])}
+
+
+def open_floor(rows=80, cols=120, resolution=0.1) -> OccupancyGrid:
+    cells = np.full((rows, cols), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(cells, resolution)
+
+
+@pytest.fixture(scope="module")
+def hallway() -> OccupancyGrid:
+    return corridor(16.0, 2.4, resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def placed(hallway):
+    return place_landmarks(hallway, Pole(0.2), 3, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
+
+
+# Objects
+
+
+@pytest.mark.parametrize("shape", [Pole(0.5).shape, Box(0.9, 0.4).shape])
+def test_an_object_fills_the_cells_whose_centre_lies_within_it(shape):
+    row, col, heading, edge = 20.3, 17.8, 0.5, 0.1
+    rows, cols = filled_cells(shape, row, col, heading, edge, (40, 40))
+    outline = kernels.Outline(*shape)
+    wanted = {
+        (i, j)
+        for i, j in itertools.product(range(40), range(40))
+        if naive.within_object(outline, heading, (j + 0.5 - col) * edge, (i + 0.5 - row) * edge)
+    }
+    assert set(zip(rows.tolist(), cols.tolist(), strict=True)) == wanted
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.4, 1.2, 2.5])
+def test_a_thin_board_lets_no_ray_through(heading):
+    grid = with_objects(open_floor(), Box(2.0, 0.02), [(6.0, 4.0, heading)])
+    squares = empty_squares(grid.cells == OCCUPIED)
+    from locplan._kernels.rays import cast
+
+    for share in np.linspace(-0.9, 0.9, 37):
+        x, y = 6 + share * math.cos(heading), 4 + share * math.sin(heading)
+        dx, dy = -math.sin(heading), math.cos(heading)
+        at, _, _ = cast(squares, (y - dy) / 0.1, (x - dx) / 0.1, dy, dx, 20.0)
+        assert 0.8 < at * 0.1 < 1.05
+
+
+def test_objects_stand_in_the_world_also_where_the_map_is_turned():
+    grid = dataclasses.replace(open_floor(), origin=(3.0, -2.0, 0.7))
+    marked = with_objects(grid, Box(1.0, 0.4), [(*grid.cell_to_world(30, 50), 0.7)])
+    rows, cols = np.nonzero((marked.cells == OCCUPIED) & grid.free)
+    assert (np.ptp(rows) + 1, np.ptp(cols) + 1) in ((4, 10), (5, 11), (5, 10), (4, 11))
+    assert (rows.mean(), cols.mean()) == pytest.approx((30, 50), abs=0.5)
+
+
+def test_objects_at_the_edge_of_the_map_are_cut_off():
+    assert (with_objects(open_floor(), Pole(2.0), [(0.0, 0.0), (-50, 3)]).cells == OCCUPIED).any()
+
+
+@pytest.mark.parametrize("text", ["pole:", "pole:x", "pole:0.1,0.2", "box:1", "cone:2", "box:1,-1"])
+def test_what_is_no_object_is_refused(text):
+    if text == "pole:":
+        assert parsed_object(text) == Pole()
+        return
+    with pytest.raises(LocplanError):
+        parsed_object(text)
+
+
+# Candidates and passages
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6])
+@pytest.mark.parametrize("kind", [Pole(0.3), Box(0.8, 0.3)])
+def test_places_along_walls_are_clear_of_them_and_turned_as_they_are(angle, kind):
+    grid = corridor(12.0, 3.0, angle=angle)
+    shape = kind.shape
+    places = along_walls(grid, shape, 0.5)
+    passages = Passages(grid, shape, 0.2, 0.1)
+    kept = checked(places, grid, shape, passages, routes=np.empty((0, 2)), keep=0.3).poses
+    assert 25 < len(kept) < 55
+    for row, col, heading in kept:
+        cells = filled_cells(shape, row, col, heading, grid.resolution, grid.shape)
+        assert grid.clearance[cells].min() >= 0.05 + grid.resolution / 2 - 1e-9
+        assert grid.clearance[cells].min() < 0.2
+        if not shape.is_round:
+            assert abs(math.sin(heading - angle)) < 0.15
+    first = kept[np.argsort(kept[:, 0])]
+    apart = np.hypot(*np.diff(first[:, :2], axis=0).T) * grid.resolution
+    assert apart.min() > 0.3
+
+
+def test_free_places_have_clearance_and_a_long_object_is_tried_both_ways():
+    cells = open_floor().cells.copy()
+    cells[30:34, 50:54] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    places = free_standing(grid, Box(0.6, 0.3).shape)
+    rows, cols = places[:, :2].astype(int).T
+    assert (grid.clearance[rows, cols] > FREE_CLEARANCE).all()
+    assert set(places[:, 2]) == {0.0, math.pi / 2}
+    assert len(places) == 2 * len(free_standing(grid, Pole(0.2).shape)) > 50
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.8])
+def test_places_beside_routes_are_as_near_as_allowed(turn):
+    grid = dataclasses.replace(open_floor(), origin=(1.0, 2.0, turn))
+    line = np.column_stack(grid.grid_to_world([40.0, 40.0], [20.0, 100.0]))
+    shape = Box(0.8, 0.2).shape
+    places = beside_routes(grid, shape, [Path(line)], 0.5, 0.4)
+    assert len(places) == 4 * 21
+    aside = np.abs(places[:, 0] - 40) * 0.1
+    along = np.abs(np.sin(places[:, 2])) < 1e-6
+    np.testing.assert_allclose(aside[along], 0.5 + 0.1 + 0.1)
+    np.testing.assert_allclose(aside[~along], 0.5 + 0.4 + 0.1)
+    assert along.sum() == 42
+
+
+DOOR = drawn(
+    "####################",
+    *["#.........#........#"] * 4,
+    *["#..................#"] * 2,
+    *["#.........#........#"] * 4,
+    "####################",
+    resolution=0.5,
+)
+
+
+def test_what_would_close_a_door_is_refused():
+    shape = Pole(0.3).shape
+    passages = Passages(DOOR, shape, 0.25, 0.1)
+    assert passages.cuts(np.array([6.0, 10.5, 0.0]))
+    assert not passages.cuts(np.array([3.0, 4.0, 0.0]))
+
+
+def test_the_margin_counts_only_where_the_robot_had_it():
+    shape = Pole(0.2).shape
+    narrow = Passages(DOOR, shape, 0.25, 0.5)  # with the margin the door is closed anyway
+    assert narrow.cuts(np.array([6.0, 10.5, 0.0]))
+    assert not narrow.cuts(np.array([6.0, 15.0, 0.0]))
+
+
+def test_two_objects_may_close_what_one_leaves_open():
+    grid = open_floor(30, 120)  # 2.8 m wide
+    shape = Pole(0.4).shape
+    low, high = np.array([9.0, 60.0, 0.0]), np.array([21.0, 60.0, 0.0])
+    passages = Passages(grid, shape, 0.3, 0.1)
+    assert not passages.cuts(low)
+    assert not passages.cuts(high)
+    passages.place(low)
+    assert passages.cuts(high)
+    other = Passages(grid, shape, 0.3, 0.1).copy()
+    assert not other.cuts(high)
+
+
+def test_a_pocket_is_no_passage():
+    grid = open_floor(60, 60)
+    assert not Passages(grid, Pole(0.4).shape, 0.3, 0.0).cuts(np.array([8.8, 8.8, 0.0]))
+
+
+def test_each_refusal_has_its_reason():
+    grid = open_floor()
+    shape = Pole(0.4).shape
+    places = np.array([[3.0, 30, 0], [40, 60, 0], [40, 20, 0], [20, 60, 0]], float)
+    area = np.zeros(grid.shape, bool)
+    area[35:45, 15:25] = True
+    routes = np.column_stack([np.full(400, 42.0), np.linspace(40, 80, 400)])
+    passages = Passages(grid, shape, 0.3, 0.0)
+    found = checked(places, grid, shape, passages, routes=routes, keep=0.3, keep_out=area)
+    assert found.reasons == (AT_WALL, ON_ROUTE, KEPT_OUT)
+    assert found.poses.tolist() == [[20, 60, 0]]
+    door = checked(
+        np.array([[6.0, 9.4, 0.0]]),
+        DOOR,
+        shape,
+        Passages(DOOR, shape, 0.25, 0.1),
+        routes=np.empty((0, 2)),
+        keep=0.3,
+    )
+    assert door.reasons == (IN_PASSAGE,)
+
+
+def test_boxes_are_apart_by_their_outlines():
+    shape = Shape(0.5, 0.1, is_round=False)
+    here = np.array([0.0, 0.0, 0.0])
+    assert not too_close(shape, here, np.array([[3.0, 0.0, 0.0]]), 0.1)
+    assert too_close(shape, here, np.array([[3.0, 0.0, math.pi / 2]]), 0.1)
+    assert too_close(shape, here, np.array([[2.2, 0.0, 0.0]]), 0.1)
+
+
+def test_rectangles_that_are_kept_out_lie_in_the_world():
+    grid = dataclasses.replace(open_floor(), origin=(0.0, 0.0, math.pi / 2))
+    mask = kept_out(grid, [(-2.0, 3.0, -1.0, 5.0)])
+    rows, cols = np.nonzero(mask)
+    assert (rows.min(), rows.max()) == (10, 19)
+    assert (cols.min(), cols.max()) == (30, 49)
+    for wrong in ([(1, 2, 3)], "abc", np.ones((3, 3), bool)):
+        with pytest.raises(LocplanError, match="keep_out"):
+            kept_out(grid, wrong)
+
+
+# Kernels
+
+
+def small_scene(least=0.0, view=360.0):
+    """A small map with poses, and an object kind; few rays, so that the oracle takes no time."""
+    grid = drawn(
+        "############",
+        "#..........#",
+        "#...#......#",
+        "#..........#",
+        "#.......#..#",
+        "#..........#",
+        "############",
+        resolution=0.5,
+    )
+    width, beams = math.radians(view), 41
+    poses = np.array([[1.1, 1.3], [2.2, 1.25], [3.3, 1.9], [4.6, 1.6]])
+    return grid, kernels.Rays(
+        poses,
+        np.array([[0.1, 0.05], [0.1, -0.02], [0.08, 0.0], [0.0, 0.1]]),
+        np.array([0.3, -2.0, 4.0, 11.0]) - width / 2,
+        width / beams,
+        beams,
+        view == 360,
+        least,
+        3.5,
+        0.2,
+    )
+
+
+def as_matrix(sums):
+    xx, xy, yy, xt, yt, tt = sums[:6]
+    return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
+
+
+OUTLINES = [kernels.Outline(0.15, 0.15, True), kernels.Outline(0.4, 0.1, False)]
+
+
+@pytest.mark.parametrize("outline", OUTLINES)
+@pytest.mark.parametrize(("least", "view"), [(0.0, 360.0), (0.6, 200.0), (0.0, 90.0)])
+def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
+    grid, rays = small_scene(least, view)
+    occupied = grid.cells == OCCUPIED
+    normals = surface_normals(occupied)
+    hits = hits_on(grid, rays)
+    sums = kernels.sums_of(hits, rays)
+    objects = [(3.0, 2.6, 0.7), (1.9, 2.1, 2.0)]
+    changed = np.empty(7)
+    for n in (1, 2):
+        for place in objects:
+            wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, [place])
+            meets = kernels.with_object(sums, hits, rays, n, outline, *place, changed)
+            found = as_matrix(changed if meets else sums[n])
+            np.testing.assert_allclose(found, wanted, atol=2e-4)
+    for place in objects:
+        kernels.add_object(hits, rays, outline, *place)
+    sums = kernels.sums_of(hits, rays)
+    for n in (1, 2):
+        wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, objects)
+        np.testing.assert_allclose(as_matrix(sums[n]), wanted, atol=2e-4)
+
+
+@pytest.mark.parametrize("outline", OUTLINES)
+def test_the_objective_is_that_of_plain_matrices(outline):
+    grid, rays = small_scene()
+    normals = surface_normals(grid.cells == OCCUPIED)
+    routes, told = np.array([0, 3, 4]), ways.Told(2.0, 0.03)
+    motion = ways.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
+    hits = hits_on(grid, rays)
+    sums = kernels.sums_of(hits, rays)
+    places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
+    found = ways.uncertainties(places, hits, sums, rays, routes, outline, told, motion)
+    for place, value in zip(places, found, strict=True):
+        information = [
+            naive.landmark_information(
+                grid.cells == OCCUPIED, normals, 0.5, rays, n, outline, [place]
+            )
+            * (told.share / (1 + told.other * sums[n, kernels.HITS]))
+            for n in range(4)
+        ]
+        wanted = naive.covariances(information, rays.poses, routes, motion)
+        assert value == pytest.approx((wanted[:, 0, 0] + wanted[:, 1, 1]).mean(), rel=1e-4)
+
+
+def test_a_ray_from_within_an_object_meets_nothing():
+    for outline in OUTLINES:
+        assert kernels.entry(outline, 0.3, 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+
+
+def test_a_hit_tells_a_likelihood_field_some_22_times_less_where_all_beams_hit():
+    lidar, rays = Lidar(range=6.0), 360
+    product = told_by(PRODUCT, lidar, rays, 0.05, 1.0)
+    summed = told_by(Amcl(), lidar, rays, 0.05, 1.0)
+    ratio = product.share / (summed.share / (1 + summed.other * rays))
+    assert 20 < ratio < 24
+
+
+def test_far_beams_tell_less_the_more_the_filters_heading_errs():
+    assert swing_of(PRODUCT, 0.05) == pytest.approx(2 * 0.2 * 0.25**2 / 0.4**2)
+    assert swing_of(Amcl(), 0.05) == pytest.approx(3 * swing_of(PRODUCT, 0.05))
+    assert swing_of(Amcl(alpha2=0.0), 0.05) == 0
+
+
+def test_the_motion_is_the_filters():
+    slow = motion_of(Amcl(alpha3=0.1, update_min_d=0.5), Disturbances(distance_drift=0.0))
+    assert slow.along == pytest.approx(0.05)
+    assert motion_of(Amcl(alpha2=0.4), Disturbances()).turn == pytest.approx(
+        2 * 0.4 * 0.25 + math.radians(1) ** 2
+    )
+
+
+# The search
+
+
+def objective_of(grid, kind, threads=1):
+    routes = {"middle": Path(ROUTE["middle"])}
+    seen = surroundings(grid, routes, kind.shape, SHORT, PRODUCT, Disturbances())
+    return AlongRoutes(seen, kind.shape, grid.resolution, threads)
+
+
+def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
+    objective, places = placed.search.objective, placed.search.places
+    objective.start(places[:0])
+    values = objective.values(places[:5])
+    for n in range(5):
+        objective.start(places[n : n + 1])
+        assert objective.value() == pytest.approx(values[n], rel=1e-6)
+
+
+def test_the_first_place_is_the_best_of_all_and_more_help_more(hallway, placed):
+    one = place_landmarks(hallway, Pole(0.2), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
+    search = one.search
+    search.objective.start(search.places[:0])
+    assert one.curve[1] == pytest.approx(search.objective.values(search.places).min())
+    search = placed.search
+    search.objective.start(search.places[:0])
+    alone = search.objective.values(search.places[placed.indices])
+    assert placed.curve[1] == pytest.approx(alone.min())
+    assert alone.max() > alone.min() * 1.01
+    assert (np.diff(placed.curve) < 0).all()
+    assert (placed.gains == -np.diff(placed.curve)).all()
+    assert 1 <= placed.paying <= 3
+
+
+def test_exchanges_do_not_make_it_worse(placed):
+    search = placed.search
+    greedy = []
+    for _ in range(3):
+        greedy.append(search.best(greedy))
+    search.objective.start(search.places[greedy])
+    assert placed.curve[-1] <= search.objective.value() * (1 + 1e-9)
+
+
+def test_landmarks_do_not_depend_on_the_threads(hallway, placed):
+    again = place_landmarks(
+        hallway, Pole(0.2), 3, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, threads=3
+    )
+    assert (again.poses == placed.poses).all()
+
+
+def test_landmarks_leave_the_route_and_each_other_alone(placed):
+    assert (np.abs(placed.poses[:, 1]) - 0.1 >= 0.25 + 0.2).all()
+    apart = np.hypot(*(placed.positions[:, None] - placed.positions[None]).transpose(2, 0, 1))
+    assert (apart[~np.eye(3, dtype=bool)] > 0.25).all()
+    assert (placed.grid.cells == OCCUPIED).sum() > (placed.before.cells == OCCUPIED).sum()
+
+
+def test_what_two_close_together_is_refused_beside_the_first(hallway):
+    route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
+    made = place_landmarks(hallway, kind, 2, paths=route, amcl=PRODUCT, lidar=SHORT, margin=0.1)
+    search = made.search
+    at = search.in_world(hallway, np.arange(len(search.places)))
+    one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
+    opposite = int(np.argmin(np.hypot(at[:, 0] - at[one, 0], at[:, 1] - 1)))
+    beside = int(np.argsort(np.hypot(*(at[:, :2] - at[one, :2]).T))[1])
+    assert search.fault(opposite, [], search.around([])) == ""
+    assert search.fault(opposite, [one], search.around([one])) == BESIDE_OTHERS
+    assert search.fault(beside, [one], search.around([one])) == TOO_NEAR
+    costs = locplan.Costmap.blank(made.grid, robot_radius=0.35)
+    assert locplan.plan(costs, (-6, 0), (6, 0)).path
+
+
+def test_places_at_random_close_no_passage_either(hallway):
+    made = place_landmarks(
+        hallway, Box(0.6, 0.5), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, margin=0.1
+    )
+    search, costs = made.search, []
+    for seed in range(5):
+        chosen = search.at_random(30, np.random.default_rng(seed))
+        poses = search.in_world(hallway, np.array(chosen))
+        marked = with_objects(hallway, Box(0.6, 0.5), poses)
+        costs.append(locplan.Costmap.blank(marked, robot_radius=0.35))
+        passages = Passages(hallway, Box(0.6, 0.5).shape, 0.25, 0.1)
+        for n in chosen:
+            assert not passages.cuts(search.places[n])
+            passages.place(search.places[n])
+    assert all(locplan.plan(each, (-6, 0), (6, 0)).path for each in costs)
+
+
+def test_an_existing_object_may_be_moved(hallway):
+    stands = with_objects(hallway, Pole(0.2), [(-6.5, 0.9)])
+    made = place_landmarks(
+        stands,
+        Pole(0.2),
+        0,
+        paths=ROUTE,
+        amcl=PRODUCT,
+        lidar=SHORT,
+        existing=[(-6.5, 0.9)],
+    )
+    assert len(made) == 1
+    assert made.kept == 0
+    assert abs(made.poses[0, 0]) < 6
+    assert made.grid.free[made.grid.world_to_cell(-6.5, 0.9)]
+    stays = place_landmarks(
+        made.grid, Pole(0.2), 0, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, existing=made.poses
+    )
+    assert stays.kept == 1
+
+
+def test_places_are_joined_by_shortest_paths(hallway):
+    ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0), "c": (0.0, 0.3)}
+    made = place_landmarks(hallway, Pole(0.2), 1, places=ends, amcl=PRODUCT, lidar=SHORT)
+    assert list(made.setting.routes) == ["a to b", "a to c", "b to c"]
+    assert made.verify(2, random_sets=1).after.number == 6
+
+
+def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
+    with pytest.raises(LocplanError, match="kept out"):
+        place_landmarks(
+            hallway, Pole(0.2), 1, paths=ROUTE, lidar=SHORT, keep_out=np.ones(hallway.shape, bool)
+        )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"count": 0}, "count"),
+        ({"kind": "pole"}, "Pole or a Box"),
+        ({"paths": None}, "not both"),
+        ({"places": [(0, 0), (1, 0)]}, "not both"),
+        ({"where": "roof"}, "where"),
+        ({"margin": -1}, "margin"),
+        ({"spacing": 0}, "spacing"),
+        ({"existing": [(1,)]}, "existing"),
+        ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
+        ({"paths": {}}, "at least one"),
+    ],
+)
+def test_bad_arguments_are_refused(hallway, wrong, said):
+    given = {"kind": Pole(), "count": 1, "paths": ROUTE} | wrong
+    with pytest.raises(LocplanError, match=said):
+        place_landmarks(hallway, given.pop("kind"), given.pop("count"), **given)
+
+
+# Verification
+
+
+@pytest.fixture(scope="module")
+def verification(placed):
+    return placed.verify(6, random_sets=2)
+
+
+def test_landmarks_are_verified_by_drives(placed, verification):
+    assert (verification.before.number, verification.after.number) == (6, 6)
+    assert verification.random.number == 6
+    assert verification.after.rmse.value < verification.before.rmse.value
+    again = placed.verify(6, random_sets=2, threads=1)
+    assert again.summary() == verification.summary()
+
+
+def test_where_nothing_is_lost_there_is_nothing_to_gain():
+    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    route = {"room": np.array([[2.0, 3.0], [5.0, 3.0]])}
+    made = place_landmarks(grid, Pole(0.2), 1, paths=route)
+    driven = made.verify(4, random_sets=1)
+    assert driven.nothing_to_gain
+    assert driven.verdict.startswith("nothing to gain: 0% of the drives are lost")
+
+
+def test_trials_keep_a_placement_of_as_many(placed):
+    best = best_of_trials(placed, 2)
+    assert len(best) == 3
+    assert (best.search.in_world(best.setting.grid, best.indices) == best.poses).all()
+    assert best_of_trials(placed, 1) is placed
+
+
+def test_trials_are_ranked_by_lost_drives_and_then_by_the_error():
+    few, lost = (
+        [Drives(np.zeros((3, 3)), np.full((2, 3, 3), 0.0) + np.array(e)[:, None, None])]
+        for e in ((0.1, 0.2), (0.001, 2.0))
+    )
+    better = [Drives(np.zeros((3, 3)), np.full((2, 3, 3), 0.1))]
+    assert score(better) < score(few) < score(lost)
+
+
+def test_a_regular_row_is_noticed_and_an_irregular_one_not():
+    row = np.column_stack([1.3 * np.arange(6), [0, 0.1, 0, 0, -0.1, 0]])
+    found = regularity(row[[3, 0, 5, 1, 2, 4]])
+    assert found.period == pytest.approx(1.3, abs=0.05)
+    assert len(found.landmarks) == 6
+    straight = np.column_stack([np.arange(6.0), np.zeros(6)])
+    assert regularity(straight).period == 1
+    assert regularity(straight * 3.2) is None
+    assert regularity(np.array([[0, 0], [1.0, 0], [2.6, 0], [3.3, 0], [5.2, 0]])) is None
+    assert regularity(row[:3]) is None
+
+
+# Reports and the command
+
+
+@pytest.mark.draws
+def test_the_figure_is_drawn(placed, verification, tmp_path):
+    for name, given in (("without", None), ("with", verification)):
+        file = tmp_path / f"{name}.png"
+        locplan.plotting.save_figure(landmarks_figure(placed, given), file)
+        assert file.stat().st_size > 10_000
+
+
+def test_geojson_has_outlines_with_sizes(placed):
+    made = to_geojson(placed)
+    assert [each["properties"]["number"] for each in made["features"]] == [1, 2, 3]
+    ring = np.array(made["features"][0]["geometry"]["coordinates"][0])
+    assert (ring[0] == ring[-1]).all()
+    assert np.hypot(*(ring - placed.positions[0]).T) == pytest.approx(0.1, abs=1e-3)
+    assert made["features"][0]["properties"]["diameter"] == 0.2
+
+
+@pytest.fixture
+def map_file(tmp_path, hallway):
+    save_map(hallway, tmp_path / "hallway.yaml")
+    return tmp_path / "hallway.yaml"
+
+
+def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
+    out = tmp_path / "marked"
+    options = [
+        "--object",
+        "box:0.4,0.2",
+        "--count",
+        2,
+        "--drives",
+        2,
+        "--trials",
+        1,
+        "--range",
+        3,
+        "-o",
+        out,
+    ]
+    more = ["--set", "max_particles=100", "--set", "min_particles=100", "--keep-out", "-9,-2,0,2"]
+    ends = ["--start", "-6,0", "--goal", "6,0"]
+    code, said, err = run("landmarks", map_file, *ends, *options, *more)
+    assert code == 0, err
+    assert said.index("lost") < said.index("landmark   x [m]")
+    with (out / "landmarks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["number"] for row in rows] == ["1", "2"]
+    assert all(float(row["x_m"]) > 0 and row["length_m"] == "0.4" for row in rows)
+    marked = locplan.load_map(out / "map_with_landmarks.yaml")
+    about = json.loads((out / "landmarks.json").read_text())
+    assert marked.digest == about["map_with_landmarks"]["digest"]
+    assert about["verification"]["before"]["drives"] == 2
+    assert {file.name for file in out.iterdir()} >= {
+        "landmarks.png",
+        "landmarks.geojson",
+        "rejected.csv",
+        "verification.csv",
+    }
+
+
+def test_the_command_takes_places_and_existing_objects(run, map_file, tmp_path):
+    (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
+    given = ["--places", tmp_path / "places.csv", "--existing", "-6,0.9,10", "--drives", 0]
+    code, said, err = run("landmarks", map_file, *given, "--count", 1, "--range", 3, "--json")
+    assert code == 0, err
+    about = json.loads(said)
+    assert len(about["landmarks"]) == 2
+    assert about["verification"] is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [],
+        ["--start", "1,2"],
+        ["--start", "-6,0", "--goal", "6,0", "--object", "cone"],
+        ["--start", "-6,0", "--goal", "6,0", "--drives", "1"],
+        ["--start", "-6,0", "--goal", "6,0", "--count", "0"],
+        ["--start", "-6,0", "--goal", "6,0", "--existing", "1"],
+        ["--start", "-6,0", "--goal", "6,0", "--keep-out", "1,2"],
+        ["--start", "-60,0", "--goal", "6,0"],
+    ],
+)
+def test_the_command_refuses_in_one_line(run, map_file, options):
+    refused(run("landmarks", map_file, *options))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", few_of([3]))
+def test_three_poles_keep_the_robot_in_a_bare_corridor(count):
+    grid = locplan.maps.environments.make("two_corridors")
+    route = {"straight": np.array([[2.0, 3.0], [38.0, 3.0]])}
+    amcl = Amcl(laser_model_type="likelihood_field_prob")
+    driven = place_landmarks(grid, Pole(0.2), count, paths=route, amcl=amcl).verify(100)
+    assert driven.helps
+    assert driven.after.lost_rate.value <= 0.02
+    assert driven.before.lost_rate.value >= 0.7
+    assert driven.random.lost_rate.value >= 0.25
