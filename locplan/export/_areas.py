@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,7 +160,7 @@ def degenerate_areas(
                 float(sizes[label]),
                 float(u.mean()),
                 float(u.max()),
-                *_Spread.of(covariance),
+                **_spread_of(covariance),
             )
         )
     return tuple(areas)
@@ -252,35 +252,22 @@ def _read(field: CovarianceField, cells: NDArray[np.int64]) -> NDArray[np.float6
     return np.asarray(read[np.isfinite(read).all(axis=(1, 2))])
 
 
-class _Spread(NamedTuple):
-    """What the covariances of places say of their area, see `DegenerateArea`."""
-
-    position_std: float
-    worst_position_std: float
-    minor_position_std: float
-    heading_std: float
-    worst_heading_std: float
-    direction: float
-    agreement: float
-    covariance: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, covariance: NDArray[np.float64]) -> _Spread:
-        """The spread of covariances, (n, d, d)."""
-        major, minor, direction = position_axes(covariance)
-        heading = scalar(covariance, "heading_std")
-        if covariance.shape[-1] == 2:
-            heading = np.full_like(heading, np.nan)
-        total = major**2 + minor**2
-        longer = np.divide(major**2 - minor**2, total, where=total > 0, out=np.zeros_like(total))
-        mean = np.mean(longer * np.exp(2j * direction))  # a line's directions are alike, doubled
-        return cls(
-            float(np.median(major)),
-            float(major.max()),
-            float(np.median(minor)),
-            float(np.median(heading)),
-            float(heading.max()),
-            float(np.angle(mean) / 2),
-            float(np.abs(mean)),
-            mean_information(covariance),
-        )
+def _spread_of(covariance: NDArray[np.float64]) -> dict[str, Any]:
+    """What the covariances of places (n, d, d) say of their area: fields of `DegenerateArea`."""
+    major, minor, direction = position_axes(covariance)
+    heading = scalar(covariance, "heading_std")
+    if covariance.shape[-1] == 2:
+        heading = np.full_like(heading, np.nan)
+    total = major**2 + minor**2
+    longer = np.divide(major**2 - minor**2, total, where=total > 0, out=np.zeros_like(total))
+    mean = np.mean(longer * np.exp(2j * direction))  # a line's directions are alike, doubled
+    return {
+        "position_std": float(np.median(major)),
+        "worst_position_std": float(major.max()),
+        "minor_position_std": float(np.median(minor)),
+        "heading_std": float(np.median(heading)),
+        "worst_heading_std": float(heading.max()),
+        "direction": float(np.angle(mean) / 2),
+        "agreement": float(np.abs(mean)),
+        "covariance": mean_information(covariance),
+    }
