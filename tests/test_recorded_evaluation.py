@@ -270,6 +270,7 @@ def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive):
     assert "drive.png" in err
     assert "two_corridors" not in about["map"]
     assert "--places is not read with --drive" in refused(run(*ask, "--places", 5))
+    assert "--seed is not read with --drive" in refused(run(*ask, "--seed", 5))
     assert "--set is not read with --drive" in refused(run(*ask, "--set", "alpha1=0.1"))
     assert "--every is not read without --drive" in refused(run("evaluate", MAP, "--every", 3))
     two = MAP.parent / "two_corridors.yaml"

@@ -69,7 +69,8 @@ def evaluate(
     recorded.check()
     if recorded.drive is not None:
         refuse("with --drive", lidar=lidar, range=range, field_of_view=field_of_view)
-        refuse("with --drive", params=simulation.params, set=simulation.set or None)
+        seed = None if simulation.seed == SimulationOptions.seed else simulation.seed
+        refuse("with --drive", params=simulation.params, set=simulation.set or None, seed=seed)
         places = {
             name: value for name, value in given_of(at).items() if value != getattr(AtPlaces, name)
         }

@@ -199,8 +199,7 @@ def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions,
             beside.setdefault(one, set()).add(other)
             beside.setdefault(other, set()).add(one)
     ends = {end for way in ways.values() for end in (way[0], way[-1])}
-    replaced: dict[frozenset[int], list[int]] = {}
-    """The nodes that a line has replaced, by its ends."""
+    replaced: dict[frozenset[int], list[int]] = {}  # the nodes that a line stands for, by its ends
     for node in sorted(beside):
         if node in ends or len(beside[node]) != 2:
             continue

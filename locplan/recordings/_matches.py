@@ -117,7 +117,7 @@ def match_scans(
     workers = check_threads(threads)
     settings = settings or Scan(recording.lidar, window=WINDOW, effective_beams=EFFECTIVE_BEAMS)
     count, beams = len(recording), settings.beams_compared
-    compared = (2 * np.arange(beams) + 1) * recording.lidar.beams // (2 * beams)
+    compared = settings.beam_numbers
     row, col = grid.world_to_grid(*recording.poses[:, :2].T)
     cells = np.column_stack([np.floor(row), np.floor(col)]).astype(np.int64)
     window = settings.lattice(grid.resolution)

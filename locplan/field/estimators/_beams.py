@@ -96,6 +96,12 @@ class LidarEstimator(Estimator):
         return min(self.lidar.beams, self.max_beams)
 
     @property
+    def beam_numbers(self) -> NDArray[np.int64]:
+        """Numbers of the lidar's beams that count, evenly spaced, (beams_compared,)."""
+        count = self.beams_compared
+        return (2 * np.arange(count) + 1) * self.lidar.beams // (2 * count)
+
+    @property
     def temperature(self) -> float:
         """Factor on the log-likelihood of the beams that count."""
         return min(1.0, self.effective_beams / self.beams_compared)
@@ -126,10 +132,9 @@ class LidarEstimator(Estimator):
         """The lidar with the beams that count, in the form that the kernels take."""
         from locplan._kernels.lidar import Lidar as Beams
 
-        lidar, count = self.lidar, self.beams_compared
-        evenly_spaced = (2 * np.arange(count) + 1) * lidar.beams // (2 * count)
+        lidar = self.lidar
         return Beams(
-            angles=lidar.angles[evenly_spaced],
+            angles=lidar.angles[self.beam_numbers],
             forward=lidar.mount_x,
             left=lidar.mount_y,
             yaw=lidar.mount_yaw,
