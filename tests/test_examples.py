@@ -8,10 +8,24 @@ from conftest import SHARED_DATA
 EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.py"))
 
 MAP = str(EXAMPLES[0].parent.parent / "maps" / "two_corridors.yaml")
-QUICKLY = {"paper": (0.1, 1, ("paper",)), "compare": (0.05,), "evidence": ((MAP,), 4, 4)}
+QUICKLY = {
+    "animation": (10.0, 4),
+    "compare": (0.05,),
+    "evidence": ((MAP,), 4, 4),
+    "paper": (0.1, 1, ("paper",)),
+}
 """Arguments with which a program is done soon."""
 LONG = (
-    *("cluster", "compare", "estimators", "evidence", "lasers", "navigation", "ompl_program"),
+    *(
+        "animation",
+        "cluster",
+        "compare",
+        "estimators",
+        "evidence",
+        "lasers",
+        "navigation",
+        "ompl_program",
+    ),
     "paper",
 )
 """What these do has tests of its own."""
