@@ -1,0 +1,234 @@
+"""Every picture that the commands draw, on a map of yours, with the command below each.
+
+Run: python examples/gallery.py [FOLDER [MAP.yaml]]
+"""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from pathlib import Path
+
+import locplan
+from locplan.planners import describe_map
+
+MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
+QUERY_OF_OUR_MAP = (2.0, 3.0), (38.0, 3.0)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A picture of the gallery."""
+
+    title: str
+    see: str
+    """What to look at."""
+    command: str
+    """Command that draws it, with {map}, {lidar}, {start}, {goal} and {middle}."""
+    picture: str
+    """File that the command writes, relative to the gallery's folder, with {name} of the map."""
+
+
+QUERY = "--start {start} --goal {goal} --lidar {lidar}"
+ENTRIES = (
+    Entry(
+        "The map, and places for start and goal",
+        "Numbered grid lines are world metres; S and G are places that a path joins.",
+        "locplan info {map} -o info.png",
+        "info.png",
+    ),
+    Entry(
+        "Weak spots",
+        "Dark places are where a scan match leaves the position open.",
+        "locplan plot {map} --lidar {lidar} -o position.png",
+        "position.png",
+    ),
+    Entry(
+        "Weak spots of the heading",
+        "Round rooms and open space leave the heading open.",
+        "locplan plot {map} --lidar {lidar} --scalar heading_std -o heading.png",
+        "heading.png",
+    ),
+    Entry(
+        "The paper's field",
+        "The paper's e [m² rad] knows the range of the lidar only.",
+        "locplan plot {map} -o paper_e.png",
+        "paper_e.png",
+    ),
+    Entry(
+        "Look-alike offsets within the search window",
+        "The probability that a match lies outside the central mode.",
+        "locplan plot {map} --lidar {lidar} --scalar ambiguity -o ambiguity.png",
+        "ambiguity.png",
+    ),
+    Entry(
+        "Error ellipses",
+        "Long ellipses lie along corridors.",
+        "locplan plot {map} --figure ellipses --ranges 6,8 -o ellipses.png",
+        "ellipses.png",
+    ),
+    Entry(
+        "The paper's e at two ranges",
+        "The scale is that of the paper's figures 30 and 32.",
+        "locplan plot {map} --figure e --ranges 6,8 -o e.png",
+        "e.png",
+    ),
+    Entry(
+        "Correlation at a place",
+        "A ridge is a direction in which the map looks the same.",
+        "locplan plot {map} --figure distribution --at {middle} -o distribution.png",
+        "distribution.png",
+    ),
+    Entry(
+        "Seven similarity models at a place",
+        "The paper compares these before it takes SAD.",
+        "locplan plot {map} --figure models --at {middle} -o models.png",
+        "models.png",
+    ),
+    Entry(
+        "The shortest and the aware path",
+        "The profile below shows where each path is degenerate.",
+        f"locplan plan {{map}} {QUERY} -o plan",
+        "plan/plan.png",
+    ),
+    Entry(
+        "The best of a sampling-based planner over time",
+        "Its J comes down towards any-angle's.",
+        f"locplan plan {{map}} {QUERY} --planner BITstar --time-limit 2 --no-verdict -o sampled",
+        "sampled/history.png",
+    ),
+    Entry(
+        "Every trade-off between length and degenerate metres",
+        "The knee is where a longer path begins to pay less.",
+        f"locplan pareto {{map}} {QUERY} -o pareto",
+        "pareto/front.png",
+    ),
+    Entry(
+        "The simulated choice",
+        "Candidates are coloured by the error that AMCL had on them.",
+        f"locplan choose {{map}} {QUERY} -o chosen",
+        "chosen/choice.png",
+    ),
+    Entry(
+        "Drives of both paths",
+        "The bands hold half and nine tenths of the drives.",
+        f"locplan simulate {{map}} {QUERY} --drives 40 -o driven",
+        "driven/simulation.png",
+    ),
+    Entry(
+        "Random queries, driven",
+        "Points below the diagonal gained by the aware path.",
+        "locplan simulate {map} --random 6 --lidar {lidar} --drives 20 -o queries",
+        "queries/01-{name}.png",
+    ),
+    Entry(
+        "Which field predicts the errors",
+        "A field that knows them has its points along a rising line.",
+        "locplan evaluate {map} --lidar {lidar} --places 40 -o evaluated",
+        "evaluated/evaluation.png",
+    ),
+    Entry(
+        "The noise level that makes deviations metres",
+        "Points on the diagonal have the error that was predicted.",
+        "locplan calibrate {map} --lidar {lidar} -o calibrated.json",
+        "calibrated_calibration.png",
+    ),
+    Entry(
+        "Settings of AMCL that hold",
+        "Each setting is judged on paths that did not choose it.",
+        "locplan tune {map} --lidar {lidar} -o tuned",
+        "tuned/tuning.png",
+    ),
+    Entry(
+        "Landmarks",
+        "Numbered objects are placed where they help most; drives prove it.",
+        "locplan landmarks {map} --start {start} --goal {goal} --lidar {lidar} --count 3 -o marked",
+        "marked/landmarks.png",
+    ),
+    Entry(
+        "A mask for Nav2",
+        "The costs that the planner is charged.",
+        "locplan export {map} --to nav2-keepout --lidar {lidar} -o mask",
+        "mask/preview.png",
+    ),
+    Entry(
+        "Speed limits for Nav2",
+        "The robot slows down where it is badly localized.",
+        "locplan export {map} --to nav2-speed --lidar {lidar} -o speed",
+        "speed/preview.png",
+    ),
+    Entry(
+        "Lanes for Nav2's route server",
+        "Edges follow the cheap ways.",
+        "locplan export {map} --to route-graph --lidar {lidar} -o lanes",
+        "lanes/preview.png",
+    ),
+    Entry(
+        "Degenerate areas",
+        "Polygons for GeoJSON and Autoware.",
+        "locplan export {map} --to degenerate-areas --lidar {lidar} -o areas",
+        "areas/preview.png",
+    ),
+)
+
+
+def main(folder: str = "gallery", map_file: str = str(MAP), lidar: str = "turtlebot4") -> None:
+    """Run all commands in the folder, and write index.html there."""
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    places = _places(map_file)
+    sections = []
+    for entry in ENTRIES:
+        command = partial(entry.command.format, lidar=lidar, **places)
+        picture = entry.picture.format(name=Path(map_file).stem)
+        line = shlex.split(command(map=shlex.quote(str(Path(map_file).resolve()))))
+        done = subprocess.run(
+            [sys.executable, "-m", *line], cwd=target, capture_output=True, text=True
+        )
+        drawn = done.returncode == 0 and (target / picture).is_file()
+        print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()}")
+        if drawn:
+            shown = command(map=shlex.quote(Path(map_file).name))
+            sections.append(_section(entry, picture, shown))
+    (target / "index.html").write_text(PAGE.format(sections="\n".join(sections)), encoding="utf-8")
+    print(f"wrote {target / 'index.html'}")
+
+
+def _places(map_file: str) -> dict[str, str]:
+    """Start, goal and a place half-way along the shortest path, as options."""
+    start, goal = QUERY_OF_OUR_MAP
+    if Path(map_file) != MAP:
+        pair = describe_map(map_file).pairs[0]
+        start, goal = (pair.start.x, pair.start.y), (pair.goal.x, pair.goal.y)
+    path = locplan.plan(locplan.Costmap.blank(locplan.load_map(map_file)), start, goal).path
+    named = {"start": start, "goal": goal, "middle": path.resampled(path.length / 2).xy[1]}
+    return {name: f"{x:.2f},{y:.2f}" for name, (x, y) in named.items()}
+
+
+def _section(entry: Entry, picture: str, command: str) -> str:
+    return (
+        f"<section><h2>{escape(entry.title)}</h2><p>{escape(entry.see)}</p>"
+        f'<img src="{escape(picture)}" alt="{escape(entry.title)}">'
+        f"<pre>{escape(command)}</pre></section>"
+    )
+
+
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>locplan: gallery</title>
+<meta name="viewport" content="width=device-width">
+<style>
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: auto; padding: 1rem }}
+img {{ max-width: 100% }}
+pre {{ background: #f2f1ee; padding: .6rem; overflow-x: auto }}
+</style></head><body><h1>What locplan draws</h1>
+{sections}
+</body></html>
+"""
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:4])
