@@ -449,6 +449,8 @@ def drives(found):
 def test_features_are_verified_by_drives_in_a_world_that_lacks_them(found, drives):
     assert (drives.before.number, drives.without.number, drives.random.number) == (6, 6, 6)
     assert drives.without.rmse.value > drives.before.rmse.value
+    assert {n: each.number for n, each in drives.alone.items()} == dict.fromkeys(found.together, 2)
+    assert drives.alone[1].rmse.value > drives.before.rmse.value
     again = found.verify(6, random_sets=2, threads=1)
     assert again.summary() == drives.summary()
 

@@ -33,6 +33,8 @@ class FeatureDrives:
 
     before: Outcome
     without: Outcome
+    alone: Mapping[int, Outcome]
+    """Drives without one of these features, by its number; empty where there is one only."""
     random: Outcome | None
     """Drives without random features; None where there are no others."""
     count: int
@@ -80,6 +82,7 @@ class FeatureDrives:
             "count": self.count,
             "before": self.before.summary(),
             "without": self.without.summary(),
+            "alone": {str(number): each.summary() for number, each in self.alone.items()},
             "random": self.random.summary() if self.random else None,
             "seed": self.seed,
         }
@@ -89,38 +92,41 @@ def driven_without(
     grid: OccupancyGrid,
     routes: Mapping[str, Path],
     setting: tuple[Lidar, Amcl, Disturbances],
-    features: tuple[Sequence[Cells], Sequence[Cells]],
+    taken: Mapping[int, Cells],
+    others: Sequence[Cells],
     drives: int,
     seed: int,
     random_sets: int,
     threads: int | None,
     progress: ProgressCallback | None,
 ) -> FeatureDrives:
-    """Drive with all features, without the first group, and without as many of the second.
+    """Drive with all features, without those taken, and without as many of the others.
 
     See `KeyFeatures.verify`.
     """
     check_drives(drives)
     whole("random_sets", random_sets, 1, 1000)
-    taken, others = features
     count, sets = min(len(taken), len(others)), min(random_sets, drives // 2)
     random = [
         [others[k] for k in random_of(seed, RANDOM_FEATURES, n).permutation(len(others))[:count]]
         for n in range(sets if count else 0)
     ]
-    shares = [drives // max(len(random), 1)] * len(random)
-    callbacks = parts(progress, [len(routes) * n for n in (drives, drives, *shares)])
-    made: list[list[Drives]] = []
-    for lacking, number, part in zip(
-        ([], taken, *random), (drives, drives, *shares), callbacks, strict=True
-    ):
-        simulator = simulator_without(grid, lacking, setting, seed, threads)
-        made.append(list(drive_paths(simulator, routes, number, 0, part).values()))
+    alone = {number: [cells] for number, cells in taken.items()} if len(taken) > 1 else {}
+    lacking = [[], list(taken.values()), *alone.values(), *random]
+    numbers = [drives] * 2 + [max(drives // max(len(alone), 1), 2)] * len(alone)
+    numbers += [drives // max(len(random), 1)] * len(random)
+    callbacks = parts(progress, [len(routes) * n for n in numbers])
+    made: list[tuple[Drives, ...]] = []
+    for own, number, part in zip(lacking, numbers, callbacks, strict=True):
+        simulator = simulator_without(grid, own, setting, seed, threads)
+        made.append(tuple(drive_paths(simulator, routes, number, 0, part).values()))
     before, without, *rest = made
+    singles, others_made = rest[: len(alone)], rest[len(alone) :]
     return FeatureDrives(
-        Outcome(tuple(before)),
-        Outcome(tuple(without)),
-        Outcome(tuple(each for own in rest for each in own)) if rest else None,
+        Outcome(before),
+        Outcome(without),
+        {number: Outcome(each) for number, each in zip(alone, singles, strict=True)},
+        Outcome(sum(others_made, ())) if others_made else None,
         len(taken),
         dict(zip(routes, zip(before, without, strict=True), strict=True)),
         seed,

@@ -118,7 +118,9 @@ def _wrapped(lines: Sequence[str]) -> list[str]:
 
 
 def _outcomes(drives: FeatureDrives) -> list[tuple[str, Outcome]]:
-    named = [("all features", drives.before), (f"without the {drives.count}", drives.without)]
+    named = [("all features", drives.before)]
+    named += [(f"without {number}", each) for number, each in drives.alone.items()]
+    named.append((f"without the {drives.count}", drives.without))
     if drives.random:
         named.append(("without random ones", drives.random))
     return named

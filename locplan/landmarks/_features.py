@@ -227,13 +227,15 @@ class KeyFeatures(Pictured):
     ) -> FeatureDrives:
         """Drive with all features, without the few in the world, and without random ones.
 
+        Each of the few is also taken away alone.
+
         The robot's map stays, so that the filter compares with what is no longer there.
 
         Parameters
         ----------
         drives : int
             Number of drives along each route, at least 2; as many are made in all sets of random
-            features together.
+            features together, and without the few one by one.
         seed : int
             Seed of all random numbers.
         random_sets : int
@@ -250,14 +252,13 @@ class KeyFeatures(Pictured):
         """
         if not self.together:
             raise ConfigError("there is no feature to take away; choose routes that see some")
-        taken = [self.features[n - 1].cells for n in self.together]
-        others = [each.cells for each in self.features if each.number not in self.together]
-        setting = self.lidar, self.amcl, self.disturbances
+        taken = {n: self.features[n - 1].cells for n in self.together}
         return driven_without(
             self.grid,
             self.routes,
-            setting,
-            (taken, others),
+            (self.lidar, self.amcl, self.disturbances),
+            taken,
+            [each.cells for each in self.features if each.number not in taken],
             drives,
             seed,
             random_sets,
