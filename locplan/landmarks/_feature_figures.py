@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from locplan.landmarks._feature_drives import FeatureDrives
 from locplan.landmarks._features import MATTERS_M, Feature, KeyFeatures
 from locplan.landmarks._figures import MIN_ERROR, _plainly
-from locplan.plotting._cells import draw_cells, shrunk
+from locplan.maps import OccupancyGrid
+from locplan.plotting._cells import DRAWN, draw_cells, shrunk
 from locplan.plotting._maps import draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
 from locplan.simulation._drives import LOST
@@ -69,7 +70,7 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
         draw_path(axes, path, color="0.35", linewidth=1.5)
         draw_ends(axes, path.xy[0], path.xy[-1])
     if found.features:
-        _draw_losses(parts[0], axes, found)
+        _draw_losses(parts[0], axes, found, grid)
     lower = parts[1].subplots(1, 2)
     _draw_profiles(lower[0], found)
     if drives:
@@ -79,11 +80,19 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
     return figure
 
 
-def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures) -> None:
+def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGrid) -> None:
     """Draw the cells of each feature in the colour of its loss, and the numbers of the first."""
     losses = np.array([100 * each.loss for each in found.features])
     most = max(float(losses.max()), 100 * MATTERS_M)
     norm = Normalize(0, most, clip=True)
+    if max(part.shape) <= DRAWN:  # marks are smaller than the cells of small maps
+        of_cells = np.full(found.grid.shape, np.nan)
+        for each in found.features:
+            of_cells[tuple(each.cells.T)] = 100 * each.loss
+        x, y = part.grid_to_world(0.5, 0.5)
+        row, col = found.grid.world_to_cell(float(x), float(y))
+        of_part = of_cells[row : row + part.shape[0], col : col + part.shape[1]]
+        draw_cells(axes, part, of_part, cmap=LOSS_COLOURS, norm=norm)
     marks: PathCollection | None = None
     for each in reversed(found.features):
         at = np.column_stack(found.grid.grid_to_world(*(each.cells.T + 0.5)))

@@ -77,12 +77,12 @@ def features_table(
         lines.append(f"not simulated: {', '.join(not_simulated)}")
     shown = found.features[:LISTED]
     shown += tuple(found.feature(n) for n in found.together if n > LISTED)
-    heads = ["", "what", "size [m]", "x,y [m]", "rise [cm]", "rise", "worst [cm]", "moved [cm]"]
+    heads = ["", "what", "size [m]", "x,y [m]", "rise [cm]", "worst", "moved"]
     after = [
         f"rise: of the expected deviation of the position, {100 * found.deviations[0]:.1f} cm with"
-        " all, as the feature goes; worst: at the place where it rises most",
-        f"moved: error of the position if the feature is {100 * found.shift:.0f} cm off and the map"
-        " does not show it, to first order",
+        " all, as the feature goes; worst: at the place where it rises most [cm]",
+        f"moved: error of the position [cm] if the feature is {100 * found.shift:.0f} cm off and"
+        " the map does not show it, to first order",
     ]
     if len(found) > len(shown):
         after.append(f"{len(found)} features are seen; features.csv lists all of them")
@@ -105,8 +105,7 @@ def _row(each: Feature) -> list[str]:
         each.kind,
         f"{each.length:.1f}x{each.width:.1f}",
         f"{each.x:.1f},{each.y:.1f}",
-        f"{100 * each.loss:.1f}",
-        f"{each.share:.1%}",
+        f"{100 * each.loss:.1f} {each.share:+.0%}",
         f"{100 * each.worst:.1f}",
         f"{100 * each.error:.1f}",
     ]
