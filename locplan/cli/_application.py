@@ -16,6 +16,7 @@ COMMANDS = (
     "completion",
     "evaluate",
     "export",
+    "features",
     "field",
     "info",
     "landmarks",

@@ -1,4 +1,8 @@
+from ._feature_drives import FeatureDrives as FeatureDrives
+from ._feature_figures import key_features_figure as key_features_figure
+from ._features import Feature as Feature, KeyFeatures as KeyFeatures
 from ._figures import landmarks_figure as landmarks_figure
+from ._key_features import key_features as key_features
 from ._landmarks import Landmarks as Landmarks
 from ._objects import (
     Box as Box,

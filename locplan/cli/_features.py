@@ -1,0 +1,130 @@
+"""The command that tells which features of a map localization hangs on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from locplan.cli._groups import (
+    COSTS,
+    GENERAL,
+    INPUT,
+    Count,
+    Force,
+    Json,
+    MapFile,
+    Text,
+    command,
+    option_group,
+    results,
+)
+from locplan.cli._landmarks import LidarOptions
+from locplan.cli._options import RobotRadius, Threads, radius_of
+from locplan.cli._simulation_options import SimulationOptions
+from locplan.cli._values import load, read_paths, show, two_numbers
+from locplan.errors import ConfigError
+
+app = command(
+    "features",
+    "features lab.yaml --start 2,3 --goal 38,3 -o found",
+    "features lab.yaml --path mine.csv --params nav2_params.yaml --count 2 -o found",
+)
+
+
+@option_group(GENERAL)
+class Taking:
+    """The routes, and what counts as a feature."""
+
+    start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
+    """The robot drives the shortest path from here [m]."""
+    goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
+    """The shortest path leads here [m]."""
+    path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
+    """The robot drives this path (x_m,y_m); repeatable."""
+    places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
+    """The robot drives between all places in this file (name,x,y)."""
+    count: Count = 3
+    """So many features are taken away together, 3 by default."""
+    piece: float = 1.0
+    """Walls are divided into pieces of about this length [m], 1 by default."""
+    largest: float = 4.0
+    """What hangs together over at most this extent is one object [m], 4 by default."""
+    gap: float = 0.1
+    """Parts of an object may be this far apart [m], 0.1 by default."""
+    shift: float = 0.3
+    """The error is told if a feature is moved by this distance [m], 0.3 by default."""
+    drives: Annotated[int, Parameter()] = 100
+    """The number of drives of the verification is 100 by default; 0 leaves it out."""
+
+
+@app.default
+def features(
+    map_file: MapFile,
+    /,
+    *,
+    taking: Taking = Taking(),
+    simulation: SimulationOptions = SimulationOptions(),
+    robot_radius: Annotated[RobotRadius, Parameter(group=COSTS)] = None,
+    lidar_options: LidarOptions = LidarOptions(),
+    threads: Threads = None,
+    output: Annotated[
+        Path | None,
+        results("The features (CSV, GeoJSON, JSON) and a picture are written to this folder."),
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Tell which pillars, shelves and corners localization on your routes hangs on.
+
+    Drives with your own filter, in a world that lacks the worst of them, say whether it is so.
+    """
+    from locplan import landmarks as core
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.landmarks import _feature_reports as reports
+    from locplan.planners import read_stations
+    from locplan.simulation._drives import check_drives
+
+    start, goal, drives = taking.start, taking.goal, taking.drives
+    asked = bool(taking.path), bool(start or goal), taking.places is not None
+    if asked.count(True) != 1 or bool(start) != bool(goal):
+        raise ConfigError("give one of --path, --start with --goal, and --places")
+    if drives:
+        check_drives(drives)
+    lidar = lidar_options.named()
+    robot, not_simulated = simulation.robot(lidar)
+    grid = load(map_file)
+    routes: dict[str, Any]
+    if taking.path:
+        routes = {"paths": read_paths(taking.path)}
+    elif taking.places:
+        routes = {"places": {s.name: (s.x, s.y) for s in read_stations(taking.places)}}
+    else:
+        ends = two_numbers("start", start or ""), two_numbers("goal", goal or "")
+        routes = {"places": {"start": ends[0], "goal": ends[1]}}
+    folder = reports.FEATURES.into(output, force=force) if output else None
+    with progress_bar("taking features away", "features") as progress:
+        found = core.key_features(
+            grid,
+            **routes,
+            lidar=lidar,
+            **robot,
+            robot_radius=radius_of(robot_radius),
+            count=taking.count,
+            piece=taking.piece,
+            largest=taking.largest,
+            gap=taking.gap,
+            shift=taking.shift,
+            progress=progress,
+        )
+    driven = None
+    if drives and found.together:
+        with progress_bar("verifying by drives", "drives") as progress:
+            driven = found.verify(drives, seed=simulation.seed, threads=threads, progress=progress)
+    if folder:
+        with working("writing the features"):
+            reports.write_features(folder, found, driven, not_simulated)
+    about = reports.features_summary(found, driven, not_simulated)
+    show(json, about, reports.features_table(found, driven, not_simulated), output)

@@ -1,0 +1,291 @@
+"""The features of a map that localization hangs on: the result of `key_features`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.notebook import Pictured
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.costs import Path
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+from locplan.landmarks._feature_drives import FeatureDrives, driven_without
+from locplan.maps import OccupancyGrid
+from locplan.simulation import Amcl, Disturbances
+from locplan.simulation._simulate import DRIVES
+
+MATTERS = 0.1
+"""Share of the expected deviation by which it rises without a feature that matters."""
+MATTERS_M = 0.01
+"""Least such rise [m]: what is less is lost in a filter's own noise."""
+PLACE, PLACE_M = 0.5, 0.1
+"""Share, and least rise [m], of the deviation at a place that hangs on a feature."""
+TOGETHER = 2.0
+"""Features stand in for each other if the rise without all is so many times the sum of theirs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """A part of a map that rays meet: an object that stands free, or a piece of a wall."""
+
+    number: int
+    """Its place in order of loss, from 1."""
+    kind: str
+    """It is an "object", a "corner" (also an end or a door frame) or a piece of "wall"."""
+    x: float
+    """World x of its middle [m]."""
+    y: float
+    """World y of its middle [m]."""
+    length: float
+    """Longer side of the least rectangle around it [m]."""
+    width: float
+    """Shorter side of that rectangle [m]."""
+    heading: float
+    """Heading of the longer side in the world [rad]."""
+    seen: float
+    """Share of the poses along the routes at which rays meet it."""
+    loss: float
+    """How far the expected deviation along the routes rises without it [m].
+
+    It may be negative: an object can hide what tells more.
+    """
+    share: float
+    """The loss as a share of the expected deviation with all features."""
+    worst: float
+    """Greatest rise of the deviation without it at any place [m]."""
+    worst_share: float
+    """That rise as a share of the deviation there with all features."""
+    worst_at: tuple[float, float]
+    """World x and y of that place [m]."""
+    error: float
+    """Error of the position, root mean square along the routes, if it stands elsewhere [m].
+
+    It is that to first order for a shift by `KeyFeatures.shift` in the worst direction, while the
+    map shows it where it was: beams that meet it still count fully, so that a filter which
+    rejects far ends errs less.
+    """
+    cells: NDArray[np.int64] = dataclasses.field(repr=False)
+    """Rows and columns of its cells, (k, 2)."""
+
+    @property
+    def matters(self) -> bool:
+        """Whether the expected deviation rises by 10 % and 1 cm without it, or a place hangs on it.
+
+        A place does where the deviation rises by half and 10 cm.
+        """
+        return (self.share >= MATTERS and self.loss >= MATTERS_M) or self.local
+
+    @property
+    def local(self) -> bool:
+        """Whether the deviation rises by half and 10 cm at some place without it."""
+        return self.worst_share >= PLACE and self.worst >= PLACE_M
+
+    @property
+    def title(self) -> str:
+        """Kind and size."""
+        return f"{self.kind} of {self.length:.1f} x {self.width:.1f} m"
+
+    def corners(self) -> NDArray[np.float64]:
+        """Corners of the least rectangle around it in the world, (4, 2) [m]."""
+        signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) / 2
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        turned = signs * (self.length, self.width) @ np.array([(cos, sin), (-sin, cos)])
+        return np.asarray(turned + np.array([self.x, self.y]))
+
+    def summary(self) -> dict[str, object]:
+        """Place, size and losses in numbers, fit for JSON."""
+        x, y = self.worst_at
+        return finite(
+            {
+                "number": self.number,
+                "kind": self.kind,
+                "x_m": self.x,
+                "y_m": self.y,
+                "length_m": self.length,
+                "width_m": self.width,
+                "heading_rad": self.heading,
+                "seen": self.seen,
+                "loss_m": self.loss,
+                "share": self.share,
+                "worst_m": self.worst,
+                "worst_share": self.worst_share,
+                "worst_x_m": x,
+                "worst_y_m": y,
+                "moved_error_m": self.error,
+                "matters": self.matters,
+            }
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class KeyFeatures(Pictured):
+    """The features of a map in order of loss, and the few whose loss together is greatest."""
+
+    _drawn_by: ClassVar[str] = "locplan.landmarks:key_features_figure"
+
+    grid: OccupancyGrid
+    """The map."""
+    routes: Mapping[str, Path]
+    """Routes by name."""
+    lidar: Lidar
+    amcl: Amcl
+    disturbances: Disturbances
+    features: tuple[Feature, ...]
+    """All features that rays meet, the greatest loss first."""
+    together: tuple[int, ...]
+    """Numbers of the few whose removal hurts most: each the worst beside those before it."""
+    curve: NDArray[np.float64]
+    """Mean of P_xx + P_yy along the routes without the first 0, 1, ... of them, (k + 1,) [m^2]."""
+    positions: NDArray[np.float64]
+    """World x and y of the poses along the routes, (n, 2) [m]."""
+    begins: tuple[int, ...]
+    """Indices at which the routes begin among them, and the number of all."""
+    profiles: NDArray[np.float64]
+    """P_xx + P_yy there with all, without feature 1, and without the few, (3, n) [m^2]."""
+    shift: float
+    """Distance by which `Feature.error` moves a feature [m]."""
+
+    def __repr__(self) -> str:
+        return f"KeyFeatures({len(self)} in {self.grid.name or 'map'}: {self.verdict})"
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Expected deviation without the first 0, 1, ... of the few, (k + 1,) [m]."""
+        return np.sqrt(self.curve)
+
+    @property
+    def mattering(self) -> tuple[Feature, ...]:
+        """Features that matter alone, see `Feature.matters`."""
+        return tuple(each for each in self.features if each.matters)
+
+    @property
+    def stand_in(self) -> bool:
+        """Whether the few stand in for each other: all matter, and each hides what another tells.
+
+        The rise without all is at least twice the sum of their own.
+        """
+        rise = float(self.deviations[-1] - self.deviations[0])
+        alone = sum(max(self.features[n - 1].loss, 0.0) for n in self.together)
+        large = rise >= max(MATTERS_M, MATTERS * float(self.deviations[0]))
+        return len(self.together) > 1 and large and rise >= TOGETHER * alone
+
+    @property
+    def verdict(self) -> str:
+        """What the losses say, in one line."""
+        if not self.features:
+            return "no feature is seen from the routes: nothing there tells the robot its position"
+        first, low = self.features[0], float(self.deviations[0])
+        count = len(self.mattering)
+        if count:
+            what = "1 feature" if count == 1 else f"{count} features"
+            said = f"localization on {self._these_routes} hangs on {what}: without "
+            said += "it" if count == 1 else "the first"
+            at = self.mattering[0]
+            said += (
+                f" the expected deviation rises from {_cm(low)} to {_cm(low + at.loss)}"
+                f" (+{at.share:.0%}), and by {_cm(at.worst)} at the worst place"
+            )
+        else:
+            most = f"{first.share:.0%}, {_cm(first.loss)}" if first.loss > 0 else "none"
+            said = f"no single feature matters: the largest loss is {most}"
+        few = len(self.together)
+        if few > 1:
+            high = float(self.deviations[-1])
+            said += f"; without {few} together it is {_cm(high)} (+{high / low - 1:.0%})"
+            if self.stand_in:
+                said += ", since they stand in for each other"
+        return said
+
+    @property
+    def _these_routes(self) -> str:
+        return "this route" if len(self.routes) == 1 else f"these {len(self.routes)} routes"
+
+    def feature(self, number: int) -> Feature:
+        """The feature of a number, from 1."""
+        if not 1 <= number <= len(self.features):
+            raise ConfigError(f"there is no feature {number}: they are 1 to {len(self.features)}")
+        return self.features[number - 1]
+
+    def verify(
+        self,
+        drives: int = DRIVES,
+        *,
+        seed: int = 1,
+        random_sets: int = 5,
+        threads: int | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> FeatureDrives:
+        """Drive with all features, without the few in the world, and without random ones.
+
+        Each of the few is also taken away alone.
+
+        The robot's map stays, so that the filter compares with what is no longer there.
+
+        Parameters
+        ----------
+        drives : int
+            Number of drives along each route, at least 2; as many are made in all sets of random
+            features together, and without the few one by one.
+        seed : int
+            Seed of all random numbers.
+        random_sets : int
+            Number of sets of as many random features, at least 1.
+        threads : int, optional
+            Number of threads; all cores by default.
+        progress : callable, optional
+            Called with (done, total) drives.
+
+        Raises
+        ------
+        ConfigError
+            If a number is out of its range, or there is no feature.
+        """
+        if not self.together:
+            raise ConfigError("there is no feature to take away; choose routes that see some")
+        taken = {n: self.features[n - 1].cells for n in self.together}
+        return driven_without(
+            self.grid,
+            self.routes,
+            (self.lidar, self.amcl, self.disturbances),
+            taken,
+            [each.cells for each in self.features if each.number not in taken],
+            drives,
+            seed,
+            random_sets,
+            threads,
+            progress,
+        )
+
+    def summary(self) -> dict[str, object]:
+        """Verdict, features and settings in numbers, fit for JSON."""
+        return finite(
+            {
+                "map": {"name": self.grid.name, "digest": self.grid.digest},
+                "verdict": self.verdict,
+                "expected_deviation_m": float(self.deviations[0]),
+                "features": [each.summary() for each in self.features],
+                "together": list(self.together),
+                "expected_deviation_without_m": self.deviations.tolist(),
+                "stand_in": self.stand_in,
+                "shift_m": self.shift,
+                "routes": {name: path.length for name, path in self.routes.items()},
+                "lidar": dataclasses.asdict(self.lidar),
+                "amcl": dataclasses.asdict(self.amcl),
+                "disturbances": dataclasses.asdict(self.disturbances),
+            }
+        )
+
+
+def _cm(value: float) -> str:
+    """A length in centimetres, or in metres from one on."""
+    return f"{value:.2f} m" if value >= 1 else f"{100 * value:.1f} cm"
