@@ -52,8 +52,8 @@ class FilterOptions:
     """The settings of amcl in this parameter file of Nav2 are simulated."""
     set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """A setting of AMCL (alpha1, max_particles, laser_model_type, ...) or a disturbance
-    (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable; examples/README.md
-    lists all."""
+    (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable;
+    examples/guides/evidence.md lists all."""
 
     def robot(
         self, lidar: Lidar, *, config: Path | None = None, lints: bool = True
