@@ -16,17 +16,8 @@ QUICKLY = {
 }
 """Arguments with which a program is done soon."""
 LONG = (
-    *(
-        "animation",
-        "cluster",
-        "compare",
-        "estimators",
-        "evidence",
-        "lasers",
-        "navigation",
-        "ompl_program",
-    ),
-    "paper",
+    *("animation", "api", "cluster", "compare", "estimators", "evidence", "gallery", "lasers"),
+    *("navigation", "ompl_program", "paper"),
 )
 """What these do has tests of its own."""
 

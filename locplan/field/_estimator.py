@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,8 @@ TILE_CELLS = 512
 """Greatest edge length of a tile on the map, which bounds the layout's memory [cells]."""
 
 
-class Layer(NamedTuple):
+@dataclass(frozen=True)
+class Layer:
     """A value that an estimator gives for each place besides the covariance."""
 
     name: str

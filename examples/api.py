@@ -1,0 +1,62 @@
+"""Pages of all public names, made from their docstrings.
+
+Run: pip install 'locplan[docs]' && python examples/api.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+
+import pdoc
+
+import locplan
+
+PACKAGES = ("locplan", "locplan.planners.ompl")
+"""The package, and one that it does not name since OMPL is imported with it."""
+
+
+def main(folder: str = "api") -> None:
+    """Write FOLDER/index.html, and a page of each public package beside it."""
+    for package in map(importlib.import_module, PACKAGES):
+        for thing in public_things(package):
+            resolve_fields(thing)
+    footer = f"locplan {locplan.__version__}"
+    pdoc.render.configure(docformat="numpy", footer_text=footer)
+    pdoc.pdoc(*PACKAGES, output_directory=Path(folder))
+    print(f"wrote {Path(folder) / 'index.html'}")
+
+
+def public_things(package: ModuleType) -> Iterator[object]:
+    """All that a package names in its `__all__`, and what the packages among it name."""
+    for name in package.__all__:
+        thing = getattr(package, name)
+        yield thing
+        if inspect.ismodule(thing) and hasattr(thing, "__all__"):
+            yield from public_things(thing)
+
+
+def resolve_fields(thing: object) -> None:
+    """Let the signature of a dataclass hold the types of its fields, not their names.
+
+    pdoc looks a type up in the module of the class, also that of a field of another class.
+    """
+    if not (inspect.isclass(thing) and dataclasses.is_dataclass(thing)):
+        return
+    signature = thing.__init__.__annotations__
+    for base in thing.__mro__:
+        names = vars(sys.modules[base.__module__])
+        for field, kind in inspect.get_annotations(base).items():
+            if isinstance(signature.get(field), str):
+                with suppress(NameError):  # a type for the checker only is shown by its name
+                    signature[field] = eval(kind, dict(names))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])
