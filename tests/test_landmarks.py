@@ -15,12 +15,15 @@ from conftest import corridor, drawn, few_of, refused
 
 import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
-from locplan._kernels import landmarks as kernels, way_covariances as ways
+from locplan._kernels import (
+    landmarks as kernels,
+    sightings,
+    way_covariances as ways,
+)
 from locplan._kernels.rays import empty_squares
 from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import best_of_trials, landmarks_figure, with_objects
-from locplan.landmarks._along_routes import AlongRoutes
 from locplan.landmarks._candidates import (
     AT_WALL,
     FREE_CLEARANCE,
@@ -35,11 +38,11 @@ from locplan.landmarks._candidates import (
 )
 from locplan.landmarks._objects import Shape, filled_cells, parsed_object
 from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import kept_out
+from locplan.landmarks._problem import cells_in
 from locplan.landmarks._regular import regularity
 from locplan.landmarks._reports import to_geojson
 from locplan.landmarks._search import BESIDE_OTHERS, TOO_NEAR
-from locplan.landmarks._surroundings import hits_on, motion_of, surroundings, swing_of, told_by
+from locplan.landmarks._surroundings import hits_on, motion_of, swing_of, told_by
 from locplan.landmarks._trials import score
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances, Drives
@@ -237,13 +240,13 @@ def test_boxes_are_apart_by_their_outlines():
 
 def test_rectangles_that_are_kept_out_lie_in_the_world():
     grid = dataclasses.replace(open_floor(), origin=(0.0, 0.0, math.pi / 2))
-    mask = kept_out(grid, [(-2.0, 3.0, -1.0, 5.0)])
+    mask = cells_in(grid, [(-2.0, 3.0, -1.0, 5.0)], "keep_out")
     rows, cols = np.nonzero(mask)
     assert (rows.min(), rows.max()) == (10, 19)
     assert (cols.min(), cols.max()) == (30, 49)
     for wrong in ([(1, 2, 3)], "abc", np.ones((3, 3), bool)):
         with pytest.raises(LocplanError, match="keep_out"):
-            kept_out(grid, wrong)
+            cells_in(grid, wrong, "keep_out")
 
 
 # Kernels
@@ -297,15 +300,29 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
     for n in (1, 2):
         for place in objects:
             wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, [place])
-            meets = kernels.with_object(sums, hits, rays, n, outline, *place, changed)
+            begin, count = sightings.seeing_rays(hits, rays, n, outline, *place)
+            given = sums, hits, rays, n, outline, *place, begin, count, changed
+            meets = count > 0 and kernels.with_object(*given)
             found = as_matrix(changed if meets else sums[n])
             np.testing.assert_allclose(found, wanted, atol=2e-4)
+    touched = np.zeros(len(hits), bool)
     for place in objects:
-        kernels.add_object(hits, rays, outline, *place)
+        kernels.add_object(hits, rays, outline, *place, touched)
     sums = kernels.sums_of(hits, rays)
     for n in (1, 2):
         wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, objects)
         np.testing.assert_allclose(as_matrix(sums[n]), wanted, atol=2e-4)
+
+
+def sightings_of(hits, rays, outline, places):
+    counts = np.zeros(len(places), np.int64)
+    sightings.count_sightings(places, 0, len(places), hits, rays, outline, counts)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    seen = sightings.Sightings(
+        starts, np.empty(starts[-1], np.int32), np.empty((starts[-1], 2), np.int16)
+    )
+    sightings.fill_sightings(places, 0, len(places), hits, rays, outline, seen)
+    return seen
 
 
 @pytest.mark.parametrize("outline", OUTLINES)
@@ -317,7 +334,9 @@ def test_the_objective_is_that_of_plain_matrices(outline):
     hits = hits_on(grid, rays)
     sums = kernels.sums_of(hits, rays)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
-    found = ways.uncertainties(places, hits, sums, rays, routes, outline, told, motion)
+    seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
+    given = places, every, seen, hits, sums, rays
+    found = ways.uncertainties(*given, routes, outline, told, motion)
     for place, value in zip(places, found, strict=True):
         information = [
             naive.landmark_information(
@@ -360,29 +379,23 @@ def test_the_motion_is_the_filters():
 # The search
 
 
-def objective_of(grid, kind, threads=1):
-    routes = {"middle": Path(ROUTE["middle"])}
-    seen = surroundings(grid, routes, kind.shape, SHORT, PRODUCT, Disturbances())
-    return AlongRoutes(seen, kind.shape, grid.resolution, threads)
-
-
 def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
-    objective, places = placed.search.objective, placed.search.places
-    objective.start(places[:0])
-    values = objective.values(places[:5])
+    objective = placed.search.objective
+    objective.start(np.arange(0))
+    values = objective.values(np.arange(5))
     for n in range(5):
-        objective.start(places[n : n + 1])
+        objective.start(np.array([n]))
         assert objective.value() == pytest.approx(values[n], rel=1e-6)
 
 
 def test_the_first_place_is_the_best_of_all_and_more_help_more(hallway, placed):
     one = place_landmarks(hallway, Pole(0.2), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
     search = one.search
-    search.objective.start(search.places[:0])
-    assert one.curve[1] == pytest.approx(search.objective.values(search.places).min())
+    search.objective.start(np.arange(0))
+    assert one.curve[1] == pytest.approx(search.objective.values(search.among).min())
     search = placed.search
-    search.objective.start(search.places[:0])
-    alone = search.objective.values(search.places[placed.indices])
+    search.objective.start(np.arange(0))
+    alone = search.objective.values(placed.indices)
     assert placed.curve[1] == pytest.approx(alone.min())
     assert alone.max() > alone.min() * 1.01
     assert (np.diff(placed.curve) < 0).all()
@@ -395,7 +408,7 @@ def test_exchanges_do_not_make_it_worse(placed):
     greedy = []
     for _ in range(3):
         greedy.append(search.best(greedy))
-    search.objective.start(search.places[greedy])
+    search.objective.start(np.array(greedy))
     assert placed.curve[-1] <= search.objective.value() * (1 + 1e-9)
 
 
@@ -485,8 +498,8 @@ def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
     [
         ({"count": 0}, "count"),
         ({"kind": "pole"}, "Pole or a Box"),
-        ({"paths": None}, "not both"),
-        ({"places": [(0, 0), (1, 0)]}, "not both"),
+        ({"paths": None}, "one of paths, places and region"),
+        ({"places": [(0, 0), (1, 0)]}, "one of paths, places and region"),
         ({"where": "roof"}, "where"),
         ({"margin": -1}, "margin"),
         ({"spacing": 0}, "spacing"),

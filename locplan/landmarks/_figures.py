@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
-BEFORE, AFTER, MARK = "#0072b2", "#d55e00", "#d55e00"
+BEFORE, AFTER, MARK, REGION = "#0072b2", "#d55e00", "#d55e00", "#56b4e9"
 WIDTH = 9.5
 """Least width of the figure [inch]."""
 STACKED = 1.2
@@ -86,6 +86,8 @@ def _draw_maps(
     image = None
     for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
         draw_map(own, grid)
+        if made.setting.region is not None:
+            _draw_region(own, made)
         own.set_title(("before", "after")[n], fontsize="medium", loc="left")
         own.label_outer()
         for k, path in enumerate(made.setting.routes.values()):
@@ -118,6 +120,15 @@ def _draw_maps(
         )
 
 
+def _draw_region(axes: Axes, made: Landmarks) -> None:
+    """Outline the region in which the robot may be anywhere."""
+    grid = made.setting.grid
+    rows, cols = np.indices(grid.shape) + 0.5
+    x, y = grid.grid_to_world(rows, cols)
+    region = np.asarray(made.setting.region, np.float64)
+    axes.contour(x, y, region, levels=[0.5], colors=REGION, linewidths=0.8, zorder=2)
+
+
 def _beside(made: Landmarks, grid: OccupancyGrid) -> list[tuple[float, float]]:
     """Where the number of each landmark stands from it, away from the nearest route [points]."""
     from scipy.spatial import cKDTree
@@ -134,8 +145,8 @@ def _beside(made: Landmarks, grid: OccupancyGrid) -> list[tuple[float, float]]:
 def _draw_gains(axes: Axes, made: Landmarks) -> None:
     """Draw the expected deviation over the number of landmarks."""
     numbers: NDArray[Any] = np.arange(len(made.curve))
-    axes.plot(numbers, made.deviations, "o-", color=AFTER, markersize=4)
-    if made.deviations[-1] > 0 and made.deviations[0] > 10 * made.deviations[-1]:
+    axes.plot(numbers, made.expected, "o-", color=AFTER, markersize=4)
+    if made.expected[-1] > 0 and made.expected[0] > 10 * made.expected[-1]:
         axes.set_yscale("log")
         _plainly(axes.yaxis)
     else:
@@ -146,7 +157,7 @@ def _draw_gains(axes: Axes, made: Landmarks) -> None:
         at = "data", "axes fraction"
         axes.annotate(note, (made.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="number of landmarks", ylabel="expected deviation [m]")
+    axes.set(xlabel="number of landmarks", ylabel=made.measure.title)
 
 
 def _draw_errors(axes: Axes, verification: Verification) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -12,12 +14,14 @@ from numpy.typing import NDArray
 from locplan._util.checks import position, shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.landmarks._objects import LandmarkObject, filled_cells, on_grid
-from locplan.maps import FREE, OccupancyGrid
+from locplan.landmarks._objects import LandmarkObject, Shape, filled_cells, on_grid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import plan
 
 MAX_PLACES = 8
 """Greatest number of places; all of them are joined by routes."""
+SHIFTS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+"""Shifts of an existing object's drawing along rows and columns that are tried [cells]."""
 
 
 def routes_of(
@@ -28,12 +32,10 @@ def routes_of(
     Raises
     ------
     ConfigError
-        If neither or both are given, or they are none.
+        If they are none.
     LocplanError
         If the robot cannot stand at a place, or no path joins two.
     """
-    if (paths is None) == (places is None):
-        raise ConfigError("give paths, or places that routes lead between, and not both")
     if paths is not None:
         return _named_paths(paths)
     named = _named_places(places)
@@ -80,43 +82,76 @@ def without_objects(
 ) -> OccupancyGrid:
     """Copy of a map without objects that stand in it, whose cells become free.
 
-    Cells beside the drawn shape are freed, too, if they are occupied and the wall does not hold
-    them: those within one cell of it.
+    An object is sought up to a cell from its pose, where its drawing stands out most. Of a rim of
+    one cell around it, only those go that hang together with nothing else: a wall that it touches
+    stays.
     """
-    import dataclasses
-
     cells = grid.cells.copy()
-    shape = kind.shape
-    wider = shape._replace(
-        half_length=shape.half_length + grid.resolution,
-        half_width=shape.half_width + grid.resolution,
-    )
     for row, col, heading in on_grid(grid, poses):
-        at = filled_cells(wider, row, col, heading, grid.resolution, grid.shape)
+        at = _drawn_cells(grid, kind.shape, row, col, heading)
         cells[at] = FREE
+        cells[_rim(cells, at)] = FREE
     return dataclasses.replace(grid, cells=cells)
 
 
-def kept_out(grid: OccupancyGrid, keep_out: Any) -> NDArray[np.bool_] | None:
-    """Cells that no object may fill, of a mask (H, W) or of rectangles in the world.
+def _drawn_cells(
+    grid: OccupancyGrid, shape: Shape, row: float, col: float, heading: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The occupied cells that an object fills, shifted to where they stand out most."""
+    wider = Shape(
+        shape.half_length + grid.resolution, shape.half_width + grid.resolution, shape.is_round
+    )
+    size = grid.shape[0], grid.shape[1]
+    occupied = grid.cells == OCCUPIED
+    best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
+    for d_row, d_col in product(SHIFTS, repeat=2):
+        pose = row + d_row, col + d_col, heading, grid.resolution, size
+        at, around = filled_cells(shape, *pose), filled_cells(wider, *pose)
+        taken = occupied[at]
+        score = 2 * int(taken.sum()) - int(occupied[around].sum())  # those around it count against
+        if (score, -math.hypot(d_row, d_col)) > best:
+            best, found = (score, -math.hypot(d_row, d_col)), (at[0][taken], at[1][taken])
+    return found
+
+
+def _rim(
+    cells: NDArray[np.uint8], at: tuple[NDArray[np.int64], NDArray[np.int64]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Occupied cells beside those of an object that lead no farther: no wall has them."""
+    import cv2
+
+    if not at[0].size:
+        return at
+    rows, cols = (slice(max(int(v.min()) - 2, 0), int(v.max()) + 3) for v in at)
+    own = np.zeros(cells[rows, cols].shape, np.uint8)
+    own[at[0] - rows.start, at[1] - cols.start] = 1
+    beside = cv2.dilate(own, np.ones((3, 3), np.uint8)) > 0
+    _, parts = cv2.connectedComponents((cells[rows, cols] == OCCUPIED).astype(np.uint8))
+    of_walls = np.unique(parts[~beside])
+    rim_rows, rim_cols = np.nonzero(beside & (parts > 0) & ~np.isin(parts, of_walls))
+    return rim_rows + rows.start, rim_cols + cols.start
+
+
+def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:
+    """Cells of a mask (H, W) or of rectangles in the world, or None without any.
 
     Raises
     ------
     ConfigError
         If it is neither.
     """
-    if keep_out is None:
+    if areas is None:
         return None
-    values = np.asarray(keep_out)
+    values = np.asarray(areas)
     if values.dtype == bool:
         if values.shape != grid.shape:
-            raise ConfigError(f"keep_out has shape {values.shape}, but the map {grid.shape}")
+            raise ConfigError(f"{name} has shape {values.shape}, but the map {grid.shape}")
         return values
     if values.size == 0:
         return None
     if values.ndim != 2 or values.shape[1] != 4 or not np.issubdtype(values.dtype, np.number):
         raise ConfigError(
-            "keep_out must be a mask (H, W) of bool, or rectangles (x0, y0, x1, y1) in metres"
+            f"{name} must be a mask (H, W) of bool, or rectangles (x0, y0, x1, y1) in metres"
         )
     rows, cols = np.indices(grid.shape)
     x, y = grid.grid_to_world(rows + 0.5, cols + 0.5)

@@ -13,6 +13,7 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
+from locplan.errors import LocplanError
 from locplan.landmarks._objects import with_objects
 from locplan.landmarks._search import Search
 from locplan.landmarks._setting import Setting
@@ -195,7 +196,11 @@ def replanned(setting: Setting, grid: OccupancyGrid) -> dict[str, Path]:
     for name, path in setting.routes.items():
         (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
         found = plan(costs, (x0, y0), (x1, y1)).path
-        assert found is not None, "no landmark cuts a passage"
+        if found is None:
+            raise LocplanError(
+                f"no path of the robot leads along {name} on the map"
+                f" {'with' if grid is not setting.grid else 'without'} landmarks"
+            )
         paths[name] = found
     return paths
 

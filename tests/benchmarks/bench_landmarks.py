@@ -47,17 +47,18 @@ def test_ten_of_two_thousand_places(benchmark):
         warmup_rounds=1,
     )
     objective, places = made.search.objective, made.search.places
-    objective.start(places[:0])
+    every = np.arange(len(places))
+    objective.start(every[:0])
     times, values = [], np.empty(len(places))
     for _ in range(3):
         began = time.perf_counter()
-        values = objective.values(places)
+        values = objective.values(every)
         times.append((time.perf_counter() - began) / len(places))
     some = np.linspace(0, len(places) - 1, FEW).astype(int)
     began = time.perf_counter()
     anew = []
     for n in some:
-        objective.start(places[n : n + 1])
+        objective.start(every[n : n + 1])
         anew.append(objective.value())
     apart = (time.perf_counter() - began) / FEW
     np.testing.assert_allclose(values[some], anew, rtol=1e-5)
