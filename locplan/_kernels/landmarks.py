@@ -88,6 +88,14 @@ def entry(
 
     The range is infinite where the ray misses it, or begins within it.
     """
+    return turned_entry(outline, np.cos(heading), np.sin(heading), x, y, dx, dy)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def turned_entry(
+    outline: Outline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
+) -> tuple[float, float, float]:
+    """The same of an object whose heading has this cosine and sine."""
     if outline.is_round:
         along = -(x * dx + y * dy)
         aside = x * dy - y * dx
@@ -98,7 +106,6 @@ def entry(
         if at <= 0:
             return np.inf, 0.0, 0.0
         return at, (x + at * dx) / outline.half_length, (y + at * dy) / outline.half_length
-    cos, sin = np.cos(heading), np.sin(heading)
     u, v, du, dv = cos * x + sin * y, cos * y - sin * x, cos * dx + sin * dy, cos * dy - sin * dx
     enter_u, leave_u, enter_v, leave_v = -np.inf, np.inf, -np.inf, np.inf
     if du != 0:
@@ -242,12 +249,13 @@ def with_object(
     new = np.zeros(4, np.float32)
     from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     cos, sin = np.cos(rays.step), np.sin(rays.step)
+    along, aside = np.cos(heading), np.sin(heading)
     bearing = rays.first[n] + (begin - 1) * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
     for k in range(count):
         b = (begin + k) % rays.beams
         dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
-        at, nx, ny = entry(outline, heading, from_x - x, from_y - y, dx, dy)
+        at, nx, ny = turned_entry(outline, along, aside, from_x - x, from_y - y, dx, dy)
         if at >= hits[n, b, RANGE] or at > rays.most:
             continue
         any_ray = True

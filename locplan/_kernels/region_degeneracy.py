@@ -52,7 +52,7 @@ def degeneracies_at(sums: NDArray[np.float64], told: Told, anchors: Anchors) -> 
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def mean_degeneracies(
+def mean_changes(
     candidates: NDArray[np.float64],
     indices: NDArray[np.int64],
     sightings: Sightings,
@@ -62,23 +62,22 @@ def mean_degeneracies(
     outline: Outline,
     told: Told,
     anchors: Anchors,
+    now: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Mean of u over all poses with each of some candidates besides, (m,).
+    """What each of some candidates changes in the mean of u over all poses, (m,).
 
-    See `way_covariances.uncertainties` for the arguments.
+    `now` (n,) are the degeneracies without it; see `way_covariances.uncertainties` for the rest.
     """
-    now = degeneracies_at(sums, told, anchors)
-    total, count = now.sum(), len(sums)
     result = np.empty(len(indices))
     changed = np.empty(7)
     for m in range(len(indices)):
         at = indices[m]
         x, y, heading = candidates[at, 0], candidates[at, 1], candidates[at, 2]
-        value = total
+        change = 0.0
         for k in range(sightings.starts[at], sightings.starts[at + 1]):
             n = sightings.poses[k]
             begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
             if with_object(sums, hits, rays, n, outline, x, y, heading, begin, many, changed):
-                value += degeneracy_of(changed, told, anchors) - now[n]
-        result[m] = value / count
+                change += degeneracy_of(changed, told, anchors) - now[n]
+        result[m] = change / len(sums)
     return result

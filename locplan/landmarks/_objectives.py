@@ -94,6 +94,9 @@ class MeanDegeneracy:
     u is that of the estimators: the logarithm of the position's greatest deviation, from 0.05 m to
     that in a featureless place. The match there has the beams that the filter compares in 1 m of
     way, and the search window of `Fisher` as its prior.
+
+    What a place changes depends only on the objects that are seen from where it is seen, so that it
+    is found again only when these are others.
     """
 
     name: ClassVar[str] = "degeneracy"
@@ -101,9 +104,26 @@ class MeanDegeneracy:
     anchors: Any
     """`region_degeneracy.Anchors`."""
 
+    def __post_init__(self) -> None:
+        count = len(self.sight.places)
+        self._names = np.random.default_rng(0).integers(1, 2**63, count)
+        """A number for each place; what stands is named by those of its places, by XOR."""
+        self._beside = np.zeros(count, np.int64)
+        """Name of the objects that matter to each place now."""
+        self._known = np.full(count, -1)
+        """Name of those beside which each place was looked at."""
+        self._changes = np.zeros(count)
+        """What each place changes beside these."""
+        self._together: dict[int, NDArray[np.bool_]] = {}
+
     def start(self, chosen: NDArray[np.int64]) -> None:
         """Begin from objects that stand at these places, (k,)."""
         self.sight.start(chosen)
+        self._beside[:] = 0
+        for n in chosen.tolist():
+            if n not in self._together:
+                self._together[n] = self.sight.seen_with(n)
+            self._beside[self._together[n]] ^= self._names[n]
 
     def value(self) -> float:
         """The objective with the objects."""
@@ -118,15 +138,20 @@ class MeanDegeneracy:
 
     def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         """The objective with each of these places besides, (m,)."""
-        from locplan._kernels.region_degeneracy import mean_degeneracies
+        from locplan._kernels.region_degeneracy import mean_changes
 
         sight, seen = self.sight, self.sight.seen
+        profile = self.profile()
         given = sight.sightings, sight.hits, sight.sums, seen.rays, sight.outline, seen.a_metre
 
         def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
-            return np.asarray(mean_degeneracies(sight.own, part, *given, self.anchors))
+            return np.asarray(mean_changes(sight.own, part, *given, self.anchors, profile))
 
-        return sight.in_threads(run, indices)
+        indices = np.asarray(indices, np.int64)
+        anew = indices[self._known[indices] != self._beside[indices]]
+        self._changes[anew] = sight.in_threads(run, anew)
+        self._known[anew] = self._beside[anew]
+        return np.asarray(float(profile.mean()) + self._changes[indices])
 
 
 def anchors_of(lidar: Lidar, resolution: float) -> Any:

@@ -82,9 +82,8 @@ def without_objects(
 ) -> OccupancyGrid:
     """Copy of a map without objects that stand in it, whose cells become free.
 
-    An object is sought up to a cell from its pose, where its drawing stands out most. Of a rim of
-    one cell around it, only those go that hang together with nothing else: a wall that it touches
-    stays.
+    An object is sought up to a cell from its pose, where the least of it is free. Of the cells
+    around it, only those go that hang together with nothing else: a wall that it touches stays.
     """
     cells = grid.cells.copy()
     for row, col, heading in on_grid(grid, poses):
@@ -97,20 +96,15 @@ def without_objects(
 def _drawn_cells(
     grid: OccupancyGrid, shape: Shape, row: float, col: float, heading: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The occupied cells that an object fills, shifted to where they stand out most."""
-    wider = Shape(
-        shape.half_length + grid.resolution, shape.half_width + grid.resolution, shape.is_round
-    )
+    """The occupied cells that an object fills, shifted only to where less of it is free."""
     size = grid.shape[0], grid.shape[1]
-    occupied = grid.cells == OCCUPIED
     best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
     for d_row, d_col in product(SHIFTS, repeat=2):
-        pose = row + d_row, col + d_col, heading, grid.resolution, size
-        at, around = filled_cells(shape, *pose), filled_cells(wider, *pose)
-        taken = occupied[at]
-        score = 2 * int(taken.sum()) - int(occupied[around].sum())  # those around it count against
-        if (score, -math.hypot(d_row, d_col)) > best:
-            best, found = (score, -math.hypot(d_row, d_col)), (at[0][taken], at[1][taken])
+        at = filled_cells(shape, row + d_row, col + d_col, heading, grid.resolution, size)
+        taken = grid.cells[at] == OCCUPIED
+        rank = float(taken.sum() - len(taken)), -math.hypot(d_row, d_col)
+        if rank > best:
+            best, found = rank, (at[0][taken], at[1][taken])
     return found
 
 

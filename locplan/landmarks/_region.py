@@ -16,7 +16,7 @@ from locplan.simulation._motion import Poses
 
 MIN_STEP = 0.5
 """Least spacing of the poses [m]."""
-MAX_POSES = 2000
+MAX_POSES = 1200
 """Number of poses, about, from which on they are farther apart."""
 MAX_HEADINGS = 8
 """Greatest number of headings at a position, for a narrow field of view."""

@@ -71,6 +71,11 @@ def landmarks_table(
         heads = ["landmarks", "drives", "lost (> 1 m) [95 %]", "error, all drives", "not lost"]
         driven = table(heads, rows) + "\n"
         lines.append(verification.verdict)
+        (before, high), (after, high_after) = verification.match_deviations.tolist()
+        lines.append(
+            f"deviation of single matches on the way (scan): median {before:.2f} -> {after:.2f} m,"
+            f" 95 % below {high:.2f} -> {high_after:.2f} m"
+        )
     else:
         lines.append("not verified: nothing was driven")
     lines.append(f"with {setting.amcl.title}; {setting.lidar.title}")

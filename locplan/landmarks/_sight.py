@@ -67,6 +67,14 @@ class Sight:
         sum_up(self.hits, rays, touched, self.sums)
         self.sums[:, HITS] = self._sums_of_map[:, HITS]
 
+    def seen_with(self, place: int) -> NDArray[np.bool_]:
+        """Which places are seen from any pose that sees this one, (m,)."""
+        starts, poses, _ = self.sightings
+        here = np.zeros(len(self.sums), bool)
+        here[poses[starts[place] : starts[place + 1]]] = True
+        counts = np.concatenate([[0], np.cumsum(here[poses])])
+        return np.asarray(counts[starts[1:]] > counts[starts[:-1]])
+
     def in_threads(
         self, run: Callable[[NDArray[np.int64]], NDArray[np.float64]], indices: NDArray[np.int64]
     ) -> NDArray[np.float64]:
