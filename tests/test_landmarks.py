@@ -37,10 +37,11 @@ from locplan.landmarks._candidates import (
     free_standing,
     too_close,
 )
+from locplan.landmarks._existing import without_objects
 from locplan.landmarks._objectives import MeanDegeneracy
 from locplan.landmarks._objects import Shape, filled_cells, parsed_object
 from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import cells_in, without_objects
+from locplan.landmarks._problem import cells_in
 from locplan.landmarks._region import poses_in, where_robot_is
 from locplan.landmarks._regular import regularity
 from locplan.landmarks._reports import to_geojson

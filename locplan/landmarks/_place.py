@@ -15,6 +15,7 @@ from locplan.costs import ROBOT_RADIUS, Path
 from locplan.errors import ConfigError
 from locplan.field import Lidar
 from locplan.landmarks._candidates import WHERE, Rejected, Where, checked, places_of
+from locplan.landmarks._existing import without_objects
 from locplan.landmarks._landmarks import Landmarks
 from locplan.landmarks._objectives import AlongRoutes, MeanDegeneracy, Objective, anchors_of
 from locplan.landmarks._objects import (
@@ -24,7 +25,7 @@ from locplan.landmarks._objects import (
     on_grid,
 )
 from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import cells_in, routes_of, without_objects
+from locplan.landmarks._problem import cells_in, routes_of
 from locplan.landmarks._region import poses_in, routes_across, where_robot_is
 from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import Search, in_world

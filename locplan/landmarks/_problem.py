@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -14,8 +12,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import position, shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.landmarks._objects import LandmarkObject, Shape, filled_cells, on_grid
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 
 MAX_PLACES = 8
@@ -75,55 +72,6 @@ def _named_places(places: Any) -> dict[str, tuple[float, float]]:
             " give longer lists of routes as paths"
         )
     return {str(name): position(xy, name=f"place {name}") for name, xy in places.items()}
-
-
-def without_objects(
-    grid: OccupancyGrid, kind: LandmarkObject, poses: NDArray[np.float64]
-) -> OccupancyGrid:
-    """Copy of a map without objects that stand in it, whose cells become free.
-
-    An object is sought up to a cell from its pose, where the least of it is free. Of the cells
-    around it, only those go that hang together with nothing else: a wall that it touches stays.
-    """
-    cells = grid.cells.copy()
-    for row, col, heading in on_grid(grid, poses):
-        at = _drawn_cells(grid, kind.shape, row, col, heading)
-        cells[at] = FREE
-        cells[_rim(cells, at)] = FREE
-    return dataclasses.replace(grid, cells=cells)
-
-
-def _drawn_cells(
-    grid: OccupancyGrid, shape: Shape, row: float, col: float, heading: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The occupied cells that an object fills, shifted only to where less of it is free."""
-    size = grid.shape[0], grid.shape[1]
-    best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
-    for d_row, d_col in product(SHIFTS, repeat=2):
-        at = filled_cells(shape, row + d_row, col + d_col, heading, grid.resolution, size)
-        taken = grid.cells[at] == OCCUPIED
-        rank = float(taken.sum() - len(taken)), -math.hypot(d_row, d_col)
-        if rank > best:
-            best, found = rank, (at[0][taken], at[1][taken])
-    return found
-
-
-def _rim(
-    cells: NDArray[np.uint8], at: tuple[NDArray[np.int64], NDArray[np.int64]]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Occupied cells beside those of an object that lead no farther: no wall has them."""
-    import cv2
-
-    if not at[0].size:
-        return at
-    rows, cols = (slice(max(int(v.min()) - 2, 0), int(v.max()) + 3) for v in at)
-    own = np.zeros(cells[rows, cols].shape, np.uint8)
-    own[at[0] - rows.start, at[1] - cols.start] = 1
-    beside = cv2.dilate(own, np.ones((3, 3), np.uint8)) > 0
-    _, parts = cv2.connectedComponents((cells[rows, cols] == OCCUPIED).astype(np.uint8))
-    of_walls = np.unique(parts[~beside])
-    rim_rows, rim_cols = np.nonzero(beside & (parts > 0) & ~np.isin(parts, of_walls))
-    return rim_rows + rows.start, rim_cols + cols.start
 
 
 def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:

@@ -94,6 +94,9 @@ def landmarks_table(
         f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.title} without any:"
         f" {made.expected[0]:.3f}"
     ]
+    if setting.region is not None:
+        area = float(setting.region.sum()) * made.grid.resolution**2
+        after.append(f"region of {area:.0f} m2; {len(setting.routes)} routes across it are driven")
     after += _driven_beside(made)
     if made.paying < len(made):
         after.append(
