@@ -24,6 +24,9 @@ from locplan.landmarks._verification import Verification, verified
 from locplan.maps import OccupancyGrid
 from locplan.simulation._simulate import DRIVES
 
+PAYS = 0.05
+"""Share by which a landmark must lower what is expected to pay."""
+
 
 class Trial(NamedTuple):
     """A placement that was driven beside others."""
@@ -36,10 +39,6 @@ class Trial(NamedTuple):
     """Number of those that were lost at any time."""
     error: float
     """Geometric mean of the drives' root mean square position errors [m]."""
-
-
-PAYS = 0.05
-"""Share by which a landmark must lower what is expected to pay."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
