@@ -1132,6 +1132,19 @@ def landmark_information(stops, normals, resolution, rays, n, outline, objects):
     return total
 
 
+def mean_degeneracy(stops, normals, resolution, rays, outline, objects, told, anchors, hits):
+    """Mean over the poses of the degeneracy u with objects, of the inverse of their information."""
+    values = []
+    for n in range(len(rays.poses)):
+        found = landmark_information(stops, normals, resolution, rays, n, outline, objects)
+        found *= told.share / (1 + told.other * hits[n])
+        found += np.diag([anchors.prior, anchors.prior, anchors.prior_turn])
+        deviation = math.sqrt(np.linalg.eigvalsh(np.linalg.inv(found)[:2, :2]).max())
+        u = math.log(deviation / anchors.least) / math.log(anchors.greatest / anchors.least)
+        values.append(min(max(u, 0.0), 1.0))
+    return np.mean(values)
+
+
 def covariances(information, poses, routes, motion):
     """Covariances (n, 3, 3) after each look around, along routes, by matrices as they are."""
     result = []

@@ -357,6 +357,20 @@ def test_an_update_forgets_what_is_free_no_more_and_finds_what_became_free(rooms
     np.testing.assert_array_equal(field.update(after).covariance, full.covariance)
 
 
+def test_an_update_of_some_points_computes_no_others(rooms, field):
+    cells = rooms.cells.copy()
+    cells[20:60, 20:60] = UNKNOWN
+    after = dataclasses.replace(rooms, cells=cells)
+    full = covariance_field(after, QUICK)
+    points = np.zeros(full.evaluated.shape, bool)
+    points[:, : points.shape[1] // 4] = True
+    updated = field.update(after, points=points)
+    known = ~np.isnan(updated.covariance[..., 0, 0])
+    assert (known & points == full.evaluated & points).all()
+    assert known.sum() < full.evaluated.sum()
+    np.testing.assert_array_equal(updated.covariance[known], full.covariance[known])
+
+
 def test_an_update_without_a_change_computes_nothing(rooms, field):
     def complain(done, total):
         raise AssertionError

@@ -21,10 +21,10 @@ from locplan.field._surfaces import surface_normals
 from locplan.landmarks import key_features, key_features_figure, with_objects
 from locplan.landmarks._feature_drives import simulator_without, without_cells
 from locplan.landmarks._feature_reports import features_table, to_geojson
+from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._pieces import CORNER, OBJECT, WALL, Pieces, pieces_of
-from locplan.landmarks._sights import Sights, met_cells
-from locplan.landmarks._surroundings import hits_on, surroundings
+from locplan.landmarks._surroundings import hits_on, lines_along, step_of, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances
 
@@ -55,7 +55,9 @@ def found(with_pole):
 def sights_of(grid, route=ROUTE, *, lidar=SHORT, amcl=PRODUCT, gap=0.0, largest=4.0):
     routes = {name: Path(xy) for name, xy in route.items()}
     half = Shape(grid.resolution, grid.resolution, is_round=True)
-    seen = surroundings(grid, routes, half, lidar, amcl, Disturbances())
+    step = step_of(amcl)
+    lines = lines_along(grid, routes, step)
+    seen = surroundings(grid, lines, step, half, lidar, amcl, Disturbances())
     occupied = grid.cells == OCCUPIED
     met = met_cells(occupied, grid.resolution, seen.rays)
     pieces = pieces_of(occupied, met, grid.resolution, 1.0, largest, gap)

@@ -15,12 +15,16 @@ from conftest import corridor, drawn, few_of, refused
 
 import locplan
 from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
-from locplan._kernels import landmarks as kernels, way_covariances as ways
+from locplan._kernels import (
+    landmarks as kernels,
+    region_degeneracy as regions,
+    sightings,
+    way_covariances as ways,
+)
 from locplan._kernels.rays import empty_squares
 from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
-from locplan.landmarks import best_of_trials, landmarks_figure, with_objects
-from locplan.landmarks._along_routes import AlongRoutes
+from locplan.landmarks import _search, best_of_trials, landmarks_figure, with_objects
 from locplan.landmarks._candidates import (
     AT_WALL,
     FREE_CLEARANCE,
@@ -33,14 +37,19 @@ from locplan.landmarks._candidates import (
     free_standing,
     too_close,
 )
+from locplan.landmarks._existing import without_objects
+from locplan.landmarks._objectives import MeanDegeneracy
 from locplan.landmarks._objects import Shape, filled_cells, parsed_object
 from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import kept_out
+from locplan.landmarks._problem import cells_in
+from locplan.landmarks._region import poses_in, where_robot_is
 from locplan.landmarks._regular import regularity
 from locplan.landmarks._reports import to_geojson
+from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import BESIDE_OTHERS, TOO_NEAR
-from locplan.landmarks._surroundings import hits_on, motion_of, surroundings, swing_of, told_by
+from locplan.landmarks._surroundings import hits_on, motion_of, swing_of, told_by
 from locplan.landmarks._trials import score
+from locplan.landmarks._verification import paths_on
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances, Drives
 
@@ -237,13 +246,13 @@ def test_boxes_are_apart_by_their_outlines():
 
 def test_rectangles_that_are_kept_out_lie_in_the_world():
     grid = dataclasses.replace(open_floor(), origin=(0.0, 0.0, math.pi / 2))
-    mask = kept_out(grid, [(-2.0, 3.0, -1.0, 5.0)])
+    mask = cells_in(grid, [(-2.0, 3.0, -1.0, 5.0)], "keep_out")
     rows, cols = np.nonzero(mask)
     assert (rows.min(), rows.max()) == (10, 19)
     assert (cols.min(), cols.max()) == (30, 49)
     for wrong in ([(1, 2, 3)], "abc", np.ones((3, 3), bool)):
         with pytest.raises(LocplanError, match="keep_out"):
-            kept_out(grid, wrong)
+            cells_in(grid, wrong, "keep_out")
 
 
 # Kernels
@@ -297,15 +306,29 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
     for n in (1, 2):
         for place in objects:
             wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, [place])
-            meets = kernels.with_object(sums, hits, rays, n, outline, *place, changed)
+            begin, count = sightings.seeing_rays(hits, rays, n, outline, *place)
+            given = sums, hits, rays, n, outline, *place, begin, count, changed
+            meets = count > 0 and kernels.with_object(*given)
             found = as_matrix(changed if meets else sums[n])
             np.testing.assert_allclose(found, wanted, atol=2e-4)
+    touched = np.zeros(len(hits), bool)
     for place in objects:
-        kernels.add_object(hits, rays, outline, *place)
+        kernels.add_object(hits, rays, outline, *place, touched)
     sums = kernels.sums_of(hits, rays)
     for n in (1, 2):
         wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, objects)
         np.testing.assert_allclose(as_matrix(sums[n]), wanted, atol=2e-4)
+
+
+def sightings_of(hits, rays, outline, places):
+    counts = np.zeros(len(places), np.int64)
+    sightings.count_sightings(places, 0, len(places), hits, rays, outline, counts)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    seen = sightings.Sightings(
+        starts, np.empty(starts[-1], np.int32), np.empty((starts[-1], 2), np.int16)
+    )
+    sightings.fill_sightings(places, 0, len(places), hits, rays, outline, seen)
+    return seen
 
 
 @pytest.mark.parametrize("outline", OUTLINES)
@@ -317,7 +340,9 @@ def test_the_objective_is_that_of_plain_matrices(outline):
     hits = hits_on(grid, rays)
     sums = kernels.sums_of(hits, rays)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
-    found = ways.uncertainties(places, hits, sums, rays, routes, outline, told, motion)
+    seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
+    given = places, every, seen, hits, sums, rays
+    found = ways.uncertainties(*given, routes, outline, told, motion)
     for place, value in zip(places, found, strict=True):
         information = [
             naive.landmark_information(
@@ -360,29 +385,23 @@ def test_the_motion_is_the_filters():
 # The search
 
 
-def objective_of(grid, kind, threads=1):
-    routes = {"middle": Path(ROUTE["middle"])}
-    seen = surroundings(grid, routes, kind.shape, SHORT, PRODUCT, Disturbances())
-    return AlongRoutes(seen, kind.shape, grid.resolution, threads)
-
-
 def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
-    objective, places = placed.search.objective, placed.search.places
-    objective.start(places[:0])
-    values = objective.values(places[:5])
+    objective = placed.search.objective
+    objective.start(np.arange(0))
+    values = objective.values(np.arange(5))
     for n in range(5):
-        objective.start(places[n : n + 1])
+        objective.start(np.array([n]))
         assert objective.value() == pytest.approx(values[n], rel=1e-6)
 
 
 def test_the_first_place_is_the_best_of_all_and_more_help_more(hallway, placed):
     one = place_landmarks(hallway, Pole(0.2), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
     search = one.search
-    search.objective.start(search.places[:0])
-    assert one.curve[1] == pytest.approx(search.objective.values(search.places).min())
+    search.objective.start(np.arange(0))
+    assert one.curve[1] == pytest.approx(search.objective.values(search.among).min())
     search = placed.search
-    search.objective.start(search.places[:0])
-    alone = search.objective.values(search.places[placed.indices])
+    search.objective.start(np.arange(0))
+    alone = search.objective.values(placed.indices)
     assert placed.curve[1] == pytest.approx(alone.min())
     assert alone.max() > alone.min() * 1.01
     assert (np.diff(placed.curve) < 0).all()
@@ -395,7 +414,7 @@ def test_exchanges_do_not_make_it_worse(placed):
     greedy = []
     for _ in range(3):
         greedy.append(search.best(greedy))
-    search.objective.start(search.places[greedy])
+    search.objective.start(np.array(greedy))
     assert placed.curve[-1] <= search.objective.value() * (1 + 1e-9)
 
 
@@ -485,8 +504,8 @@ def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
     [
         ({"count": 0}, "count"),
         ({"kind": "pole"}, "Pole or a Box"),
-        ({"paths": None}, "not both"),
-        ({"places": [(0, 0), (1, 0)]}, "not both"),
+        ({"paths": None}, "one of paths, places and region"),
+        ({"places": [(0, 0), (1, 0)]}, "one of paths, places and region"),
         ({"where": "roof"}, "where"),
         ({"margin": -1}, "margin"),
         ({"spacing": 0}, "spacing"),
@@ -552,6 +571,211 @@ def test_a_regular_row_is_noticed_and_an_irregular_one_not():
     assert regularity(straight * 3.2) is None
     assert regularity(np.array([[0, 0], [1.0, 0], [2.6, 0], [3.3, 0], [5.2, 0]])) is None
     assert regularity(row[:3]) is None
+
+
+# A region
+
+
+FIGURES = regions.Anchors(1.3, 90.0, 0.05, 0.9)
+
+
+@pytest.mark.parametrize("outline", OUTLINES)
+def test_degeneracies_in_a_region_are_those_of_plain_matrices(outline):
+    grid, rays = small_scene()
+    normals, told = surface_normals(grid.cells == OCCUPIED), ways.Told(2.0, 0.03)
+    hits = hits_on(grid, rays)
+    sums = kernels.sums_of(hits, rays)
+    places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
+    now = regions.degeneracies_at(sums, told, FIGURES)
+    seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
+    found = regions.mean_changes(places, every, seen, hits, sums, rays, outline, told, FIGURES, now)
+    for place, change in zip(places, found, strict=True):
+        wanted = naive.mean_degeneracy(
+            grid.cells == OCCUPIED, normals, 0.5, rays, outline, [place], told, FIGURES, sums[:, 6]
+        )
+        assert now.mean() + change == pytest.approx(wanted, abs=1e-5)
+    assert found[2] == 0
+    assert found[:2].min() < -1e-3
+
+
+def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
+    grid, rays = small_scene()
+    hits = hits_on(grid, rays)
+    rows, cols = np.nonzero(grid.free)
+    places = np.column_stack([cols * 0.5 + 0.2, rows * 0.5 + 0.3, np.full(len(rows), 0.4)])
+    for outline in OUTLINES:
+        seen = sightings_of(hits, rays, outline, places)
+        for m, place in enumerate(places):
+            after, touched = hits.copy(), np.zeros(len(hits), bool)
+            kernels.add_object(after, rays, outline, *place, touched)
+            at = slice(seen.starts[m], seen.starts[m + 1])
+            assert seen.poses[at].tolist() == np.flatnonzero(touched).tolist()
+            for n, (begin, count) in zip(seen.poses[at], seen.rays[at], strict=True):
+                shorter = np.flatnonzero(after[n, :, 0] < hits[n, :, 0])
+                within = (begin + np.arange(count)) % rays.beams
+                assert set(shorter) <= set(within)
+                assert {within[0], within[-1]} <= set(shorter)
+
+
+@pytest.fixture(scope="module")
+def in_region(hallway):
+    region = [(-6.0, -1.2, 6.0, 1.2)]
+    return place_landmarks(hallway, Pole(0.2), 3, region=region, amcl=PRODUCT, lidar=SHORT)
+
+
+def test_a_region_is_marked_where_it_is_degenerate(hallway, in_region):
+    assert in_region.setting.planned
+    assert in_region.curve[0] > 0.5
+    assert (np.diff(in_region.curve) < 0).all()
+    assert (np.abs(in_region.poses[:, 0]) < 6).all()
+    mask = np.zeros(hallway.shape, bool)
+    rows, cols = np.indices(hallway.shape) + 0.5
+    x, y = hallway.grid_to_world(rows, cols)
+    mask[(np.abs(x) <= 6.0) & (np.abs(y) <= 1.2)] = True
+    again = place_landmarks(hallway, Pole(0.2), 3, region=mask, amcl=PRODUCT, lidar=SHORT)
+    np.testing.assert_allclose(again.curve, in_region.curve, rtol=0.02)
+
+
+def test_a_lazy_search_finds_what_a_full_one_does(in_region, placed, monkeypatch):
+    monkeypatch.setattr(_search, "LAZY", 5)
+    for made in (in_region, placed):
+        search = made.search
+        bounds, chosen = np.full(len(search.places), np.inf), []
+        for _ in range(3):
+            lazy = search.best(chosen, bounds=bounds)
+            assert lazy == search.best(chosen)
+            chosen.append(lazy)
+
+
+def test_what_is_kept_of_earlier_looks_is_as_if_it_were_found_anew(in_region):
+    objective, every = in_region.search.objective, in_region.search.among
+    for chosen in ([3], [3, 40], [40], [], [40, 7]):
+        objective.start(np.array(chosen, np.int64))
+        kept = objective.values(every)
+        fresh = MeanDegeneracy(objective.sight, objective.anchors)
+        fresh.start(np.array(chosen, np.int64))
+        np.testing.assert_array_equal(fresh.values(every), kept)
+        for n in (11, 60):
+            fresh.start(np.array([*chosen, n]))
+            assert fresh.value() == pytest.approx(kept[n], rel=1e-6)
+
+
+def test_a_region_is_verified_by_drives_across_it(in_region):
+    ends = np.concatenate([path.xy[[0, -1]] for path in in_region.setting.routes.values()])
+    assert (np.abs(ends) <= (6.1, 1.3)).all()
+    assert max(path.length for path in in_region.setting.routes.values()) > 10
+    driven = in_region.verify(2, random_sets=1)
+    assert driven.after.number == 2 * len(in_region.setting.routes)
+
+
+def test_a_robot_is_where_most_of_a_region_hangs_together():
+    grid = open_floor(40, 100)
+    cells = grid.cells.copy()
+    cells[:, 60] = OCCUPIED
+    walled = OccupancyGrid(cells, 0.1)
+    inside = where_robot_is(walled, np.ones(walled.shape, bool), 0.3)
+    assert inside[:, :60].any()
+    assert not inside[:, 60:].any()
+    assert walled.clearance[inside].min() >= 0.3
+    few = np.zeros(walled.shape, bool)
+    few[0] = True
+    with pytest.raises(LocplanError, match="cannot be anywhere"):
+        where_robot_is(walled, few, 0.3)
+
+
+@pytest.mark.parametrize(("view", "headings"), [(360.0, 1), (270.0, 3), (90.0, 8), (30.0, 8)])
+def test_a_narrow_view_is_tried_in_several_headings(view, headings):
+    grid = open_floor()
+    poses = poses_in(grid, grid.free, Lidar(range=3.0, field_of_view_deg=view))
+    assert len(np.unique(poses[:, 2].round(6))) == headings
+    places = np.unique(poses[:, :2], axis=0)
+    assert len(poses) == headings * len(places)
+    assert len(poses) <= 1.3 * 1200
+    apart = np.sort(np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1)), axis=1)[:, 1]
+    assert np.median(apart) == pytest.approx(max(0.5, math.sqrt(96 * headings / 1200)), rel=0.25)
+
+
+# Existing objects, rows, and routes that stay
+
+
+def test_a_wall_beside_an_existing_object_stays():
+    grid = open_floor()
+    walls = grid.cells == OCCUPIED
+    for at in ((6.0, 0.25), (6.03, 0.22), (0.2, 4.0)):
+        marked = with_objects(grid, Pole(0.3), [at])
+        assert ((marked.cells == OCCUPIED) != walls).any()
+        cleared = without_objects(marked, Pole(0.3), np.array([[*at, 0.0]]))
+        assert ((cleared.cells == OCCUPIED) == walls).all()
+        for off in ((0.04, -0.03), (-0.05, 0.05)):
+            pose = np.array([[*np.add(at, off), 0.0]])
+            left = without_objects(marked, Pole(0.3), pose).cells == OCCUPIED
+            assert left[walls].all()
+            assert (left & ~walls).sum() < 5  # what touches the wall may count as its own
+
+
+def test_an_object_that_is_drawn_larger_goes_with_its_rim():
+    grid = open_floor()
+    marked = with_objects(grid, Box(0.9, 0.5), [(6.0, 4.0)])
+    cleared = without_objects(marked, Box(0.8, 0.4), np.array([[6.0, 4.0, 0.0]]))
+    assert (cleared.cells == grid.cells).all()
+
+
+def test_a_regular_row_is_broken_where_that_costs_little(placed):
+    search = placed.search
+    at = search.places[:, :2] * 0.1
+    row = [int(np.argmin(np.hypot(*(at - at.mean(axis=0) - (-0.9, x)).T))) for x in (-3, -1, 1, 3)]
+    assert regularity(at[row]) is not None
+    broken, shifts = without_rows(search, row)
+    assert regularity(at[broken]) is None
+    assert len(shifts) >= 1
+    assert 0 < shifts[0].distance <= 1.5
+    search.objective.start(np.array(row))
+    before = search.objective.value()
+    search.objective.start(np.array(broken))
+    assert search.objective.value() <= before * 1.05 ** len(shifts)
+    assert without_rows(search, row[:3])[1] == ()
+
+
+def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
+    bent = np.array([[-6.0, 0.0], [-3.0, 0.5], [0.0, -0.5], [6.0, 0.0]])
+    settings = {"amcl": PRODUCT, "lidar": SHORT}
+    made = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, **settings)
+    assert not made.setting.planned
+    assert (paths_on(made.setting, made.grid)["bent"].xy == bent).all()
+    ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0)}
+    made = place_landmarks(hallway, Pole(0.2), 1, places=ends, **settings)
+    beside = with_objects(made.setting.grid, Box(0.4, 0.4), [(0.0, 0.0)])
+    again = paths_on(made.setting, beside)["a to b"]
+    assert again.length > made.setting.routes["a to b"].length
+    assert np.abs(again.resampled(0.05).xy[:, 1]).max() > 0.3
+
+
+def test_an_existing_object_on_a_path_is_refused(hallway):
+    stands = with_objects(hallway, Pole(0.3), [(1.0, 0.0)])
+    given = {"amcl": PRODUCT, "lidar": SHORT, "existing": [(1.0, 0.0)]}
+    with pytest.raises(LocplanError, match="path middle"):
+        place_landmarks(stands, Pole(0.3), 1, paths=ROUTE, **given)
+
+
+def test_matches_on_the_way_are_better_beside_landmarks(verification, placed):
+    before, after = verification.fields["middle"]
+    assert before[-1, 0] == pytest.approx(12.0)
+    assert len(before) == len(after)
+    nearest = int(np.argmin(np.abs(before[:, 0] - 6 - placed.poses[0, 0])))
+    assert after[nearest, 1] < 0.8 * before[nearest, 1]
+    (median, high), (median_after, _) = verification.match_deviations
+    assert median_after < median <= high
+
+
+def test_both_objectives_are_driven(placed):
+    best = best_of_trials(placed, 3)
+    chosen = [each.chosen_by for each in best.trials]
+    assert sorted(chosen)[0] == "degeneracy"
+    assert any(each.endswith("half of the places") for each in chosen)
+    assert "deviation along the routes" in chosen
+    assert best.chosen_by == chosen[0]
+    assert [each.drives for each in best.trials] == [120, 120, 40]
+    assert best.trials[0][2:] <= best.trials[1][2:]
 
 
 # Reports and the command
@@ -625,6 +849,17 @@ def test_the_command_takes_places_and_existing_objects(run, map_file, tmp_path):
     about = json.loads(said)
     assert len(about["landmarks"]) == 2
     assert about["verification"] is None
+
+
+def test_the_command_takes_a_region(run, map_file, tmp_path):
+    given = ["--region", "all", "--count", 1, "--range", 3, "--drives", 2, "--trials", 1]
+    fast = ["--set", "max_particles=100", "--set", "min_particles=100", "-o", tmp_path / "out"]
+    code, said, err = run("landmarks", map_file, *given, *fast)
+    assert code == 0, err
+    assert "mean degeneracy u" in said
+    about = json.loads((tmp_path / "out" / "landmarks.json").read_text())
+    assert about["region_m2"] > 20
+    assert about["mean_degeneracy"][1] < about["mean_degeneracy"][0]
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,14 @@ def entry(
 
     The range is infinite where the ray misses it, or begins within it.
     """
+    return turned_entry(outline, np.cos(heading), np.sin(heading), x, y, dx, dy)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def turned_entry(
+    outline: Outline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
+) -> tuple[float, float, float]:
+    """The same of an object whose heading has this cosine and sine."""
     if outline.is_round:
         along = -(x * dx + y * dy)
         aside = x * dy - y * dx
@@ -98,7 +106,6 @@ def entry(
         if at <= 0:
             return np.inf, 0.0, 0.0
         return at, (x + at * dx) / outline.half_length, (y + at * dy) / outline.half_length
-    cos, sin = np.cos(heading), np.sin(heading)
     u, v, du, dv = cos * x + sin * y, cos * y - sin * x, cos * dx + sin * dy, cos * dy - sin * dx
     enter_u, leave_u, enter_v, leave_v = -np.inf, np.inf, -np.inf, np.inf
     if du != 0:
@@ -153,8 +160,9 @@ def add_object(
     x: float,
     y: float,
     heading: float,
+    touched: NDArray[np.bool_],
 ) -> None:
-    """Change the hits (n, beams, 4) as an object at (x, y) does."""
+    """Change the hits (n, beams, 4) as an object at (x, y) does, and mark the poses, (n,)."""
     for n in range(rays.first.size):
         begin, count = meeting(rays, n, outline, x, y)
         from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
@@ -166,23 +174,12 @@ def add_object(
             hit = hits[n, b]
             if at >= hit[RANGE] or at > rays.most:
                 continue
+            touched[n] = True
             if at < rays.least:
                 nx, ny = 0.0, 0.0
             hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
             hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
             hit[TURN] = hx * ny - hy * nx
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def sums_of(hits: NDArray[np.float32], rays: Rays) -> NDArray[np.float64]:
-    """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
-    sums = np.zeros((hits.shape[0], 7))
-    for n in range(hits.shape[0]):
-        for b in range(hits.shape[1]):
-            _change(sums[n], hits[n, b], 1.0, rays)
-            if rays.least <= hits[n, b, RANGE] < np.inf:
-                sums[n, HITS] += 1
-    return sums
 
 
 @njit(inline="always")
@@ -201,6 +198,33 @@ def _change(sums: NDArray[np.float64], hit: NDArray[np.float32], sign: float, ra
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def sum_up(
+    hits: NDArray[np.float32],
+    rays: Rays,
+    touched: NDArray[np.bool_],
+    sums: NDArray[np.float64],
+) -> None:
+    """Write the weighted sums of g g^T over the rays of touched poses, and the hits, (n, 7)."""
+    for n in range(hits.shape[0]):
+        if not touched[n]:
+            continue
+        for k in range(7):
+            sums[n, k] = 0.0
+        for b in range(hits.shape[1]):
+            _change(sums[n], hits[n, b], 1.0, rays)
+            if rays.least <= hits[n, b, RANGE] < np.inf:
+                sums[n, HITS] += 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sums_of(hits: NDArray[np.float32], rays: Rays) -> NDArray[np.float64]:
+    """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
+    sums = np.zeros((hits.shape[0], 7))
+    sum_up(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
+    return sums
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def with_object(
     sums: NDArray[np.float64],
     hits: NDArray[np.float32],
@@ -210,27 +234,28 @@ def with_object(
     x: float,
     y: float,
     heading: float,
+    begin: int,
+    count: int,
     changed: NDArray[np.float64],
 ) -> bool:
     """Write a pose's sums with an object at (x, y) into `changed` (7,); False if they stay.
 
-    The number of hits stays in any case: it is that on the map without objects.
+    `count` rays from `begin` on may meet it, see `meeting`. The number of hits stays in any case:
+    it is that on the map without objects.
     """
-    begin, count = meeting(rays, n, outline, x, y)
-    if count == 0:
-        return False
     for k in range(7):
         changed[k] = sums[n, k]
     any_ray = False
     new = np.zeros(4, np.float32)
     from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     cos, sin = np.cos(rays.step), np.sin(rays.step)
+    along, aside = np.cos(heading), np.sin(heading)
     bearing = rays.first[n] + (begin - 1) * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
     for k in range(count):
         b = (begin + k) % rays.beams
         dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
-        at, nx, ny = entry(outline, heading, from_x - x, from_y - y, dx, dy)
+        at, nx, ny = turned_entry(outline, along, aside, from_x - x, from_y - y, dx, dy)
         if at >= hits[n, b, RANGE] or at > rays.most:
             continue
         any_ray = True

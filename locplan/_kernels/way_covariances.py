@@ -24,6 +24,7 @@ from locplan._kernels.landmarks import (
     Rays,
     with_object,
 )
+from locplan._kernels.sightings import Sightings
 
 FORGOTTEN = 1e-6
 """Share by which a variance may differ and yet count as what it was without an object."""
@@ -139,6 +140,8 @@ def _begin(p: NDArray[np.float64], motion: Motion) -> None:
 @njit(nogil=True, cache=True, error_model="numpy")
 def uncertainties(
     candidates: NDArray[np.float64],
+    indices: NDArray[np.int64],
+    sightings: Sightings,
     hits: NDArray[np.float32],
     sums: NDArray[np.float64],
     rays: Rays,
@@ -147,12 +150,16 @@ def uncertainties(
     told: Told,
     motion: Motion,
 ) -> NDArray[np.float64]:
-    """Mean of P_xx + P_yy over all poses with each candidate besides, (m,) [m^2].
+    """Mean of P_xx + P_yy over all poses with each of some candidates besides, (m,) [m^2].
 
     Parameters
     ----------
-    candidates : (m, 3) array
-        x, y and heading of each [m, m, rad].
+    candidates : (c, 3) array
+        x, y and heading of all [m, m, rad].
+    indices : (m,) array
+        The candidates that are asked for.
+    sightings : Sightings
+        The poses that see each of all candidates.
     hits : (n, beams, 4) array
         Hits on the map and the objects that stand already.
     sums : (n, 7) array
@@ -165,30 +172,41 @@ def uncertainties(
     total = 0.0
     for n in range(count):
         total += after[n, XX] + after[n, YY]
-    result = np.empty(len(candidates))
+    result = np.empty(len(indices))
     changed, p = np.empty(7), np.empty(6)
-    for m in range(len(candidates)):
-        x, y, heading = candidates[m, 0], candidates[m, 1], candidates[m, 2]
+    for m in range(len(indices)):
+        x, y, heading = (
+            candidates[indices[m], 0],
+            candidates[indices[m], 1],
+            candidates[indices[m], 2],
+        )
         value = total
-        for r in range(routes.size - 1):
-            differs = False
-            for n in range(routes[r], routes[r + 1]):
-                if differs:
-                    move(
-                        p,
-                        rays.poses[n, 0] - rays.poses[n - 1, 0],
-                        rays.poses[n, 1] - rays.poses[n - 1, 1],
-                        motion,
-                    )
-                meets = with_object(sums, hits, rays, n, outline, x, y, heading, changed)
-                if meets and not differs:
-                    differs = True
-                    for k in range(6):
-                        p[k] = before[n, k]
-                if not differs:
-                    continue
-                update(p, changed if meets else sums[n], told)
-                value += p[XX] + p[YY] - after[n, XX] - after[n, YY]
-                differs = meets or not _alike(p, after[n])
+        k, stop = sightings.starts[indices[m]], sightings.starts[indices[m] + 1]
+        r = n = 0
+        differs = False  # whether the covariance before pose n is another one
+        while k < stop or differs:
+            if not differs:
+                n = sightings.poses[k]
+                while routes[r + 1] <= n:
+                    r += 1
+            meets = k < stop and sightings.poses[k] == n
+            if meets:
+                begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
+                meets = with_object(
+                    sums, hits, rays, n, outline, x, y, heading, begin, many, changed
+                )
+                k += 1
+            if not differs and not meets:
+                continue
+            if not differs:
+                for c in range(6):
+                    p[c] = before[n, c]
+            update(p, changed if meets else sums[n], told)
+            value += p[XX] + p[YY] - after[n, XX] - after[n, YY]
+            differs = n + 1 < routes[r + 1] and (meets or not _alike(p, after[n]))
+            if differs:
+                n += 1
+                dx = rays.poses[n, 0] - rays.poses[n - 1, 0]
+                move(p, dx, rays.poses[n, 1] - rays.poses[n - 1, 1], motion)
         result[m] = value / count
     return result

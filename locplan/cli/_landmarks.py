@@ -34,12 +34,13 @@ app = command(
     "landmarks",
     "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
     "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --params nav2_params.yaml -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
 )
 
 
 @option_group(GENERAL)
 class Placing:
-    """The objects, the routes that they serve, and where they may stand."""
+    """The objects, the routes or the region that they serve, and where they may stand."""
 
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2"
     """They are poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH) [m]; pole:0.2 by default."""
@@ -53,6 +54,10 @@ class Placing:
     """The robot drives this path (x_m,y_m); repeatable."""
     places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
     """The robot drives between all places in this file (name,x,y)."""
+    region: Annotated[
+        tuple[str, ...], Parameter(metavar="X0,Y0,X1,Y1", allow_leading_hyphen=True)
+    ] = ()
+    """The robot may go anywhere in this rectangle [m], repeatable, or with "all" on the map."""
     where: Literal["walls", "free", "both"] = "both"
     """Places along walls, in the open, or both are tried, by default both."""
     spacing: float = 0.5
@@ -71,8 +76,8 @@ class Placing:
     drives: Annotated[int, Parameter()] = 100
     """The number of drives of the verification is 100 by default; 0 leaves it out."""
     trials: Count | None = None
-    """So many placements that promise the same are driven first, and the best is taken; 4 by
-    default, and 1 without drives."""
+    """So many placements that promise as much are driven first, and the best is taken; 4 by
+    default, and 1 without drives. Along routes the first two are by the two objectives."""
 
 
 @option_group(FIELD)
@@ -116,10 +121,12 @@ def landmarks(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Propose places for poles or boxes that keep the robot from getting lost on its routes.
+    """Propose places for poles or boxes that keep the robot from getting lost on its ways.
 
     Drives with your own filter, before, after and with random places, say whether they help.
     """
+    import numpy as np
+
     from locplan import landmarks as core
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
@@ -130,20 +137,23 @@ def landmarks(
     from locplan.simulation._drives import check_drives
 
     start, goal, drives = placing.start, placing.goal, placing.drives
-    asked = bool(placing.path), bool(start or goal), placing.places is not None
+    asked = bool(placing.path), bool(start or goal), bool(placing.places), bool(placing.region)
     if asked.count(True) != 1 or bool(start) != bool(goal):
-        raise ConfigError("give one of --path, --start with --goal, and --places")
+        raise ConfigError("give one of --path, --start with --goal, --places, and --region")
     kind = parsed_object(placing.object)
     if drives:
         check_drives(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
     existing = [position("existing", text) for text in placing.existing]
+    region = [numbers("region", text, 4) for text in placing.region if text != "all"]
     keep_out = [numbers("keep-out", text, 4) for text in placing.keep_out]
     grid = load(map_file)
     routes: dict[str, Any]
     if placing.path:
         routes = {"paths": read_paths(placing.path)}
+    elif placing.region:
+        routes = {"region": np.ones(grid.shape, bool) if "all" in placing.region else region}
     elif placing.places:
         routes = {"places": {s.name: (s.x, s.y) for s in read_stations(placing.places)}}
     else:

@@ -67,6 +67,5 @@ def covariance_field(
     config = config_of(config)
     values = tiles.nothing_known(grid, config)
     wanted = tiles.wanted_points(grid, config, points)
-    for _ in tiles.finished_chunks(values, grid, config, threads, executor, progress, wanted):
-        pass
+    tiles.fill(values, grid, config, threads, executor, progress, wanted)
     return CovarianceField.of(values, grid, config)

@@ -291,6 +291,7 @@ class CovarianceField(Pictured):
         self,
         grid: OccupancyGrid,
         *,
+        points: NDArray[np.bool_] | None = None,
         threads: int | None = None,
         executor: Executor | None = None,
         progress: ProgressCallback | None = None,
@@ -303,8 +304,8 @@ class CovarianceField(Pictured):
         ----------
         grid : OccupancyGrid
             The new map, of the same shape, resolution and origin.
-        threads, executor, progress
-            See `covariance_field`.
+        points, threads, executor, progress
+            See `covariance_field`; other points stay where they are known and unchanged.
 
         Raises
         ------
@@ -317,8 +318,7 @@ class CovarianceField(Pictured):
         for name, known in self.values.items():
             values[name][same] = known[same]
         made = grid, self.config, threads, executor, progress
-        for _ in tiles.finished_chunks(values, *made, tiles.wanted_points(grid, self.config)):
-            pass
+        tiles.fill(values, *made, tiles.wanted_points(grid, self.config, points))
         return CovarianceField.of(values, grid, self.config)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -145,6 +145,20 @@ def finished_chunks(
             yield chunk
 
 
+def fill(
+    values: Values,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    threads: int | None,
+    executor: Executor | None,
+    progress: ProgressCallback | None,
+    wanted: NDArray[np.bool_],
+) -> None:
+    """Compute the missing values in place; see `finished_chunks`."""
+    for _ in finished_chunks(values, grid, config, threads, executor, progress, wanted):
+        pass
+
+
 def computed_chunks(
     missing: NDArray[np.bool_],
     grid: OccupancyGrid,

@@ -3,7 +3,7 @@ from ._feature_figures import key_features_figure as key_features_figure
 from ._features import Feature as Feature, KeyFeatures as KeyFeatures
 from ._figures import landmarks_figure as landmarks_figure
 from ._key_features import key_features as key_features
-from ._landmarks import Landmarks as Landmarks
+from ._landmarks import Landmarks as Landmarks, Trial as Trial
 from ._objects import (
     Box as Box,
     LandmarkObject as LandmarkObject,
@@ -12,6 +12,7 @@ from ._objects import (
 )
 from ._place import place_landmarks as place_landmarks
 from ._regular import Regularity as Regularity
+from ._rows import Shift as Shift
 from ._setting import Setting as Setting
 from ._trials import best_of_trials as best_of_trials
 from ._verification import Outcome as Outcome, Verification as Verification

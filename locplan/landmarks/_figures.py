@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
-BEFORE, AFTER, MARK = "#0072b2", "#d55e00", "#d55e00"
-WIDTH = 9.5
+BEFORE, AFTER, MARK, REGION = "#0072b2", "#d55e00", "#d55e00", "#56b4e9"
+WIDTH = 11.0
 """Least width of the figure [inch]."""
 STACKED = 1.2
 """Ratio of a map's width to its height from which on the maps stand above each other."""
@@ -62,12 +62,13 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
     figure.suptitle("\n".join(lines), fontsize="medium")
     parts: Any = figure.subfigures(2, height_ratios=(maps, 2.8))
     upper: Any = parts[0].subplots(*((2, 1) if stacked else (1, 2)), sharex=True, sharey=True)
-    lower: Any = parts[1].subplots(1, 2 if verification else 1, squeeze=False)[0]
+    lower: Any = parts[1].subplots(1, 3 if verification else 1, squeeze=False)[0]
     profiles = list(verification.profiles.values()) if verification else []
     _draw_maps(parts[0], upper, grids, made, profiles)
     _draw_gains(lower[0], made)
     if verification:
         _draw_errors(lower[1], verification)
+        _draw_matches(lower[2], verification)
     return figure
 
 
@@ -86,13 +87,15 @@ def _draw_maps(
     image = None
     for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
         draw_map(own, grid)
+        if made.setting.region is not None:
+            _draw_region(own, made)
         own.set_title(("before", "after")[n], fontsize="medium", loc="left")
         own.label_outer()
         for k, path in enumerate(made.setting.routes.values()):
-            draw_path(own, path, color="black", linewidth=5.0 if profiles else 1.5)
             if profiles:
                 profile = profiles[k][n].profile()
                 xy = profile[:, 1:3]
+                own.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
                 lines = LineCollection(
                     list(np.stack([xy[:-1], xy[1:]], axis=1)),
                     array=profile[:-1, 4],
@@ -102,6 +105,8 @@ def _draw_maps(
                     zorder=3,
                 )
                 image = own.add_collection(lines)
+            else:
+                draw_path(own, path, color="black", linewidth=1.5)
             draw_ends(own, path.xy[0], path.xy[-1])
     if image is not None:
         bar = figure.colorbar(image, ax=list(axes), label="mean position error [m]", shrink=0.9)
@@ -116,6 +121,15 @@ def _draw_maps(
         axes[1].annotate(
             str(n + 1), (x, y), at, textcoords="offset points", bbox=box, arrowprops=arrow, **style
         )
+
+
+def _draw_region(axes: Axes, made: Landmarks) -> None:
+    """Outline the region in which the robot may be anywhere."""
+    grid = made.setting.grid
+    rows, cols = np.indices(grid.shape) + 0.5
+    x, y = grid.grid_to_world(rows, cols)
+    region = np.asarray(made.setting.region, np.float64)
+    axes.contour(x, y, region, levels=[0.5], colors=REGION, linewidths=0.8, zorder=2)
 
 
 def _beside(made: Landmarks, grid: OccupancyGrid) -> list[tuple[float, float]]:
@@ -134,24 +148,24 @@ def _beside(made: Landmarks, grid: OccupancyGrid) -> list[tuple[float, float]]:
 def _draw_gains(axes: Axes, made: Landmarks) -> None:
     """Draw the expected deviation over the number of landmarks."""
     numbers: NDArray[Any] = np.arange(len(made.curve))
-    axes.plot(numbers, made.deviations, "o-", color=AFTER, markersize=4)
-    if made.deviations[-1] > 0 and made.deviations[0] > 10 * made.deviations[-1]:
+    axes.plot(numbers, made.expected, "o-", color=AFTER, markersize=4)
+    if made.expected[-1] > 0 and made.expected[0] > 10 * made.expected[-1]:
         axes.set_yscale("log")
         _plainly(axes.yaxis)
     else:
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.05 * float(made.expected.max()) or 1.0)
     if 0 < made.paying < len(made):
         axes.axvline(made.paying, color="0.6", linewidth=0.8)
         note = f"further ones: less\nthan {PAYS:.0%} each"
         at = "data", "axes fraction"
         axes.annotate(note, (made.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="number of landmarks", ylabel="expected deviation [m]")
+    axes.set(xlabel="number of landmarks", ylabel=made.measure.title)
 
 
 def _draw_errors(axes: Axes, verification: Verification) -> None:
     """Draw the error along the first route, before and after."""
-    name, pair = next(iter(verification.profiles.items()))
+    pair = next(iter(verification.profiles.values()))
     for drives, colour, label, style in zip(
         pair, (BEFORE, AFTER), ("before", "after"), ("--", "-"), strict=True
     ):
@@ -168,10 +182,26 @@ def _draw_errors(axes: Axes, verification: Verification) -> None:
     axes.annotate(
         "lost", (1, LOST), (-5, -2), at, "offset points", ha="right", va="top", fontsize=8
     )
-    many = f" of {name}" if len(verification.profiles) > 1 else ""
-    axes.set(xlabel=f"distance along the route{many} [m]", ylabel="position error [m]")
+    axes.set(xlabel=_along(verification), ylabel="position error [m]")
     axes.set_title("mean, and where 80 % of the drives are", fontsize="small", loc="left")
     axes.legend(fontsize="small", frameon=False)
+
+
+def _draw_matches(axes: Axes, verification: Verification) -> None:
+    """Draw the deviation of single matches along the first route, before and after."""
+    pair = next(iter(verification.fields.values()))
+    for profile, colour, style in zip(pair, (BEFORE, AFTER), ("--", "-"), strict=True):
+        axes.plot(*profile.T, style, color=colour)
+    axes.set_ylim(bottom=0)
+    axes.set(xlabel=_along(verification), ylabel="deviation of a match [m]")
+    axes.set_title("one scan alone, by the field", fontsize="small", loc="left")
+
+
+def _along(verification: Verification) -> str:
+    """Label of the distance along the first route."""
+    name = next(iter(verification.profiles))
+    many = f", {name}" if len(verification.profiles) > 1 else ""
+    return f"distance along the route{many} [m]"
 
 
 def _plainly(axis: Any) -> None:

@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import instance, number, positive, whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Path
+from locplan.errors import ConfigError
 from locplan.field import Lidar
+from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._features import Feature, KeyFeatures
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._pieces import pieces_of
 from locplan.landmarks._problem import routes_of
-from locplan.landmarks._sights import Sights, met_cells
-from locplan.landmarks._surroundings import surroundings
+from locplan.landmarks._surroundings import lines_along, step_of, surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.simulation import Amcl, Disturbances
 from locplan.simulation._settings import SHORT_LIDAR
@@ -126,10 +127,14 @@ def key_features(
     instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
     instance("amcl", amcl, Amcl)
     instance("disturbances", disturbances, Disturbances)
+    if (paths is None) == (places is None):
+        raise ConfigError("give paths, or places that routes lead between, and not both")
     routes = routes_of(grid, paths, places, robot_radius)
     half = ACROSS * grid.resolution / 2
     shape = Shape(half, half, is_round=True)
-    seen = surroundings(grid, routes, shape, lidar, amcl, disturbances)
+    step = step_of(amcl)
+    lines = lines_along(grid, routes, step)
+    seen = surroundings(grid, lines, step, shape, lidar, amcl, disturbances)
     occupied = grid.cells == OCCUPIED
     met = met_cells(occupied, grid.resolution, seen.rays)
     pieces = pieces_of(occupied, met, grid.resolution, piece, largest, gap)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +14,31 @@ from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.landmarks._candidates import Rejected
+from locplan.landmarks._objectives import DEGENERACY, DEVIATION, Measure
+from locplan.landmarks._objects import with_objects
 from locplan.landmarks._regular import Regularity, regularity
-from locplan.landmarks._search import Search
+from locplan.landmarks._rows import Shift
+from locplan.landmarks._search import Search, in_world
 from locplan.landmarks._setting import Setting
 from locplan.landmarks._verification import Verification, verified
 from locplan.maps import OccupancyGrid
 from locplan.simulation._simulate import DRIVES
 
 PAYS = 0.05
-"""Share by which a landmark must lower the expected deviation to pay."""
+"""Share by which a landmark must lower what is expected to pay."""
+
+
+class Trial(NamedTuple):
+    """A placement that was driven beside others."""
+
+    chosen_by: str
+    """How its places were chosen."""
+    drives: int
+    """Number of drives, along all routes together."""
+    lost: int
+    """Number of those that were lost at any time."""
+    error: float
+    """Geometric mean of the drives' root mean square position errors [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,7 +52,10 @@ class Landmarks(Pictured):
     poses: NDArray[np.float64]
     """World x, y and heading of each, (k, 3) [m, m, rad]."""
     curve: NDArray[np.float64]
-    """Expected mean of P_xx + P_yy along the routes with 0, 1, ... landmarks, (k + 1,) [m^2]."""
+    """Objective with 0, 1, ... landmarks, (k + 1,).
+
+    It is the expected mean of P_xx + P_yy along routes [m^2], or the mean degeneracy u in a region.
+    """
     rejected: tuple[Rejected, ...]
     """Places that were refused, and why."""
     before: OccupancyGrid
@@ -49,12 +68,46 @@ class Landmarks(Pictured):
     """Index of each place among those of the search; the existing objects' come first."""
     search: Search
     """The search, for other placements."""
+    shifts: tuple[Shift, ...] = ()
+    """Landmarks that were taken out of regular rows."""
+    chosen_by: str = ""
+    """How the places were chosen: what was made small, and among which places."""
+    trials: tuple[Trial, ...] = ()
+    """Placements that were driven, the best first, of which this one is the best."""
+
+    @classmethod
+    def of(
+        cls,
+        setting: Setting,
+        search: Search,
+        order: list[int],
+        rejected: tuple[Rejected, ...],
+        before: OccupancyGrid,
+        existing: int,
+        shifts: tuple[Shift, ...],
+    ) -> Landmarks:
+        """Landmarks at the places that a search chose, in order of gain."""
+        indices = np.array(order, np.int64)
+        poses = in_world(setting.grid, search.places[indices])
+        return cls(
+            setting,
+            poses,
+            search.curve(order),
+            rejected,
+            before,
+            with_objects(setting.grid, setting.kind, poses),
+            existing,
+            indices,
+            search,
+            shifts,
+            search.objective.name,
+        )
 
     def __repr__(self) -> str:
-        low, high = self.deviations[-1], self.deviations[0]
+        low, high = self.expected[-1], self.expected[0]
         return (
             f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
-            f" expected deviation {high:.3g} -> {low:.3g} m)"
+            f" {self.measure.title} {high:.3g} -> {low:.3g})"
         )
 
     def __len__(self) -> int:
@@ -68,13 +121,21 @@ class Landmarks(Pictured):
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """What each landmark takes off the curve beside those before it, (k,) [m^2]."""
+        """What each landmark takes off the curve beside those before it, (k,)."""
         return -np.diff(self.curve)
 
     @property
-    def deviations(self) -> NDArray[np.float64]:
-        """Expected deviation of the position, the root of the curve, (k + 1,) [m]."""
-        return np.sqrt(self.curve)
+    def measure(self) -> Measure:
+        """What `expected` is."""
+        return DEVIATION if self.setting.region is None else DEGENERACY
+
+    @property
+    def expected(self) -> NDArray[np.float64]:
+        """Expected deviation of the position along routes [m], the root of the curve, (k + 1,).
+
+        In a region it is the mean degeneracy u, the curve itself.
+        """
+        return np.asarray(self.curve**self.measure.power)
 
     @property
     def kept(self) -> int:
@@ -85,9 +146,9 @@ class Landmarks(Pictured):
     def paying(self) -> int:
         """Number of landmarks from which on no further one pays.
 
-        Each one after lowers the expected deviation by less than 5 %.
+        Each one after lowers what is expected by less than 5 %.
         """
-        steps = 1 - self.deviations[1:] / self.deviations[:-1]
+        steps = 1 - self.expected[1:] / np.maximum(self.expected[:-1], 1e-12)
         paying = np.flatnonzero(steps >= PAYS)
         return int(paying[-1]) + 1 if paying.size else 0
 
@@ -151,17 +212,23 @@ class Landmarks(Pictured):
                 "map_with_landmarks": {"digest": self.grid.digest},
                 "object": {"kind": type(setting.kind).__name__, **dataclasses.asdict(setting.kind)},
                 "landmarks": [
-                    {"x_m": x, "y_m": y, "heading_rad": heading, "gain_m2": gain}
+                    {"x_m": x, "y_m": y, "heading_rad": heading, "gain": gain}
                     for (x, y, heading), gain in zip(
                         self.poses.tolist(), self.gains.tolist(), strict=True
                     )
                 ],
-                "expected_deviation_m": self.deviations.tolist(),
+                "chosen_by": self.chosen_by,
+                "trials": [each._asdict() for each in self.trials],
+                self.measure.key: self.expected.tolist(),
                 "paying": self.paying,
                 "kept": self.kept,
                 "regular": None if regular is None else regular._asdict(),
+                "shifts": [each._asdict() for each in self.shifts],
                 "rejected": self.reasons(),
                 "routes": {name: path.length for name, path in setting.routes.items()},
+                "region_m2": None
+                if setting.region is None
+                else float(setting.region.sum()) * self.grid.resolution**2,
                 "robot_radius": setting.robot_radius,
                 "lidar": dataclasses.asdict(setting.lidar),
                 "amcl": dataclasses.asdict(setting.amcl),

@@ -14,21 +14,24 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Path
 from locplan.errors import ConfigError
 from locplan.field import Lidar
-from locplan.landmarks._along_routes import AlongRoutes
 from locplan.landmarks._candidates import WHERE, Rejected, Where, checked, places_of
+from locplan.landmarks._existing import without_objects
 from locplan.landmarks._landmarks import Landmarks
+from locplan.landmarks._objectives import AlongRoutes, MeanDegeneracy, Objective, anchors_of
 from locplan.landmarks._objects import (
     LandmarkObject,
     check_object,
     checked_poses,
     on_grid,
-    with_objects,
 )
 from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import kept_out, routes_of, without_objects
+from locplan.landmarks._problem import cells_in, routes_of
+from locplan.landmarks._region import poses_in, routes_across, where_robot_is
+from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import Search, in_world
 from locplan.landmarks._setting import Setting
-from locplan.landmarks._surroundings import surroundings
+from locplan.landmarks._sight import Sight
+from locplan.landmarks._surroundings import lines_along, step_of, surroundings
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.simulation import Amcl, Disturbances
 from locplan.simulation._settings import SHORT_LIDAR
@@ -48,6 +51,7 @@ def place_landmarks(
     *,
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
+    region: ArrayLike | None = None,
     lidar: Lidar | None = None,
     amcl: Amcl | None = None,
     disturbances: Disturbances | None = None,
@@ -60,11 +64,13 @@ def place_landmarks(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Landmarks:
-    """Choose places for objects that keep a robot from getting lost along its routes.
+    """Choose places for objects that keep a robot from getting lost on its ways.
 
-    They make the mean of P_xx + P_yy small along the routes, P the covariance of an information
-    filter with the noise of the robot's own: a greedy choice, and up to three rounds in which each
-    object may go elsewhere. `Landmarks.verify` tells by simulated drives whether they help.
+    Along routes they make the mean of P_xx + P_yy small, P the covariance of an information filter
+    with the noise of the robot's own; in a region, the mean degeneracy u. It is a greedy choice,
+    then up to three rounds in which each object may go elsewhere, and rows at equal short steps
+    are broken where that costs little. `best_of_trials` drives other choices, too, and
+    `Landmarks.verify` tells by simulated drives whether they help.
 
     Parameters
     ----------
@@ -76,18 +82,23 @@ def place_landmarks(
         Number of objects to place, besides those in `existing`. There are fewer where no further
         one helps, or may stand.
     paths : Path, or mapping of str to Path or to (n, 2) array, optional
-        Routes of the robot in the world [m], within the free cells.
+        Routes of the robot in the world [m], within the free cells. It drives just these.
     places : sequence of (x, y), or mapping of str to (x, y), optional
-        Instead of paths: the robot drives the shortest paths between all of these [m].
+        Instead of paths: the robot drives the shortest paths between all of these [m], planned
+        again among the objects.
+    region : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
+        Instead of paths: the robot may go anywhere in these cells, or rectangles in the world [m].
+        Of parts that no way joins, the largest counts. Drives between places far apart verify it.
     lidar, amcl, disturbances : optional
         The robot's lidar, its filter, and the disturbances; see `locplan.simulation.Simulator`.
     robot_radius : float
         Radius of the robot [m].
     margin : float
-        Distance that routes and passages keep from the objects besides the radius [m].
+        Distance that routes, and ends of those in a region, and passages keep from the objects
+        besides the radius [m].
     where : str
         Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
-        1 m and beside the routes, or "both". Those beyond the lidar's range of all routes are left
+        1 m and beside the routes, or "both". Those beyond the lidar's range of the robot are left
         out.
     spacing : float
         Distance between the places along walls and beside routes [m].
@@ -107,8 +118,8 @@ def place_landmarks(
     Raises
     ------
     LocplanError
-        If an argument is out of its range, a path leaves the free cells, or no object may stand
-        anywhere.
+        If an argument is out of its range, a path leaves the free cells, the robot cannot be in the
+        region, or no object may stand anywhere.
 
     Examples
     --------
@@ -134,71 +145,71 @@ def place_landmarks(
     instance("amcl", amcl, Amcl)
     instance("disturbances", disturbances, Disturbances)
     threads = check_threads(threads)
-    area = kept_out(grid, keep_out)
+    given = {"paths": paths, "places": places, "region": region}
+    if sum(each is not None for each in given.values()) != 1:
+        raise ConfigError("give one of paths, places and region")
+    area = cells_in(grid, keep_out, "keep_out")
     empty = without_objects(grid, kind, moved) if len(moved) else grid
-    routes = routes_of(empty, paths, places, robot_radius)
-    setting = Setting(
-        empty, kind, routes, places is not None, lidar, amcl, disturbances, robot_radius
-    )
-    shape = kind.shape
-    seen = surroundings(empty, routes, shape, lidar, amcl, disturbances)
+    shape, keep, robot = kind.shape, robot_radius + margin, (lidar, amcl, disturbances)
+    step, where_driven = step_of(amcl), None
+    if region is not None:
+        where_driven = where_robot_is(empty, _region(empty, region), robot_radius)
+        routes = routes_across(empty, where_driven, robot_radius)
+        lines = [poses_in(empty, where_driven, lidar)]
+        clear_of = np.concatenate([path.xy[[0, -1]] for path in routes.values()])
+    else:
+        routes = routes_of(empty, paths, places, robot_radius)
+        lines = lines_along(empty, routes, step)
+        if paths is not None and len(moved):
+            lines_along(grid, routes, step)  # nor may an existing object stand on them
+        fine = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
+        clear_of = np.concatenate(fine)
+    setting = Setting(empty, kind, routes, where_driven, paths is None, *robot, robot_radius)
+    seen = surroundings(empty, lines, step, shape, *robot)
     passages = Passages(empty, shape, robot_radius, margin)
-    on_routes = _fine(empty, routes)
-    tried = places_of(empty, shape, where, spacing, routes.values(), robot_radius + margin)
-    tried = _within(tried, on_routes, (seen.rays.most + shape.reach) / grid.resolution)
-    candidates = checked(
-        tried,
-        empty,
-        shape,
-        passages,
-        routes=on_routes,
-        keep=robot_radius + margin,
-        keep_out=area,
-    )
+    on_ways = np.column_stack(empty.world_to_grid(*clear_of.T))
+    tried = places_of(empty, shape, where, spacing, routes.values() if region is None else (), keep)
+    poses = np.concatenate([line[:, :2] for line in lines])
+    at = np.column_stack(empty.world_to_grid(*poses.T))
+    tried = _within(tried, at, (seen.rays.most + shape.reach) / grid.resolution)
+    candidates = checked(tried, empty, shape, passages, routes=on_ways, keep=keep, keep_out=area)
     standing = on_grid(empty, moved)
     every = np.concatenate([standing, candidates.poses])
     if not len(every):
         raise ConfigError(
-            f"no {kind.title} may stand within the lidar's range of a route:"
+            f"no {kind.title} may stand within the lidar's range of the robot:"
             f" {_reasons(candidates.reasons)}; allow where='both', a smaller object or margin"
         )
-    objective = AlongRoutes(seen, shape, grid.resolution, threads)
-    search = Search(objective, every, shape, passages, grid.resolution)
-    order = search.run(list(range(len(moved))), count, progress)
+    sight = Sight(seen, shape, every, grid.resolution, threads)
+    objective: Objective = AlongRoutes(sight)
+    if region is not None:
+        objective = MeanDegeneracy(sight, anchors_of(lidar, grid.resolution))
+    search = Search(objective, passages, np.arange(len(every)))
+    order, shifts = without_rows(search, search.run(list(range(len(moved))), count, progress))
     refused = np.concatenate([candidates.refused, every[list(search.refused)]], dtype=np.float64)
     reasons = [*candidates.reasons, *search.refused.values()]
-    chosen = search.in_world(empty, np.array(order, np.int64))
-    return Landmarks(
-        setting,
-        chosen,
-        search.curve(order),
-        tuple(
-            Rejected(x, y, heading, reason)
-            for (x, y, heading), reason in zip(
-                in_world(empty, refused).tolist(), reasons, strict=True
-            )
-        ),
-        before=grid,
-        grid=with_objects(empty, kind, chosen),
-        existing=len(moved),
-        indices=np.array(order, np.int64),
-        search=search,
+    rejected = tuple(
+        Rejected(x, y, heading, reason)
+        for (x, y, heading), reason in zip(in_world(empty, refused).tolist(), reasons, strict=True)
     )
+    return Landmarks.of(setting, search, order, rejected, grid, len(moved), shifts)
 
 
-def _fine(grid: OccupancyGrid, routes: Mapping[str, Path]) -> NDArray[np.float64]:
-    """Rows and columns along routes, at most half a cell apart, (n, 2) [cells]."""
-    xy = np.concatenate([path.resampled(grid.resolution / 2).xy for path in routes.values()])
-    return np.column_stack(grid.world_to_grid(*xy.T))
+def _region(grid: OccupancyGrid, region: Any) -> NDArray[np.bool_]:
+    """Cells of a region, of which there must be some."""
+    cells = cells_in(grid, region, "region")
+    if cells is None:
+        raise ConfigError("the region must hold at least one rectangle (x0, y0, x1, y1) in metres")
+    return cells
 
 
 def _within(
-    places: NDArray[np.float64], routes: NDArray[np.float64], reach: float
+    places: NDArray[np.float64], poses: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Places within a distance [cells] of the routes."""
+    """Places within a distance [cells] of the robot's poses."""
     from scipy.spatial import cKDTree
 
-    apart, _ = cKDTree(routes).query(places[:, :2], distance_upper_bound=reach)
+    apart, _ = cKDTree(poses).query(places[:, :2], distance_upper_bound=reach)
     near: NDArray[np.float64] = places[np.isfinite(apart)]
     return near
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from locplan._util.checks import position, shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.landmarks._objects import LandmarkObject, filled_cells, on_grid
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 
 MAX_PLACES = 8
 """Greatest number of places; all of them are joined by routes."""
+SHIFTS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+"""Shifts of an existing object's drawing along rows and columns that are tried [cells]."""
 
 
 def routes_of(
@@ -28,12 +29,10 @@ def routes_of(
     Raises
     ------
     ConfigError
-        If neither or both are given, or they are none.
+        If they are none.
     LocplanError
         If the robot cannot stand at a place, or no path joins two.
     """
-    if (paths is None) == (places is None):
-        raise ConfigError("give paths, or places that routes lead between, and not both")
     if paths is not None:
         return _named_paths(paths)
     named = _named_places(places)
@@ -75,48 +74,26 @@ def _named_places(places: Any) -> dict[str, tuple[float, float]]:
     return {str(name): position(xy, name=f"place {name}") for name, xy in places.items()}
 
 
-def without_objects(
-    grid: OccupancyGrid, kind: LandmarkObject, poses: NDArray[np.float64]
-) -> OccupancyGrid:
-    """Copy of a map without objects that stand in it, whose cells become free.
-
-    Cells beside the drawn shape are freed, too, if they are occupied and the wall does not hold
-    them: those within one cell of it.
-    """
-    import dataclasses
-
-    cells = grid.cells.copy()
-    shape = kind.shape
-    wider = shape._replace(
-        half_length=shape.half_length + grid.resolution,
-        half_width=shape.half_width + grid.resolution,
-    )
-    for row, col, heading in on_grid(grid, poses):
-        at = filled_cells(wider, row, col, heading, grid.resolution, grid.shape)
-        cells[at] = FREE
-    return dataclasses.replace(grid, cells=cells)
-
-
-def kept_out(grid: OccupancyGrid, keep_out: Any) -> NDArray[np.bool_] | None:
-    """Cells that no object may fill, of a mask (H, W) or of rectangles in the world.
+def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:
+    """Cells of a mask (H, W) or of rectangles in the world, or None without any.
 
     Raises
     ------
     ConfigError
         If it is neither.
     """
-    if keep_out is None:
+    if areas is None:
         return None
-    values = np.asarray(keep_out)
+    values = np.asarray(areas)
     if values.dtype == bool:
         if values.shape != grid.shape:
-            raise ConfigError(f"keep_out has shape {values.shape}, but the map {grid.shape}")
+            raise ConfigError(f"{name} has shape {values.shape}, but the map {grid.shape}")
         return values
     if values.size == 0:
         return None
     if values.ndim != 2 or values.shape[1] != 4 or not np.issubdtype(values.dtype, np.number):
         raise ConfigError(
-            "keep_out must be a mask (H, W) of bool, or rectangles (x0, y0, x1, y1) in metres"
+            f"{name} must be a mask (H, W) of bool, or rectangles (x0, y0, x1, y1) in metres"
         )
     rows, cols = np.indices(grid.shape)
     x, y = grid.grid_to_world(rows + 0.5, cols + 0.5)

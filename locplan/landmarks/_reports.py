@@ -35,8 +35,12 @@ LANDMARKS = Results(
         f"{MAP}.pgm",
     ),
 )
-COLUMNS = ("number", "x_m", "y_m", "heading_deg", "length_m", "width_m", "gain_m2", "deviation_m")
-"""Names of the columns of landmarks.csv; a pole's length and width are its diameter."""
+COLUMNS = ("number", "x_m", "y_m", "heading_deg", "length_m", "width_m", "gain", "expected")
+"""Names of the columns of landmarks.csv; a pole's length and width are its diameter.
+
+A gain is what a landmark takes off the objective: mean P_xx + P_yy along routes [m^2], with the
+expected deviation [m], its root, as what is expected; or of a region, both times, the mean u.
+"""
 DRIVEN = (
     "landmarks",
     "drives",
@@ -67,6 +71,11 @@ def landmarks_table(
         heads = ["landmarks", "drives", "lost (> 1 m) [95 %]", "error, all drives", "not lost"]
         driven = table(heads, rows) + "\n"
         lines.append(verification.verdict)
+        (before, high), (after, high_after) = verification.match_deviations.tolist()
+        lines.append(
+            f"deviation of single matches on the way (scan): median {before:.2f} -> {after:.2f} m,"
+            f" 95 % below {high:.2f} -> {high_after:.2f} m"
+        )
     else:
         lines.append("not verified: nothing was driven")
     lines.append(f"with {setting.amcl.title}; {setting.lidar.title}")
@@ -77,14 +86,18 @@ def landmarks_table(
     placed = [
         [str(n), f"{x:.2f}", f"{y:.2f}", f"{math.degrees(heading):.0f}", f"{deviation:.3f}"]
         for n, ((x, y, heading), deviation) in enumerate(
-            zip(made.poses.tolist(), made.deviations[1:].tolist(), strict=True), 1
+            zip(made.poses.tolist(), made.expected[1:].tolist(), strict=True), 1
         )
     ]
-    heads = ["landmark", "x [m]", "y [m]", "heading [deg]", "expected deviation [m]"]
+    heads = ["landmark", "x [m]", "y [m]", "heading [deg]", made.measure.title]
     after = [
-        f"{len(made)} x {setting.kind.title}, in order of gain; expected deviation without any"
-        f" {made.deviations[0]:.3f} m"
+        f"{len(made)} x {setting.kind.title}, in order of gain; {made.measure.title} without any:"
+        f" {made.expected[0]:.3f}"
     ]
+    if setting.region is not None:
+        area = float(setting.region.sum()) * made.grid.resolution**2
+        after.append(f"region of {area:.0f} m2; {len(setting.routes)} routes across it are driven")
+    after += _driven_beside(made)
     if made.paying < len(made):
         after.append(
             f"from number {made.paying + 1} on each lowers it by less than {PAYS:.0%}:"
@@ -92,6 +105,7 @@ def landmarks_table(
         )
     if made.existing:
         after.append(f"{made.kept} of {made.existing} existing objects stay where they are")
+    after += [f"{shift}" for shift in made.shifts]
     if made.regular:
         after.append(
             f"careful: {made.regular}, which a filter can mistake for a shift; move one of them"
@@ -101,6 +115,19 @@ def landmarks_table(
         after.append(f"places refused: {counts}")
     said = [driven + "\n".join(_wrapped(lines)), table(heads, placed), "\n".join(_wrapped(after))]
     return "\n".join(part for part in said if part)
+
+
+def _driven_beside(made: Landmarks) -> list[str]:
+    """How the places were chosen, and which others were driven beside them."""
+    if not made.trials:
+        return [f"chosen by: {made.chosen_by}"]
+    said = [
+        f"{each.chosen_by} ({each.lost} of {each.drives} lost, error {each.error:.2f} m)"
+        for each in made.trials
+    ]
+    return [f"of {len(said)} placements that were driven, this one is kept: {said[0]}"] + [
+        f"beaten: {each}" for each in said[1:]
+    ]
 
 
 def _wrapped(lines: Sequence[str]) -> list[str]:
@@ -132,7 +159,7 @@ def to_geojson(made: Landmarks, frame: str = "map") -> dict[str, Any]:
             "y": round(y, 4),
             "heading_deg": round(math.degrees(heading), 2),
             **vars(made.setting.kind),
-            "gain_m2": gain,
+            "gain": gain,
             **sizes,
         }
         geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
@@ -175,7 +202,7 @@ def write_landmarks(
         rows = [
             [n, x, y, math.degrees(heading), 2 * shape.half_length, 2 * shape.half_width, *gained]
             for n, ((x, y, heading), *gained) in enumerate(
-                zip(made.poses, made.gains, made.deviations[1:], strict=True), 1
+                zip(made.poses, made.gains, made.expected[1:], strict=True), 1
             )
         ]
         write_rows(folder / "landmarks.csv", COLUMNS, rows)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.landmarks._candidates import too_close
-from locplan.landmarks._objects import Shape
+from locplan.landmarks._objectives import Objective
 from locplan.landmarks._passages import Passages
 from locplan.maps import OccupancyGrid
 
@@ -19,39 +17,28 @@ ROUNDS = 3
 """Greatest number of rounds in which each object may be exchanged for another place."""
 BETTER = 1e-6
 """Share of the objective by which an exchange must lower it."""
+LAZY = 128
+"""Number of places that a lazy search looks at together."""
 BESIDE_OTHERS = "cuts a passage for the robot beside the others"
 TOO_NEAR = "too close to another landmark"
 
 
-class Objective(Protocol):
-    """What is made small by the choice of places."""
-
-    def start(self, chosen: NDArray[np.float64]) -> None:
-        """Begin from objects that stand at these poses on the map, (k, 3)."""
-
-    def value(self) -> float:
-        """The objective with them."""
-
-    def values(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The objective with each of these places besides, (m,)."""
-
-
 @dataclass
 class Search:
-    """A search for the places that make an objective small.
-
-    Places are row, column and heading on the map [cells, cells, rad].
-    """
+    """A search for the places that make an objective small, by their indices."""
 
     objective: Objective
-    places: NDArray[np.float64]
-    """Places where an object may stand by itself, (n, 3)."""
-    shape: Shape
     passages: Passages
     """Space of the robot on the map without objects."""
-    resolution: float
+    among: NDArray[np.int64]
+    """The places that are searched among."""
     refused: dict[int, str] = field(default_factory=dict)
     """Places that would have been chosen but for the others, and why they were not."""
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Row, column and heading of all places on the map, (n, 3) [cells, cells, rad]."""
+        return self.objective.sight.places
 
     def run(
         self, first: list[int], count: int, progress: Callable[[int, int], None] | None = None
@@ -65,8 +52,9 @@ class Search:
             if progress:
                 progress(min(done, steps), steps)
 
+        bounds = np.full(len(self.places), np.inf)
         for _ in range(count):
-            found = self.best(chosen)
+            found = self.best(chosen, bounds=bounds)
             step()
             if found is None:
                 break
@@ -84,23 +72,47 @@ class Search:
             progress(steps, steps)
         return self.in_order(chosen)
 
-    def best(self, others: list[int], now: int | None = None) -> int | None:
-        """Best place beside others that is allowed; None if none is better than what is."""
-        self.objective.start(self.places[others])
-        values = self.objective.values(self.places)
-        most = self.objective.value() if now is None else values[now]
+    def best(
+        self,
+        others: list[int],
+        now: int | None = None,
+        bounds: NDArray[np.float64] | None = None,
+    ) -> int | None:
+        """Best place beside others that is allowed; None if none is better than what is.
+
+        With `bounds` (n,), which no gain exceeds, the search is lazy: places are looked at from the
+        greatest bound on, until none of the rest can gain more. Gains beside fewer objects are
+        such bounds as far as the objective has diminishing returns; they are lowered in place.
+        """
+        self.objective.start(np.array(others, np.int64))
+        value = self.objective.value()
+        least = 0.0 if now is None else value - float(self.objective.values(np.array([now]))[0])
+        least += BETTER * (value - least)
+        waiting = np.setdiff1d(self.among, others)
+        lot = max(len(waiting), 1)
+        if bounds is not None:
+            waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], LAZY
+        gains = np.full(len(self.places), -np.inf)
         passages: Passages | None = None
-        for n in np.argsort(values, kind="stable").tolist():
-            if not values[n] < most * (1 - BETTER):
-                return None
-            if n in others:
-                continue
+        for begin in range(0, len(waiting), lot):
+            part = waiting[begin : begin + lot]
+            gains[part] = value - self.objective.values(part)
+            rest = -np.inf
+            if bounds is not None:
+                bounds[part] = gains[part]
+                rest = bounds[waiting[begin + lot :]].max(initial=-np.inf)
             if passages is None:
                 passages = self.around(others)
-            fault = self.fault(n, others, passages)
-            if not fault:
-                return int(n)
-            self.refused[n] = fault
+            for n in np.argsort(-gains, kind="stable").tolist():
+                if not gains[n] > least or gains[n] < rest:
+                    break
+                fault = self.fault(n, others, passages)
+                if not fault:
+                    return int(n)
+                self.refused[n] = fault
+                gains[n] = -np.inf
+            if not rest > least:
+                return None
         return None
 
     def around(self, chosen: list[int]) -> Passages:
@@ -113,7 +125,8 @@ class Search:
     def fault(self, place: int, others: list[int], passages: Passages) -> str:
         """Why no object may stand at a place beside others, or nothing."""
         pose = self.places[place]
-        if too_close(self.shape, pose, self.places[others], self.resolution):
+        sight = self.objective.sight
+        if too_close(sight.shape, pose, self.places[others], sight.resolution):
             return TOO_NEAR
         return BESIDE_OTHERS if passages.cuts(pose) else ""
 
@@ -122,8 +135,8 @@ class Search:
         order: list[int] = []
         left = sorted(chosen)
         while left:
-            self.objective.start(self.places[order])
-            best = left[int(np.argmin(self.objective.values(self.places[left])))]
+            self.objective.start(np.array(order, np.int64))
+            best = left[int(np.argmin(self.objective.values(np.array(left))))]
             order.append(best)
             left.remove(best)
         return order
@@ -132,7 +145,7 @@ class Search:
         """The objective with 0, 1, ... of the places, (k + 1,)."""
         values = []
         for n in range(len(order) + 1):
-            self.objective.start(self.places[order[:n]])
+            self.objective.start(np.array(order[:n], np.int64))
             values.append(self.objective.value())
         return np.array(values)
 
@@ -157,20 +170,3 @@ def in_world(grid: OccupancyGrid, places: NDArray[np.float64]) -> NDArray[np.flo
     """Places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
     x, y = grid.grid_to_world(places[:, 0], places[:, 1])
     return np.column_stack([x, y, places[:, 2] + grid.origin[2]])
-
-
-def in_threads(
-    run: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    places: NDArray[np.float64],
-    threads: int,
-) -> NDArray[np.float64]:
-    """Values of places that are computed in parts, each on a thread."""
-    if threads < 2 or len(places) < 4 * threads:
-        return run(places)
-    with ThreadPoolExecutor(threads) as pool:
-        # Near places cost alike: each thread takes every so-manieth one.
-        parts = [pool.submit(run, np.ascontiguousarray(places[n::threads])) for n in range(threads)]
-        result = np.empty(len(places))
-        for n, part in enumerate(parts):
-            result[n::threads] = part.result()
-    return result

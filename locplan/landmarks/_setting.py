@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from locplan.costs import Path
 from locplan.field import Lidar
 from locplan.landmarks._objects import LandmarkObject
@@ -21,7 +24,9 @@ class Setting:
     kind: LandmarkObject
     """The object."""
     routes: Mapping[str, Path]
-    """Routes by name."""
+    """Routes by name; of a region, those across it that are driven."""
+    region: NDArray[np.bool_] | None
+    """Cells in which the robot may be anywhere, (H, W), or None where it drives the routes."""
     planned: bool
     """Whether the routes are shortest paths, to be planned again among the objects."""
     lidar: Lidar

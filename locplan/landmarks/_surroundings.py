@@ -1,10 +1,11 @@
-"""What a robot sees along its routes, and the models of its filter, as the kernels take them."""
+"""What a robot sees at its poses, and the models of its filter, as the kernels take them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,51 +41,63 @@ MIN_VARIANCE = 1e-8
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Poses along routes, what the robot sees there on the map, and its models."""
+    """Poses of a robot, what it sees there on the map, and its models."""
 
     rays: Any
     """`landmarks.Rays`: the poses and their rays, in the map's own axes."""
     hits: NDArray[np.float32]
     """Hits of the rays on the map without objects, (n, beams, 4)."""
     routes: NDArray[np.int64]
-    """Indices at which the routes begin, and the number of all poses, (r + 1,)."""
+    """Indices at which the routes begin, and the number of all poses, (r + 1,).
+
+    Poses of a region are one line without an order.
+    """
     told: Any
-    """`way_covariances.Told`: how much a beam tells the filter."""
+    """`way_covariances.Told`: how much a beam tells the filter from one pose to the next."""
+    a_metre: Any
+    """The same of 1 m of way."""
     motion: Any
     """`way_covariances.Motion`: how the filter's pose spreads on the way."""
 
 
 def surroundings(
     grid: OccupancyGrid,
-    paths: Mapping[str, Path],
+    lines: Sequence[Poses],
+    step: float,
     shape: Shape,
     lidar: Lidar,
     amcl: Amcl,
     disturbances: Disturbances,
 ) -> Surroundings:
-    """Look around along paths on a map.
+    """Look around on a map at poses in the world, about `step` [m] apart on each line."""
+    rays = rays_at(on_own_axes(grid, np.concatenate(lines)), shape, lidar, amcl, grid.resolution)
+    of_looks = partial(told_by, amcl, lidar, rays.beams, grid.resolution)
+    update = max(amcl.update_min_d, 1e-3)
+    return Surroundings(
+        rays,
+        hits_on(grid, rays),
+        np.cumsum([0, *map(len, lines)]),
+        of_looks(step / update),
+        of_looks(1.0 / update),
+        motion_of(amcl, disturbances),
+    )
+
+
+def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], step: float) -> list[Poses]:
+    """Poses about every `step` [m] along each path.
 
     Raises
     ------
     LocplanError
         If a path leaves the free cells.
     """
-    step = step_of(amcl)
     lines = []
     for name, path in paths.items():
         try:
             lines.append(_every(poses_along(path, grid), step))
         except LocplanError as error:
             raise LocplanError(f"path {name}: {error}") from None
-    rays = rays_at(on_own_axes(grid, np.concatenate(lines)), shape, lidar, amcl, grid.resolution)
-    looks = step / max(amcl.update_min_d, 1e-3)
-    return Surroundings(
-        rays,
-        hits_on(grid, rays),
-        np.cumsum([0, *map(len, lines)]),
-        told_by(amcl, lidar, rays.beams, grid.resolution, looks),
-        motion_of(amcl, disturbances),
-    )
+    return lines
 
 
 def on_own_axes(grid: OccupancyGrid, poses: Poses) -> Poses:
@@ -153,7 +166,7 @@ def hits_on(grid: OccupancyGrid, rays: Any) -> NDArray[np.float32]:
 
     count = len(rays.first)
     check_memory(
-        f"{count:,} poses with {rays.beams} rays", count * rays.beams * 48, "take shorter routes"
+        f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
     )
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((count, rays.beams, 4), np.float32)

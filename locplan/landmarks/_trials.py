@@ -1,20 +1,23 @@
 """Placements that promise the same, driven, and the best of them kept.
 
-Placements whose objectives differ by a hundredth may lose no drive or every tenth one: the
-objective knows nothing of landmarks that are taken for one another.
+Placements whose objectives differ by a hundredth may lose no drive or every tenth one: no objective
+knows of landmarks that are taken for one another, and neither of the two wins everywhere.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
-from locplan.landmarks._landmarks import Landmarks
-from locplan.landmarks._objects import with_objects
+from locplan.landmarks._landmarks import Landmarks, Trial
+from locplan.landmarks._objectives import MeanDegeneracy, Objective, anchors_of
+from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import Search
 from locplan.landmarks._verification import drive_on
 from locplan.simulation import Drives
@@ -41,11 +44,13 @@ def best_of_trials(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Landmarks:
-    """Drive a placement and others that promise the same, and return the best.
+    """Drive a placement and others that promise as much, and return the best.
 
-    Each of the others is searched among a random half of the places. In each round all are driven,
-    and the better half of them stays: those with the fewest lost drives, of these those with the
-    least error. `Landmarks.verify` has other drives.
+    Along routes the second one has the least degeneracy at the poses there, which often drives
+    better, and often worse. Further ones are searched among a random half of the places, by either
+    objective in turn. In each round all are driven, and the better half of them stays: those with
+    the fewest lost drives, of these those with the least error. `Landmarks.trials` says what was
+    driven. `Landmarks.verify` has other drives.
 
     Parameters
     ----------
@@ -67,50 +72,83 @@ def best_of_trials(
     """
     whole("trials", trials, 1, MAX_TRIALS)
     whole("seed", seed, 0)
-    left = [made, *(variant(made, random_of(seed, VARIANTS, n)) for n in range(1, trials))]
-    sizes, size, drives = [], trials, FIRST_DRIVES
+    if trials == 1:
+        return made
+    left = [Contender(each) for each in contenders(made, trials, seed)]
+    sizes, size, drives = [], len(left), FIRST_DRIVES
     while size > 1:
         sizes += [drives * len(made.setting.routes)] * size
         size, drives = -(-size // 2), 2 * drives
     callbacks = iter(parts(progress, sizes))
     drives, round_ = FIRST_DRIVES, 0
-    scores: dict[int, list[Drives]] = {id(each): [] for each in left}
+    beaten: list[Contender] = []
     while len(left) > 1:
         own_seed = int(random_of(seed, ROUNDS, round_).integers(2**31))
         for each in left:
-            scores[id(each)] += drive_on(
-                each.setting, each.grid, drives, own_seed, threads, next(callbacks)
-            )
-        left.sort(key=lambda each: score(scores[id(each)]))
-        left = left[: -(-len(left) // 2)]
+            setting, grid = each.made.setting, each.made.grid
+            each.driven += drive_on(setting, grid, drives, own_seed, threads, next(callbacks))
+        left.sort(key=lambda each: score(each.driven))
+        stay = -(-len(left) // 2)
+        left, beaten = left[:stay], left[stay:] + beaten
         drives, round_ = 2 * drives, round_ + 1
-    return left[0]
+    told = tuple(each.trial for each in [*left, *beaten])
+    return dataclasses.replace(left[0].made, trials=told)
+
+
+@dataclass
+class Contender:
+    """A placement, and its drives so far."""
+
+    made: Landmarks
+    driven: list[Drives] = field(default_factory=list)
+
+    @property
+    def trial(self) -> Trial:
+        """What its drives say."""
+        lost, error = score(self.driven)
+        number = sum(len(each.errors) for each in self.driven)
+        return Trial(self.made.chosen_by, number, lost, math.exp(error / 2))
+
+
+def contenders(made: Landmarks, trials: int, seed: int) -> list[Landmarks]:
+    """A placement and others: by the other objective, and by each among half of the places."""
+    objectives: list[Objective] = [made.search.objective]
+    if made.setting.region is None:
+        sight = made.search.objective.sight
+        objectives.append(MeanDegeneracy(sight, anchors_of(made.setting.lidar, sight.resolution)))
+    found = [made]
+    every: NDArray[np.bool_] = np.ones(len(made.search.places), bool)
+    for n in range(1, trials):
+        objective = objectives[n % len(objectives)]
+        half = n >= len(objectives)
+        keep = every
+        if half:
+            keep = random_of(seed, VARIANTS, n).random(len(every)) < SHARE
+            keep |= not keep.any()
+        found.append(variant(made, objective, keep, ", half of the places" if half else ""))
+    return found
 
 
 def score(driven: list[Drives]) -> tuple[int, float]:
-    """Number of lost drives, and the mean logarithm of the error of all."""
+    """Number of lost drives, and the mean logarithm of the squared error of all."""
     squares: NDArray[np.float64] = np.concatenate([each.mean_squares for each in driven])
     lost = sum(int(each.lost.sum()) for each in driven)
     return lost, float(np.log(np.maximum(squares, MIN_ERROR**2)).mean())
 
 
-def variant(made: Landmarks, random: np.random.Generator) -> Landmarks:
-    """Placement of as many objects that is searched among a random half of the places."""
-    search, first = made.search, made.existing
-    keep = random.random(len(search.places)) < SHARE
-    keep[:first] = True
-    keep |= not keep.any()
-    own = Search(
-        search.objective, search.places[keep], search.shape, search.passages, search.resolution
+def variant(
+    made: Landmarks, objective: Objective, keep: NDArray[np.bool_], among: str
+) -> Landmarks:
+    """Placement of as many objects that makes an objective small among some of the places.
+
+    Its curve is that of the objective of `made`, so that they compare.
+    """
+    first = made.existing
+    search = Search(objective, made.search.passages, np.flatnonzero(keep))
+    order = search.run(list(range(first)), max(len(made) - first, 0))
+    order, shifts = without_rows(search, order)
+    order = made.search.in_order(order)
+    found = Landmarks.of(
+        made.setting, made.search, order, made.rejected, made.before, first, shifts
     )
-    order = own.run(list(range(first)), max(len(made) - first, 0))
-    indices = np.flatnonzero(keep)[order]
-    grid = made.setting.grid
-    poses = search.in_world(grid, indices)
-    return dataclasses.replace(
-        made,
-        poses=poses,
-        indices=indices,
-        curve=own.curve(order),
-        grid=with_objects(grid, made.setting.kind, poses),
-    )
+    return dataclasses.replace(found, chosen_by=objective.name + among)

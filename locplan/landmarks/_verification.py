@@ -13,6 +13,8 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
+from locplan.errors import LocplanError
+from locplan.landmarks._fields import Profile, fields_along
 from locplan.landmarks._objects import with_objects
 from locplan.landmarks._search import Search
 from locplan.landmarks._setting import Setting
@@ -87,6 +89,8 @@ class Verification:
     """Drives with random places; None where no object may stand at other ones."""
     profiles: Mapping[str, tuple[Drives, Drives]]
     """Drives of each route before and after."""
+    fields: Mapping[str, tuple[Profile, Profile]]
+    """Largest deviation of a single match along each route before and after, by `Scan`."""
     seed: int
 
     def __repr__(self) -> str:
@@ -119,6 +123,12 @@ class Verification:
         said = "they help" if self.helps else "not shown to help"
         return f"{said}: {lost}; {error}"
 
+    @property
+    def match_deviations(self) -> NDArray[np.float64]:
+        """Median and 95 % quantile [m] along the routes of `fields`, before and after, (2, 2)."""
+        every = (np.concatenate([pair[n][:, 1] for pair in self.fields.values()]) for n in (0, 1))
+        return np.array([np.nanquantile(values, [0.5, 0.95]) for values in every])
+
     def summary(self) -> dict[str, object]:
         """The verdict, and the numbers behind it, fit for JSON."""
         return {
@@ -128,6 +138,12 @@ class Verification:
             "before": self.before.summary(),
             "after": self.after.summary(),
             "random": self.random.summary() if self.random else None,
+            "match_deviation_m": {
+                name: {"median": median, "quantile_95": high}
+                for name, (median, high) in zip(
+                    ("before", "after"), self.match_deviations.tolist(), strict=True
+                )
+            },
             "seed": self.seed,
         }
 
@@ -158,11 +174,13 @@ def verified(
     others: list[Drives] = []
     for grid, share, part in zip(sets, shares, callbacks[2:], strict=True):
         others += drive_on(setting, grid, share, seed, threads, part)
+    ways = paths_on(setting, maps[0]), paths_on(setting, maps[1])
     return Verification(
         Outcome(tuple(before)),
         Outcome(tuple(after)),
         Outcome(tuple(others)) if others else None,
         dict(zip(setting.routes, zip(before, after, strict=True), strict=True)),
+        fields_along(maps, ways, setting.lidar, threads),
         seed,
     )
 
@@ -184,18 +202,23 @@ def drive_on(
         seed=seed,
         threads=threads,
     )
-    paths = replanned(setting, grid) if setting.planned else setting.routes
-    return list(drive_paths(simulator, paths, drives, 0, progress).values())
+    return list(drive_paths(simulator, paths_on(setting, grid), drives, 0, progress).values())
 
 
-def replanned(setting: Setting, grid: OccupancyGrid) -> dict[str, Path]:
-    """Shortest paths between the ends of the routes on another map."""
+def paths_on(setting: Setting, grid: OccupancyGrid) -> Mapping[str, Path]:
+    """The routes that were given, or the shortest paths between their ends on a map."""
+    if not setting.planned:
+        return setting.routes
     costs = Costmap.blank(grid, robot_radius=setting.robot_radius)
     paths = {}
     for name, path in setting.routes.items():
         (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
         found = plan(costs, (x0, y0), (x1, y1)).path
-        assert found is not None, "no landmark cuts a passage"
+        if found is None:
+            raise LocplanError(
+                f"no path of the robot leads along {name} on the map"
+                f" {'with' if grid is not setting.grid else 'without'} landmarks"
+            )
         paths[name] = found
     return paths
 

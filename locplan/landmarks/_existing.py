@@ -1,0 +1,113 @@
+"""Objects that are drawn in a map, taken out of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.landmarks._objects import LandmarkObject, Shape, filled_cells, on_grid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+
+SHIFTS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+"""Shifts of an object along rows and columns that are tried [cells]."""
+BEYOND = 2.5
+"""Distance from an object at which a wall beside it still must be one [cells]."""
+DIRECTIONS = 8
+"""Number of directions of walls."""
+
+
+def without_objects(
+    grid: OccupancyGrid, kind: LandmarkObject, poses: NDArray[np.float64]
+) -> OccupancyGrid:
+    """Copy of a map without objects that stand in it, whose cells become free.
+
+    An object is sought up to a cell from its pose, where the least of it is free. Cells stay that
+    a straight wall holds, which goes on at both sides of the object. Of the cells around it, only
+    those go that hang together with nothing else: a wall that it touches stays.
+    """
+    cells, occupied = grid.cells.copy(), grid.cells == OCCUPIED
+    for row, col, heading in on_grid(grid, poses):
+        rows, cols = _drawn_cells(grid, kind.shape, row, col, heading)
+        reach = kind.shape.reach / grid.resolution + BEYOND
+        own = [
+            not _in_wall(occupied, i, j, (row, col), reach)
+            for i, j in zip(rows.tolist(), cols.tolist(), strict=True)
+        ]
+        at = rows[own], cols[own]
+        cells[at] = FREE
+        cells[_rim(cells, at)] = FREE
+    return dataclasses.replace(grid, cells=cells)
+
+
+def _drawn_cells(
+    grid: OccupancyGrid, shape: Shape, row: float, col: float, heading: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The occupied cells that an object fills, shifted only to where less of it is free."""
+    size = grid.shape[0], grid.shape[1]
+    best, found = (-math.inf, 0.0), (np.empty(0, np.int64), np.empty(0, np.int64))
+    for d_row, d_col in product(SHIFTS, repeat=2):
+        at = filled_cells(shape, row + d_row, col + d_col, heading, grid.resolution, size)
+        taken = grid.cells[at] == OCCUPIED
+        rank = float(taken.sum() - len(taken)), -math.hypot(d_row, d_col)
+        if rank > best:
+            best, found = rank, (at[0][taken], at[1][taken])
+    return found
+
+
+def _in_wall(
+    occupied: NDArray[np.bool_],
+    row: int,
+    col: int,
+    centre: tuple[float, float],
+    reach: float,
+) -> bool:
+    """Whether occupied cells lead from a cell straight out of a disc [cells] on both sides."""
+    for angle in np.arange(DIRECTIONS) * math.pi / DIRECTIONS:
+        step = math.sin(angle), math.cos(angle)
+        ways = (_leaves(occupied, row, col, step, sign, centre, reach) for sign in (-1, 1))
+        if all(ways):
+            return True
+    return False
+
+
+def _leaves(
+    occupied: NDArray[np.bool_],
+    row: int,
+    col: int,
+    step: tuple[float, float],
+    sign: int,
+    centre: tuple[float, float],
+    reach: float,
+) -> bool:
+    """Whether occupied cells lead from a cell straight out of a disc [cells] to one side."""
+    at_row, at_col = row + 0.5, col + 0.5
+    while math.hypot(at_row - centre[0], at_col - centre[1]) <= reach:
+        at_row, at_col = at_row + sign * step[0], at_col + sign * step[1]
+        i, j = math.floor(at_row), math.floor(at_col)
+        if not (0 <= i < occupied.shape[0] and 0 <= j < occupied.shape[1]):
+            return True  # the wall goes on where the map ends
+        if not occupied[i, j]:
+            return False
+    return True
+
+
+def _rim(
+    cells: NDArray[np.uint8], at: tuple[NDArray[np.int64], NDArray[np.int64]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Occupied cells beside those of an object that lead no farther: no wall has them."""
+    import cv2
+
+    if not at[0].size:
+        return at
+    rows, cols = (slice(max(int(v.min()) - 2, 0), int(v.max()) + 3) for v in at)
+    own = np.zeros(cells[rows, cols].shape, np.uint8)
+    own[at[0] - rows.start, at[1] - cols.start] = 1
+    beside = cv2.dilate(own, np.ones((3, 3), np.uint8)) > 0
+    _, parts = cv2.connectedComponents((cells[rows, cols] == OCCUPIED).astype(np.uint8))
+    of_walls = np.unique(parts[~beside])
+    rim_rows, rim_cols = np.nonzero(beside & (parts > 0) & ~np.isin(parts, of_walls))
+    return rim_rows + rows.start, rim_cols + cols.start

@@ -1,0 +1,166 @@
+"""What the choice of places makes small: uncertainty along routes, or degeneracy in a region."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.field import Fisher, Lidar
+from locplan.landmarks._sight import Sight
+
+
+class Measure(NamedTuple):
+    """How an objective is shown to people."""
+
+    title: str
+    """What it is, with its unit."""
+    key: str
+    """Its name in files."""
+    power: float
+    """The objective to this power is shown."""
+
+
+DEVIATION = Measure("expected deviation [m]", "expected_deviation_m", 0.5)
+DEGENERACY = Measure("mean degeneracy u", "mean_degeneracy", 1.0)
+
+
+class Objective(Protocol):
+    """What is made small by the choice of places."""
+
+    sight: Sight
+    name: ClassVar[str]
+    """What it is, in a few words."""
+
+    def start(self, chosen: NDArray[np.int64]) -> None:
+        """Begin from objects that stand at these places, (k,)."""
+
+    def value(self) -> float:
+        """The objective with them."""
+
+    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The objective with each of these places besides, (m,)."""
+
+
+@dataclass
+class AlongRoutes:
+    """Mean of P_xx + P_yy along routes [m^2], P the covariance that an information filter has.
+
+    Between two looks P becomes F P F^T + Q ds, and at each (P^-1 + I)^-1, I the information of
+    the beams that the filter compares.
+    """
+
+    name: ClassVar[str] = "deviation along the routes"
+    sight: Sight
+
+    def start(self, chosen: NDArray[np.int64]) -> None:
+        """Begin from objects that stand at these places, (k,)."""
+        self.sight.start(chosen)
+
+    def value(self) -> float:
+        """The objective with the objects [m^2]."""
+        return float(self.profile().mean())
+
+    def profile(self) -> NDArray[np.float64]:
+        """P_xx + P_yy at each pose with the objects, (n,) [m^2]."""
+        from locplan._kernels.landmarks import XX, YY
+        from locplan._kernels.way_covariances import covariances
+
+        seen = self.sight.seen
+        models = seen.told, seen.motion
+        _, after = covariances(self.sight.sums, seen.rays.poses, seen.routes, *models)
+        return np.asarray(after[:, XX] + after[:, YY])
+
+    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The objective with each of these places besides, (m,) [m^2]."""
+        from locplan._kernels.way_covariances import uncertainties
+
+        sight, seen = self.sight, self.sight.seen
+        given = sight.sightings, sight.hits, sight.sums, seen.rays, seen.routes, sight.outline
+
+        def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
+            found = uncertainties(sight.own, part, *given, seen.told, seen.motion)
+            return np.asarray(found)
+
+        return sight.in_threads(run, indices)
+
+
+@dataclass
+class MeanDegeneracy:
+    """Mean of the degeneracy u at the poses, 0 to 1.
+
+    u is that of the estimators: the logarithm of the position's greatest deviation, from 0.05 m to
+    that in a featureless place. The match there has the beams that the filter compares in 1 m of
+    way, and the search window of `Fisher` as its prior.
+
+    What a place changes depends only on the objects that are seen from where it is seen, so that it
+    is found again only when these are others.
+    """
+
+    name: ClassVar[str] = "degeneracy"
+    sight: Sight
+    anchors: Any
+    """`region_degeneracy.Anchors`."""
+
+    def __post_init__(self) -> None:
+        count = len(self.sight.places)
+        self._names = np.random.default_rng(0).integers(1, 2**63, count)
+        """A number for each place; what stands is named by those of its places, by XOR."""
+        self._beside = np.zeros(count, np.int64)
+        """Name of the objects that matter to each place now."""
+        self._known = np.full(count, -1)
+        """Name of those beside which each place was looked at."""
+        self._changes = np.zeros(count)
+        """What each place changes beside these."""
+        self._together: dict[int, NDArray[np.bool_]] = {}
+
+    def start(self, chosen: NDArray[np.int64]) -> None:
+        """Begin from objects that stand at these places, (k,)."""
+        self.sight.start(chosen)
+        self._beside[:] = 0
+        for n in chosen.tolist():
+            if n not in self._together:
+                self._together[n] = self.sight.seen_with(n)
+            self._beside[self._together[n]] ^= self._names[n]
+
+    def value(self) -> float:
+        """The objective with the objects."""
+        return float(self.profile().mean())
+
+    def profile(self) -> NDArray[np.float64]:
+        """The degeneracy u at each pose with the objects, (n,)."""
+        from locplan._kernels.region_degeneracy import degeneracies_at
+
+        sight = self.sight
+        return np.asarray(degeneracies_at(sight.sums, sight.seen.a_metre, self.anchors))
+
+    def values(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The objective with each of these places besides, (m,)."""
+        from locplan._kernels.region_degeneracy import mean_changes
+
+        sight, seen = self.sight, self.sight.seen
+        profile = self.profile()
+        given = sight.sightings, sight.hits, sight.sums, seen.rays, sight.outline, seen.a_metre
+
+        def run(part: NDArray[np.int64]) -> NDArray[np.float64]:
+            return np.asarray(mean_changes(sight.own, part, *given, self.anchors, profile))
+
+        indices = np.asarray(indices, np.int64)
+        anew = indices[self._known[indices] != self._beside[indices]]
+        self._changes[anew] = sight.in_threads(run, anew)
+        self._known[anew] = self._beside[anew]
+        return np.asarray(float(profile.mean()) + self._changes[indices])
+
+
+def anchors_of(lidar: Lidar, resolution: float) -> Any:
+    """`region_degeneracy.Anchors`: those of `Fisher`, and its search window as the prior."""
+    from locplan._kernels.region_degeneracy import Anchors
+
+    fisher = Fisher(lidar)
+    window = fisher.lattice(resolution)
+    prior = 1 / np.diag(window.uniform_covariance)
+    turn = prior[2] if len(prior) > 2 else 1e6
+    least = float(np.sqrt(fisher.perfect(window)[0, 0]))
+    return Anchors(float(prior[0]), float(turn), least, float(1 / np.sqrt(prior[0])))
