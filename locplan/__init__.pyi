@@ -10,6 +10,7 @@ from . import (
     plotting as plotting,
     recordings as recordings,
     simulation as simulation,
+    twins as twins,
 )
 from .comparison import Comparison as Comparison, PlannerSpec as PlannerSpec, compare as compare
 from .costs import (

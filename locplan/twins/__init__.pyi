@@ -1,0 +1,1 @@
+from ._matching import Matching as Matching
