@@ -19,6 +19,7 @@ COMMANDS = (
     "field",
     "info",
     "landmarks",
+    "locate",
     "maps",
     "pareto",
     "plan",

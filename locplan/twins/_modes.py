@@ -62,14 +62,18 @@ def find_modes(
     enough : float
         Excess over the best pose up to which modes are looked for [nats].
     """
-    from locplan._kernels.scan_losses import modes, unlike
+    return refined(database, ranges, shortlisted(database, ranges), home, enough)
+
+
+def shortlisted(database: Database, ranges: Numbers) -> Numbers:
+    """Poses of the robot whose ranges are nearest to a scan's, x, y [cells], heading, (n, 3)."""
+    from locplan._kernels.scan_losses import unlike
     from locplan._kernels.shortlist import shortlist
 
     matching, resolution = database.matching, database.grid.resolution
     returns = np.isfinite(ranges)
-    count = int(returns.sum())
-    if count < LEAST_RETURNS:
-        return Modes(np.empty((0, 3)), np.empty(0), count)
+    if returns.sum() < LEAST_RETURNS:
+        return np.empty((0, 3))
     compared = _interleaved(returns | np.isposinf(ranges) if matching.count_missing else returns)
     codes = database.codes_of(ranges)[compared]
     places = len(database.positions)
@@ -78,7 +82,24 @@ def find_modes(
     heading = turn * STEP
     starts = np.column_stack([_robot(database, database.positions[place], heading), heading])
     kept = unlike(starts, np.arange(len(starts)), THIN / resolution, THIN_TURN)
-    starts = starts[kept]
+    return np.asarray(starts[kept])
+
+
+def refined(
+    database: Database,
+    ranges: Numbers,
+    starts: Numbers,
+    home: Numbers | None = None,
+    enough: float = ENOUGH,
+) -> Modes:
+    """Modes to which poses on the shortlist lead; the arguments are those of `find_modes`."""
+    from locplan._kernels.scan_losses import modes
+
+    matching, resolution = database.matching, database.grid.resolution
+    returns = np.isfinite(ranges)
+    count = int(returns.sum())
+    if count < LEAST_RETURNS:
+        return Modes(np.empty((0, 3)), np.empty(0), count)
     if home is not None:
         starts = np.concatenate([home[None], starts])
     poses, losses = modes(
