@@ -1148,3 +1148,24 @@ def covariances(information, poses, routes, motion):
             p = np.linalg.inv(np.linalg.inv(p) + information[n])
             result.append(p)
     return np.array(result)
+
+
+def settle(loss, stands, refine, half_steps, step, half_turns, turn, pose):
+    """A pose (x, y, heading) and its loss where no offset on a lattice about it has a lower one.
+
+    `loss` and `stands` take a pose, `refine` gives one of lower loss next to it.
+    """
+    best = refine(pose)
+    for _ in range(6):
+        around = [
+            (best[0] + i * step, best[1] + j * step, best[2] + k * turn)
+            for k in range(-half_turns, half_turns + 1)
+            for j in range(-half_steps, half_steps + 1)
+            for i in range(-half_steps, half_steps + 1)
+        ]
+        around = [each for each in around if stands(each)]
+        least = min(around, key=loss, default=best)
+        if loss(least) >= loss(best):
+            break
+        best = refine(least)
+    return best, loss(best)

@@ -40,8 +40,8 @@ ELLIPSE = 0.08
 def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> Figure:
     """The map with the scan at the best mode, and the other modes, numbered, with their weights.
 
-    Where the robot sees but a part of the map, its surroundings are shown beside it, with the
-    ellipse of the best mode's covariance.
+    Ellipses show the deviations of the positions. Where the robot sees but a part of the map, its
+    surroundings are shown beside it.
 
     Parameters
     ----------
@@ -68,13 +68,19 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     close = axes[-1]
     if columns == 2:
         x, y, _ = best.pose
-        close.set(xlim=(x - reach, x + reach), ylim=(y - reach, y + reach), ylabel="")
+        (left, right), (low, high) = close.get_xlim(), close.get_ylim()
+        close.set(xlim=(max(left, x - reach), min(right, x + reach)), ylabel="")
+        close.set(ylim=(max(low, y - reach), min(high, y + reach)))
         close.set_title("around place 1", fontsize="medium", loc="left")
         _draw_arrow(close, best.pose, BEST)
-    magnify = _draw_ellipse(close, best)
+    magnify = _magnified(close, best)
+    larger = "" if magnify == 1 else f", {magnify:g} times as large"
+    for own in axes:
+        for mode in location.modes:
+            _draw_ellipse(own, mode, magnify, BEST if mode is best else OTHER)
     handles = [
         Line2D([], [], color=BEST, marker=".", linestyle="", label="scan at place 1"),
-        Line2D([], [], color=BEST, label=f"{DEVIATIONS:g} std. deviations{magnify}"),
+        Line2D([], [], color=BEST, label=f"{DEVIATIONS:g} std. deviations{larger}"),
     ]
     if recorded is not None:
         pose = np.asarray(recorded, np.float64)
@@ -87,6 +93,9 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     letters = int(11 * figure.get_figwidth())
     lines = [f"{grid.name or 'map'}; {location.lidar.title}"]
     lines += textwrap.wrap(location.sentence, letters, break_on_hyphens=False)
+    if len(location.modes) > 1:
+        weights = [f"{n}: {_percent(mode.weight)}" for n, mode in enumerate(location.modes, 1)]
+        lines += textwrap.wrap(f"share of each place:  {',  '.join(weights)}", letters)
     figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
 
@@ -97,24 +106,23 @@ def _width_of(grid: Any) -> float:
 
 
 def _draw_modes(axes: Axes, location: Location) -> None:
-    """Draw the modes, the best one last, each with its number and weight."""
-    middle = np.mean([axes.get_xlim(), axes.get_ylim()], axis=1)
+    """Draw the modes, the best one last, each with its number at one side or the other."""
     for n, mode in reversed(list(enumerate(location.modes, 1))):
         colour = BEST if n == 1 else OTHER
         _draw_arrow(axes, mode.pose, colour)
-        aside = 18 if mode.pose[0] < middle[0] else -18
-        up = 16 if mode.pose[1] < middle[1] else -16
+        heading, side = mode.pose[2], (1, -1)[n % 2]
+        aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
         axes.annotate(
-            f"{n}: {_percent(mode.weight)}",
+            str(n),
             mode.pose[:2],
-            (aside, up),
+            aside,
             textcoords="offset points",
-            ha="left" if aside > 0 else "right",
+            ha="center",
             va="center",
-            fontsize=8,
-            zorder=8 if n == 1 else 6,
-            bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": colour},
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.8},
+            fontsize=7,
+            zorder=8 if n == 1 else 7,
+            bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": colour},
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.8, "shrinkA": 0},
         )
 
 
@@ -131,11 +139,15 @@ def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> No
     axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow, zorder=6)
 
 
-def _draw_ellipse(axes: Axes, mode: Mode) -> str:
-    """Draw the ellipse of a mode's position; return how much it is magnified."""
-    major, minor, direction = (float(each) for each in position_axes(mode.covariance))
+def _magnified(axes: Axes, mode: Mode) -> float:
+    """How much the ellipse of a mode is magnified so that it is seen."""
     low, high = axes.get_xlim()
-    magnify = max(1.0, float(f"{ELLIPSE * (high - low) / (DEVIATIONS * major):.1g}"))
+    return max(1.0, float(f"{ELLIPSE * (high - low) / (DEVIATIONS * mode.position_std):.1g}"))
+
+
+def _draw_ellipse(axes: Axes, mode: Mode, magnify: float, colour: str) -> None:
+    """Draw the ellipse of a mode's position."""
+    major, minor, direction = (float(each) for each in position_axes(mode.covariance))
     size = 2 * DEVIATIONS * magnify * np.array([major, minor])
     axes.add_patch(
         Ellipse(
@@ -143,12 +155,11 @@ def _draw_ellipse(axes: Axes, mode: Mode) -> str:
             *size,
             angle=math.degrees(direction),
             facecolor="none",
-            edgecolor=BEST,
-            linewidth=1.5,
+            edgecolor=colour,
+            linewidth=1.2,
             zorder=5,
         )
     )
-    return "" if magnify == 1 else f", {magnify:g} times as large"
 
 
 def located_drive_figure(found: LocatedDrive) -> Figure:
