@@ -89,13 +89,17 @@ class LocateOptions:
 
         given: dict[str, Any] = {
             name: getattr(self, name)
-            for name in ("within", "count", "clearance")
+            for name in ("within", "count")
             if getattr(self, name) is not None
         }
         if self.near_path is None:
             refuse("without --near-path", within=self.within)
             return given
         return given | {"near": Route.load(self.near_path)}
+
+    def of_database(self) -> dict[str, float]:
+        """The clearance, unless it is by default."""
+        return {} if self.clearance is None else {"clearance": self.clearance}
 
 
 @app.default
@@ -117,7 +121,7 @@ def locate(
     """
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.twins import _location_reports as reports, locate_drive
+    from locplan.twins import ScanDatabase, _location_reports as reports, locate_drive
 
     if recorded.drive is None:
         raise ConfigError("name a recorded drive with --drive")
@@ -129,8 +133,13 @@ def locate(
     arguments = options.to_arguments()
     folder = reports.LOCATED.into(output, force=force) if output else None
     grid, drive = load(map_file), which.chosen(recorded.read())
+    with working("looking around at all places of the map"):
+        database = ScanDatabase(grid, drive.lidar, **options.of_database())
+        _ = database.everywhere
     with progress_bar("locating scans", "scans") as progress:
-        found = locate_drive(drive, grid, **arguments, threads=threads, progress=progress)
+        found = locate_drive(
+            drive, grid, **arguments, database=database, threads=threads, progress=progress
+        )
     with working("writing the results"):
         written = reports.write_location(folder, found) if folder else []
     show(json, reports.location_summary(found), reports.location_table(found), *written)

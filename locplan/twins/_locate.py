@@ -105,15 +105,33 @@ def locate(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("places", resolution=0.1)
     >>> lidar = locplan.Lidar(range=8.0, beams=180)
-    >>> route = locplan.Path([[8.0, 6.0], [12.0, 6.0]])
+    >>> route = locplan.Path([[13.0, 5.5], [20.0, 5.5]])
     >>> drive = locplan.recordings.record_drive(grid, route, lidar, seed=1)
-    >>> found = locate(grid, drive[:1])
-    >>> len(found.modes) >= 1
+    >>> anywhere = locate(grid, drive[:1])
+    >>> anywhere.best.weight <= sum(mode.weight for mode in anywhere.modes) <= 1.001
+    True
+    >>> here = locate(grid, drive[:1], near=route, within=1.0)
+    >>> bool(abs(here.best.pose[0] - 13.0) < 0.5)
     True
     """
     check_grid(grid)
     ranges, lidar = _checked(scan, lidar)
     whole("count", count)
+    database = checked_database(grid, lidar, clearance, database)
+    places = places_of(database, near, within)
+    return located(database, ranges, places, count, restricted=near is not None)
+
+
+def checked_database(
+    grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
+) -> ScanDatabase:
+    """The database that was given, if it is of this map and lidar, or one of them.
+
+    Raises
+    ------
+    ConfigError
+        If it is of another map or lidar, or the clearance is out of its range.
+    """
     if database is None:
         database = database_of(grid, lidar, number("clearance", clearance, 0.0))
     instance("database", database, ScanDatabase)
@@ -121,8 +139,7 @@ def locate(
         raise ConfigError(
             "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"
         )
-    places = places_of(database, near, within)
-    return located(database, ranges, places, count, restricted=near is not None)
+    return database
 
 
 def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: float) -> Database:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, number, whole
+from locplan._util.checks import instance, whole
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
@@ -16,10 +16,17 @@ from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings import Recording
 from locplan.recordings._geometry import wrapped
-from locplan.twins._locate import COUNT, WITHIN, NotLocatedError, located, places_of
+from locplan.twins._locate import (
+    COUNT,
+    WITHIN,
+    NotLocatedError,
+    checked_database,
+    located,
+    places_of,
+)
 from locplan.twins._location import CERTAIN, Location
 from locplan.twins._modes import in_batches
-from locplan.twins._scan_database import CLEARANCE, database_of
+from locplan.twins._scan_database import CLEARANCE, ScanDatabase
 
 Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -115,6 +122,7 @@ def locate_drive(
     within: float = WITHIN,
     count: int = COUNT,
     clearance: float = CLEARANCE,
+    database: ScanDatabase | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> LocatedDrive:
@@ -128,7 +136,7 @@ def locate_drive(
         The drive.
     grid : OccupancyGrid
         The map.
-    near, within, count, clearance
+    near, within, count, clearance, database
         See `locate`.
     threads : int, optional
         Number of threads; all cores by default.
@@ -149,7 +157,7 @@ def locate_drive(
     check_grid(grid)
     whole("count", count)
     workers = check_threads(threads)
-    database = database_of(grid, recording.lidar, number("clearance", clearance, 0.0))
+    database = checked_database(grid, recording.lidar, clearance, database)
     places = places_of(database, near, within)
     _ = database.matcher.prepared  # now, once for all threads
 
