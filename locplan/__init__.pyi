@@ -51,5 +51,6 @@ from .planners import (
     plan_field as plan_field,
 )
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
+from .twins import Twins as Twins, find_twins as find_twins
 
 __version__: str

@@ -25,6 +25,7 @@ COMMANDS = (
     "plot",
     "simulate",
     "tune",
+    "twins",
 )
 """Each command is the `app` of the module of its name beside this one."""
 
