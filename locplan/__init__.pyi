@@ -51,6 +51,12 @@ from .planners import (
     plan_field as plan_field,
 )
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
-from .twins import Location as Location, ScanDatabase as ScanDatabase, locate as locate
+from .twins import (
+    Location as Location,
+    ScanDatabase as ScanDatabase,
+    Twins as Twins,
+    find_twins as find_twins,
+    locate as locate,
+)
 
 __version__: str

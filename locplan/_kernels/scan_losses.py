@@ -30,7 +30,7 @@ class LossTables(NamedTuple):
     margin: int  # cells around the map
     width: int  # number of words in a row
     height: int  # number of rows
-    steps: NDArray[np.float64]  # (level, steps) of the search [cells]
+    steps: NDArray[np.float64]  # (level, steps) of the search [cells]; 0 where there is none
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -90,7 +90,7 @@ def refine(
     best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
     tried = np.empty(3)
     for step in tables.steps[level]:
-        for _ in range(ROUNDS):
+        for _ in range(ROUNDS if step > 0 else 0):
             moved = False
             for axis in range(3):
                 for sign in (1.0, -1.0):
@@ -112,8 +112,9 @@ def refine(
 def are_alike(a: NDArray[np.float64], b: NDArray[np.float64], apart: float, turned: float) -> bool:
     """Whether two poses are nearer than `apart` [cells] and `turned` [rad] to each other."""
     across, along = a[0] - b[0], a[1] - b[1]
-    turn = abs((a[2] - b[2] + np.pi) % (2 * np.pi) - np.pi)
-    return across * across + along * along < apart * apart and turn < turned
+    if across * across + along * along >= apart * apart:
+        return False
+    return abs((a[2] - b[2] + np.pi) % (2 * np.pi) - np.pi) < turned
 
 
 @njit(nogil=True, cache=True)
@@ -140,6 +141,7 @@ def modes(
     starts: NDArray[np.float64],
     lever: float,
     enough: float,
+    slack: float,
     home: NDArray[np.float64],
     away: float,
     apart: float,
@@ -147,18 +149,20 @@ def modes(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Poses of least loss that are found from starts, the best first, (n, 3), and losses (n,).
 
-    A start is given up when its loss with a wider deviation, which is hardly greater than that
-    with a narrower one, is above the least loss that was found by more than `enough`, and above
-    the least loss away from home.
+    But for the last deviation, every second beam is compared. A start is given up when its loss
+    with a wider deviation, which is hardly greater than that with a narrower one, is above the
+    least loss that was found by more than `enough`, and above the least loss away from home.
 
     Parameters
     ----------
     tables, ends, lever
         See `refine`.
     starts : (k, 3) array
-        Poses to begin from, the most promising first.
+        Poses to begin from.
     enough : float
         Excess over the least loss up to which all modes are found [steps].
+    slack : float
+        By how much the first refinement lowers a loss at most [steps].
     home : (2,) array
         Position, x and y [cells]; NaN where there is none.
     away : float
@@ -168,20 +172,40 @@ def modes(
     """
     count, levels = len(starts), len(tables.corners)
     poses, losses = starts.copy(), np.full(count, np.inf)
+    coarse = np.empty(count)
+    few = np.ascontiguousarray(ends[:, ::2])
+    factor = ends.shape[1] / few.shape[1]
     for n in range(count):
+        coarse[n] = np.inf
         if fits(tables, poses[n, 0], poses[n, 1]):
-            losses[n] = refine(tables, 0, ends, lever, poses[n])
+            loss = loss_at(tables, 0, few, poses[n, 0], poses[n, 1], poses[n, 2])
+            coarse[n] = factor * loss
+    least, least_away = np.inf, 0.0 if np.isnan(home[0]) else np.inf
+    for n in np.argsort(coarse, kind="mergesort"):
+        if coarse[n] > least + enough + slack and coarse[n] > least_away + slack:
+            break
+        if coarse[n] < np.inf:
+            losses[n] = factor * refine(tables, 0, few, lever, poses[n])
+            least = min(least, losses[n])
+            if np.hypot(poses[n, 0] - home[0], poses[n, 1] - home[1]) > away:
+                least_away = min(least_away, losses[n])
     for level in range(1, levels):
         order = np.argsort(losses, kind="mergesort")
+        order = order[: int((losses < np.inf).sum())]
+        order = unlike(poses, order, apart / 2, turned / 2)
+        coarse[:] = losses
+        losses[:] = np.inf
         least, least_away = np.inf, 0.0 if np.isnan(home[0]) else np.inf
         for n in order:
-            if losses[n] > least + enough and losses[n] > least_away:
-                losses[n] = np.inf
-            if losses[n] < np.inf:
+            if coarse[n] > least + enough and coarse[n] > least_away:
+                break
+            if level < levels - 1:
+                losses[n] = factor * refine(tables, level, few, lever, poses[n])
+            else:
                 losses[n] = refine(tables, level, ends, lever, poses[n])
-                least = min(least, losses[n])
-                if np.hypot(poses[n, 0] - home[0], poses[n, 1] - home[1]) > away:
-                    least_away = min(least_away, losses[n])
+            least = min(least, losses[n])
+            if np.hypot(poses[n, 0] - home[0], poses[n, 1] - home[1]) > away:
+                least_away = min(least_away, losses[n])
     order = np.argsort(losses, kind="mergesort")
     order = order[: int((losses < np.inf).sum())]
     kept = unlike(poses, order, apart, turned)
@@ -189,22 +213,22 @@ def modes(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def stretch(
+def joined_modes(
     tables: LossTables,
     ends: NDArray[np.float32],
     poses: NDArray[np.float64],
     losses: NDArray[np.float64],
     first: int,
-    most: float,
+    barrier: float,
     reach: float,
     turned: float,
     step: float,
 ) -> NDArray[Any]:
-    """Mask of the modes that are joined to the first by poses of low loss, (n,) of bool.
+    """Mask of the modes that can be reached from the first without a rise of the loss, (n,).
 
-    Two modes are joined if they are nearer than `reach` [cells] and `turned` [rad], and if no loss
-    on the straight way between them, every `step` [cells], is above `most` or has the robot where
-    it does not fit.
+    Two modes are joined if they are nearer than `reach` [cells] and `turned` [rad], and if nowhere
+    on the straight way between them, every `step` [cells], the loss is above that of both by more
+    than `barrier`, or the robot does not fit.
     """
     count, last = len(poses), len(tables.corners) - 1
     joined = np.zeros(count, np.bool_)
@@ -212,23 +236,22 @@ def stretch(
     waiting = np.empty(count, np.int64)
     waiting[0], begin, end = first, 0, 1
     while begin < end:
-        a = poses[waiting[begin]]
+        here = waiting[begin]
+        a = poses[here]
         begin += 1
         for n in range(count):
-            if joined[n] or losses[n] > most or not are_alike(a, poses[n], reach, turned):
+            if joined[n] or not are_alike(a, poses[n], reach, turned):
                 continue
+            most = max(losses[here], losses[n]) + barrier
             dx, dy = poses[n, 0] - a[0], poses[n, 1] - a[1]
             turn = (poses[n, 2] - a[2] + np.pi) % (2 * np.pi) - np.pi
             parts = max(1, int(np.ceil(np.hypot(dx, dy) / step)))
-            passes = True
             for k in range(1, parts):
                 share = k / parts
                 x, y, heading = a[0] + share * dx, a[1] + share * dy, a[2] + share * turn
                 if not fits(tables, x, y) or loss_at(tables, last, ends, x, y, heading) > most:
-                    passes = False
-                if not passes:
                     break
-            if passes:
+            else:
                 joined[n] = True
                 waiting[end] = n
                 end += 1

@@ -26,6 +26,7 @@ COMMANDS = (
     "plot",
     "simulate",
     "tune",
+    "twins",
 )
 """Each command is the `app` of the module of its name beside this one."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -26,8 +27,8 @@ NO_RETURN = 32
 """How far the code of no return lies behind that of the lidar's range [codes]."""
 BRANCH = 0.1
 """Least area of a region where the robot fits, against the largest, that counts as reachable."""
-FINEST = 4
-"""Number of halvings of the last step of the refinement: an eighth of the deviation."""
+STEPS = (0.5, 0.25, 0.125)
+"""Steps of the refinement, against the deviation; only with the least one there are several."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +82,12 @@ class Database:
         return np.column_stack([col, row, wrapped(poses[:, 2] - self.grid.origin[2])])
 
 
-def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
+def make_database(
+    grid: OccupancyGrid, matching: Matching, places: Sequence[tuple[int, int]] = ()
+) -> Database:
     """Cast the beams of a lidar at every reachable place of a map.
+
+    Regions with one of the places, cells (row, col), are reachable however small they are.
 
     Raises
     ------
@@ -95,7 +100,7 @@ def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
     occupied = grid.cells == OCCUPIED
     if not occupied.any():
         raise ConfigError(f"{grid.name or 'the map'} has no occupied cell that a beam could meet")
-    fits = reachable(grid, matching.robot_radius)
+    fits = reachable(grid, matching.robot_radius, places)
     if not fits.any():
         raise ConfigError(
             f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
@@ -114,8 +119,13 @@ def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
     return Database(grid, matching, fits, positions, twice, tables, squares)
 
 
-def reachable(grid: OccupancyGrid, robot_radius: float) -> NDArray[np.bool_]:
-    """Mask of the free cells where the robot fits, (H, W), without small regions of them."""
+def reachable(
+    grid: OccupancyGrid, robot_radius: float, places: Sequence[tuple[int, int]] = ()
+) -> NDArray[np.bool_]:
+    """Mask of the free cells where the robot fits, (H, W), without small regions of them.
+
+    Those with one of the places, cells (row, col), stay.
+    """
     import cv2
 
     fits = grid.free & ~grid.closer_than(robot_radius - 1e-9)
@@ -123,6 +133,8 @@ def reachable(grid: OccupancyGrid, robot_radius: float) -> NDArray[np.bool_]:
     areas = np.bincount(labels.ravel(), minlength=count)
     areas[0] = 0
     large = areas >= max(1.0, BRANCH * areas.max())
+    for row, col in places:
+        large[labels[row, col]] = True
     large[0] = False
     return np.asarray(large[labels])
 
@@ -208,12 +220,13 @@ def _tables(grid: OccupancyGrid, matching: Matching, fits: NDArray[np.bool_]) ->
         parts = steps[:-1, :-1], steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]
         word = sum(part << (8 * n) for n, part in enumerate(parts))
         corners.append(np.asarray(word, np.uint32).ravel())
-    halvings = 0.5 ** np.arange(1, FINEST)
+    steps = sigmas[:, None] / resolution * STEPS
+    steps[:-1, 1:] = 0
     return LossTables(
         np.array(corners),
         fits.astype(np.uint8),
         margin=margin,
         width=clear.shape[1],
         height=clear.shape[0],
-        steps=sigmas[:, None] / resolution * halvings,
+        steps=steps,
     )

@@ -47,7 +47,7 @@ class Matching(Settings):
     """Distance from walls at which a pose is possible [m]."""
     count_missing: bool = False
     """Whether a beam without a return counts against poses at which it meets a wall in range."""
-    shortlisted: int = 300
+    shortlisted: int = 600
     """Number of pairs of a place and a turn that are refined, before alike ones are dropped."""
 
     def __post_init__(self) -> None:

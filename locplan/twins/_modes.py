@@ -25,8 +25,14 @@ THIN, THIN_TURN = 0.6, 0.25
 """Distance [m] and angle [rad] from a better one below which a pair is not refined."""
 ENOUGH = 8.0
 """Excess over the best pose up to which all modes are found [nats]."""
+SLACK = 8.0
+"""By how much the refinement with the widest deviation lowers a start's loss at most [nats]."""
 AWAY = 2.0
 """Distance from the true position from which on a match is wrong [m]."""
+BARRIER = 1.0
+"""Rise of the loss between two modes from which on they are not joined [nats]."""
+SLIDE, SLIDE_STEP = 4.0, 0.2
+"""Greatest distance of two modes that are joined, and the steps of the way between them [m]."""
 BATCH = 16
 """Number of scans that a thread matches at a time."""
 NO_HOME = np.full(2, np.nan)
@@ -108,6 +114,7 @@ def refined(
         starts,
         turning_lever(database, ranges),
         enough / _nats(database),
+        SLACK / _nats(database),
         NO_HOME if home is None else home[:2],
         AWAY / resolution,
         APART / resolution,
@@ -158,6 +165,32 @@ def in_batches(
     return found
 
 
+def joined_to(
+    database: Database, ranges: Numbers, found: Modes, first: int, most: float
+) -> NDArray[np.bool_]:
+    """Mask of the modes that a pose can slide to from the first one without a rise of the loss.
+
+    Only those whose excess over the first is up to `most` [nats] count.
+    """
+    from locplan._kernels.scan_losses import joined_modes
+
+    resolution = database.grid.resolution
+    low = np.flatnonzero(found.losses <= found.losses[first] + most)
+    joined = np.zeros(len(found.losses), bool)
+    joined[low] = joined_modes(
+        database.tables,
+        ends_of(database, ranges),
+        found.poses[low],
+        found.losses[low] / _nats(database),
+        int(np.searchsorted(low, first)),
+        BARRIER / _nats(database),
+        SLIDE / resolution,
+        TURNED,
+        SLIDE_STEP / resolution,
+    )
+    return joined
+
+
 def ends_of(database: Database, ranges: Numbers) -> NDArray[np.float32]:
     """Ends of the beams that return, ahead and to the left of the robot, (2, k) [cells]."""
     returns = np.isfinite(ranges)
@@ -181,6 +214,20 @@ def losses_at(database: Database, ranges: Numbers, poses: Numbers) -> Numbers:
     losses = [loss_at(database.tables, last, ends, *pose) for pose in poses.tolist()]
     counted = _missing(database, ranges, poses) if database.matching.count_missing else 0.0
     return np.array(losses) * _nats(database) + counted
+
+
+def moved_to_least(database: Database, ranges: Numbers, start: Numbers) -> tuple[Numbers, float]:
+    """The pose of least loss next to a start, x, y [cells] and heading, and its loss [nats]."""
+    from locplan._kernels.scan_losses import refine
+
+    ends, lever, pose = ends_of(database, ranges), turning_lever(database, ranges), start.copy()
+    loss = 0.0
+    for level in range(len(database.tables.corners)):
+        loss = refine(database.tables, level, ends, lever, pose)
+    if not database.fits[int(pose[1]), int(pose[0])]:
+        return pose, math.inf
+    missing = _missing(database, ranges, pose[None])[0] if database.matching.count_missing else 0.0
+    return pose, loss * _nats(database) + missing
 
 
 def _nats(database: Database) -> float:
