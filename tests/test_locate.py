@@ -282,17 +282,20 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
         return tuple(moved.tolist())
 
     at = database.on_map(np.array([POSES[0]]))[0]
-    for shift in ((4.0, -3.0, 0.15), (-7.0, 6.0, -0.2), (0.0, 0.0, 0.5), (30.0, 0.0, 0.0)):
+    gains = []
+    for shift in ((4.0, -3.0, 0.15), (11.0, -9.0, 0.3), (-9.0, 8.0, -0.4), (30.0, 0.0, 0.0)):
         expected, least = naive.settle(
             lambda pose: loss_at(tables, last, ends, *pose),
             lambda pose: fits(tables, *pose[:2]),
             refined,
-            *(2, 2.0, 2, 0.1),
+            *(4, 2.0, 3, 0.1),
             tuple((at + shift).tolist()),
         )
         pose = at + shift
-        assert settle(tables, ends, lever, 2, 2.0, 2, 0.1, pose) == least
+        assert settle(tables, ends, lever, 4, 2.0, 3, 0.1, pose) == least
         np.testing.assert_array_equal(pose, expected)
+        gains.append(loss_at(tables, last, ends, *refined(tuple((at + shift).tolist()))) - least)
+    assert max(gains) > 0
 
 
 def test_the_beams_that_count_are_few_and_spread(different):
