@@ -108,6 +108,39 @@ def refine(
     return best
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def polish(
+    tables: LossTables,
+    ends: NDArray[np.float32],
+    lever: float,
+    pose: NDArray[np.float64],
+) -> float:
+    """Move a pose to where no step in any of 26 directions lowers the loss; return the loss.
+
+    Steps along one axis alone stop where a turn would have to go with a move. The steps are those
+    of the last level, the deviation is its own.
+    """
+    level = len(tables.corners) - 1
+    best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
+    tried = np.empty(3)
+    for step in tables.steps[level]:
+        for _ in range(ROUNDS if step > 0 else 0):
+            moved = False
+            for n in range(27):
+                tried[0] = pose[0] + (n % 3 - 1) * step
+                tried[1] = pose[1] + (n // 3 % 3 - 1) * step
+                tried[2] = pose[2] + (n // 9 - 1) * step / lever
+                if n == 13 or not fits(tables, tried[0], tried[1]):
+                    continue
+                loss = loss_at(tables, level, ends, tried[0], tried[1], tried[2])
+                if loss < best:
+                    best, moved = loss, True
+                    pose[:] = tried
+            if not moved:
+                break
+    return best
+
+
 @njit(nogil=True, cache=True)
 def are_alike(a: NDArray[np.float64], b: NDArray[np.float64], apart: float, turned: float) -> bool:
     """Whether two poses are nearer than `apart` [cells] and `turned` [rad] to each other."""
@@ -209,7 +242,12 @@ def modes(
     order = np.argsort(losses, kind="mergesort")
     order = order[: int((losses < np.inf).sum())]
     kept = unlike(poses, order, apart, turned)
-    return poses[kept], losses[kept]
+    poses, losses = poses[kept], losses[kept]
+    for n in range(len(kept)):
+        if losses[n] <= losses[0] + enough:
+            losses[n] = polish(tables, ends, lever, poses[n])
+    order = np.argsort(losses, kind="mergesort")
+    return poses[order], losses[order]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

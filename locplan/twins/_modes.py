@@ -218,12 +218,12 @@ def losses_at(database: Database, ranges: Numbers, poses: Numbers) -> Numbers:
 
 def moved_to_least(database: Database, ranges: Numbers, start: Numbers) -> tuple[Numbers, float]:
     """The pose of least loss next to a start, x, y [cells] and heading, and its loss [nats]."""
-    from locplan._kernels.scan_losses import refine
+    from locplan._kernels.scan_losses import polish, refine
 
     ends, lever, pose = ends_of(database, ranges), turning_lever(database, ranges), start.copy()
-    loss = 0.0
     for level in range(len(database.tables.corners)):
-        loss = refine(database.tables, level, ends, lever, pose)
+        refine(database.tables, level, ends, lever, pose)
+    loss = polish(database.tables, ends, lever, pose)
     if not database.fits[int(pose[1]), int(pose[0])]:
         return pose, math.inf
     missing = _missing(database, ranges, pose[None])[0] if database.matching.count_missing else 0.0
