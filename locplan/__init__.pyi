@@ -10,6 +10,7 @@ from . import (
     plotting as plotting,
     recordings as recordings,
     simulation as simulation,
+    twins as twins,
 )
 from .comparison import Comparison as Comparison, PlannerSpec as PlannerSpec, compare as compare
 from .costs import (
@@ -52,5 +53,12 @@ from .planners import (
     plan_field as plan_field,
 )
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
+from .twins import (
+    Location as Location,
+    ScanDatabase as ScanDatabase,
+    Twins as Twins,
+    find_twins as find_twins,
+    locate as locate,
+)
 
 __version__: str

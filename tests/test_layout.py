@@ -24,7 +24,7 @@ ORDER = (
     {"plotting"},
     {"simulation"},
     {"recordings"},
-    {"landmarks"},
+    {"landmarks", "twins"},
     {"comparison", "export", "paper"},
     {"cli"},
 )

@@ -20,12 +20,14 @@ COMMANDS = (
     "field",
     "info",
     "landmarks",
+    "locate",
     "maps",
     "pareto",
     "plan",
     "plot",
     "simulate",
     "tune",
+    "twins",
 )
 """Each command is the `app` of the module of its name beside this one."""
 

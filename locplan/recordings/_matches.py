@@ -19,6 +19,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.field import Scan, SearchWindow, position_axes, scalar
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.recordings._matcher import Matcher
 from locplan.recordings._recording import Recording
 
 Numbers = NDArray[np.float64]
@@ -109,23 +110,17 @@ def match_scans(
     RecordingError
         If no scan with enough returns was taken on the map.
     """
-    from locplan._kernels.offsets import make_lattice
-    from locplan._kernels.recorded import recorded_posteriors
-
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     workers = check_threads(threads)
     settings = settings or Scan(recording.lidar, window=WINDOW, effective_beams=EFFECTIVE_BEAMS)
+    matcher = Matcher(grid, settings)
     count, beams = len(recording), settings.beams_compared
-    compared = settings.beam_numbers
     row, col = grid.world_to_grid(*recording.poses[:, :2].T)
-    cells = np.column_stack([np.floor(row), np.floor(col)]).astype(np.int64)
-    window = settings.lattice(grid.resolution)
-    field = settings.prepare(grid.cells, grid.resolution).likelihood
-    lattice = make_lattice(window.half_steps, window.angles)
+    cells = np.column_stack([np.floor(row), np.floor(col)])
     mean, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-    best, summary = np.zeros((count, 3), np.int64), np.full((count, 3), np.nan)
-    returns = np.isfinite(recording.ranges[:, compared]).sum(axis=1)
+    best, summary = np.zeros((count, 3)), np.full((count, 3), np.nan)
+    returns = np.isfinite(recording.ranges[:, settings.beam_numbers]).sum(axis=1)
     inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
     chosen = np.flatnonzero(inside & (returns >= min(LEAST_RETURNS, beams)))
     if not chosen.size:
@@ -133,19 +128,10 @@ def match_scans(
             "no scan with enough returns was taken on this map; is it the right one? See"
             " locplan.recordings.fit_to_map"
         )
+    _ = matcher.prepared  # now, once for all threads
 
     def match(some: NDArray[np.int64]) -> int:
-        ends_row, ends_col = grid.world_to_grid(*np.moveaxis(recording[some].ends(), -1, 0))
-        middle = cells[some] + 0.5
-        ends = np.stack(
-            [
-                ends_col[:, compared] - middle[:, 1, None],
-                ends_row[:, compared] - middle[:, 0, None],
-            ],
-            axis=-1,
-        )
-        found = mean[some], covariance[some], best[some], summary[some]
-        recorded_posteriors(field, lattice, cells[some], ends, settings.effective_beams, *found)
+        found = matcher.posteriors(recording[some].ends_on_robot(), recording.poses[some])
         mean[some], covariance[some], best[some], summary[some] = found
         return len(some)
 
@@ -155,22 +141,15 @@ def match_scans(
             done += size
             if progress:
                 progress(done, chosen.size)
-    turn, steps = _turn(grid.origin[2]), window.steps
     return Matches(
         recording,
         grid,
         settings,
-        mean=mean * steps @ turn.T,
-        best=best * steps @ turn.T,
-        covariance=turn @ (covariance * np.outer(steps, steps)) @ turn.T,
+        mean=mean,
+        best=best,
+        covariance=covariance,
         entropy=summary[:, 0],
         ambiguity=summary[:, 1],
         score=summary[:, 2],
         returns=returns,
     )
-
-
-def _turn(yaw: float) -> Numbers:
-    """The turn from the map's axes into the world's, (3, 3)."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

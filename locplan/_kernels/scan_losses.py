@@ -1,0 +1,296 @@
+"""The loss of a scan at a pose on a likelihood field, and the poses near by where it is least.
+
+A table holds for every cell the losses at four neighbouring cell centres, a byte each in one word,
+so that one look-up gives all that a bilinear interpolation needs. The losses are in steps of which
+`TOP` are that of an end far from all walls. A margin around the map holds `TOP`; ends beyond it are
+moved to its edge. Positions are x (columns) and y (rows) in cells.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+TOP = 255
+"""Loss of a beam's end far from all walls [steps]."""
+PARTS = 256
+"""Parts of a cell to which an end is rounded, so that sums are whole numbers."""
+ROUNDS = 24
+"""Greatest number of rounds of the search with one step."""
+
+
+class LossTables(NamedTuple):
+    """The losses around a map at some deviations, the widest first, and where the robot fits."""
+
+    corners: NDArray[np.uint32]  # (level, row x col) losses at four centres, the lowest first
+    fits: NDArray[np.uint8]  # (row, col) of the map, 1 where the robot may stand
+    margin: int  # cells around the map
+    width: int  # number of words in a row
+    height: int  # number of rows
+    steps: NDArray[np.float64]  # (level, steps) of the search [cells]; 0 where there is none
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def loss_at(
+    tables: LossTables,
+    level: int,
+    ends: NDArray[np.float32],
+    x: float,
+    y: float,
+    heading: float,
+) -> float:
+    """Sum of the losses of a scan's ends, (2, k) ahead and to the left [cells], at a pose [steps].
+
+    Ends are rounded down to 1/256 of a cell.
+    """
+    cos, sin = np.float32(np.cos(heading)), np.float32(np.sin(heading))
+    corners, width = tables.corners[level], tables.width
+    shift, zero, parts = tables.margin - 0.5, np.float32(0.0), np.float32(PARTS)
+    from_x, from_y = np.float32(x + shift), np.float32(y + shift)
+    last_x, last_y = np.float32(width - 1.01), np.float32(tables.height - 1.01)
+    total = np.int64(0)
+    for b in range(ends.shape[1]):
+        ahead, left = ends[0, b], ends[1, b]
+        u = min(max(from_x + cos * ahead - sin * left, zero), last_x)
+        v = min(max(from_y + sin * ahead + cos * left, zero), last_y)
+        across, along = np.int32(u * parts), np.int32(v * parts)
+        # An unsigned index need not be checked if it counts from the end.
+        word = corners[np.uint32((along >> 8) * width + (across >> 8))]
+        a, c = across & 255, along & 255
+        low = np.int32(word & 255) * (256 - a) + np.int32(word >> 8 & 255) * a
+        high = np.int32(word >> 16 & 255) * (256 - a) + np.int32(word >> 24) * a
+        total += low * (256 - c) + high * c
+    return total / (PARTS * PARTS)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def fits(tables: LossTables, x: float, y: float) -> bool:
+    """Whether the robot may stand at a position [cells]."""
+    row, col = int(np.floor(y)), int(np.floor(x))
+    rows, cols = tables.fits.shape
+    return 0 <= row < rows and 0 <= col < cols and tables.fits[row, col] > 0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def refine(
+    tables: LossTables,
+    level: int,
+    ends: NDArray[np.float32],
+    lever: float,
+    pose: NDArray[np.float64],
+) -> float:
+    """Move a pose, x, y [cells] and heading [rad], to where no step lowers the loss; return it.
+
+    Steps along the axes and turns that move an end `lever` cells away as far are tried in turn,
+    with each of the level's steps. The robot fits at all positions but perhaps the first.
+    """
+    best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
+    tried = np.empty(3)
+    for step in tables.steps[level]:
+        for _ in range(ROUNDS if step > 0 else 0):
+            moved = False
+            for axis in range(3):
+                for sign in (1.0, -1.0):
+                    tried[:] = pose
+                    tried[axis] += sign * (step if axis < 2 else step / lever)
+                    if axis < 2 and not fits(tables, tried[0], tried[1]):
+                        continue
+                    loss = loss_at(tables, level, ends, tried[0], tried[1], tried[2])
+                    if loss < best:
+                        best, moved = loss, True
+                        pose[axis] = tried[axis]
+                        break
+            if not moved:
+                break
+    return best
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def polish(
+    tables: LossTables,
+    ends: NDArray[np.float32],
+    lever: float,
+    pose: NDArray[np.float64],
+) -> float:
+    """Move a pose to where no step in any of 26 directions lowers the loss; return the loss.
+
+    Steps along one axis alone stop where a turn would have to go with a move. The steps are those
+    of the last level, the deviation is its own.
+    """
+    level = len(tables.corners) - 1
+    best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
+    tried = np.empty(3)
+    for step in tables.steps[level]:
+        for _ in range(ROUNDS if step > 0 else 0):
+            moved = False
+            for n in range(27):
+                tried[0] = pose[0] + (n % 3 - 1) * step
+                tried[1] = pose[1] + (n // 3 % 3 - 1) * step
+                tried[2] = pose[2] + (n // 9 - 1) * step / lever
+                if n == 13 or not fits(tables, tried[0], tried[1]):
+                    continue
+                loss = loss_at(tables, level, ends, tried[0], tried[1], tried[2])
+                if loss < best:
+                    best, moved = loss, True
+                    pose[:] = tried
+            if not moved:
+                break
+    return best
+
+
+@njit(nogil=True, cache=True)
+def are_alike(a: NDArray[np.float64], b: NDArray[np.float64], apart: float, turned: float) -> bool:
+    """Whether two poses are nearer than `apart` [cells] and `turned` [rad] to each other."""
+    across, along = a[0] - b[0], a[1] - b[1]
+    if across * across + along * along >= apart * apart:
+        return False
+    return abs((a[2] - b[2] + np.pi) % (2 * np.pi) - np.pi) < turned
+
+
+@njit(nogil=True, cache=True)
+def unlike(
+    poses: NDArray[np.float64], order: NDArray[np.int64], apart: float, turned: float
+) -> NDArray[Any]:
+    """Indices, in order, of the poses that are like none of those before that are kept."""
+    kept = np.empty(order.size, np.int64)
+    count = 0
+    for n in order:
+        for k in range(count):
+            if are_alike(poses[n], poses[kept[k]], apart, turned):
+                break
+        else:
+            kept[count] = n
+            count += 1
+    return kept[:count]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def modes(
+    tables: LossTables,
+    ends: NDArray[np.float32],
+    starts: NDArray[np.float64],
+    lever: float,
+    enough: float,
+    slack: float,
+    home: NDArray[np.float64],
+    away: float,
+    apart: float,
+    turned: float,
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Poses of least loss that are found from starts, the best first, (n, 3), and losses (n,).
+
+    But for the last deviation, every second beam is compared. A start is given up when its loss
+    with a wider deviation, which is hardly greater than that with a narrower one, is above the
+    least loss that was found by more than `enough`, and above the least loss away from home.
+
+    Parameters
+    ----------
+    tables, ends, lever
+        See `refine`.
+    starts : (k, 3) array
+        Poses to begin from.
+    enough : float
+        Excess over the least loss up to which all modes are found [steps].
+    slack : float
+        By how much the first refinement lowers a loss at most [steps].
+    home : (2,) array
+        Position, x and y [cells]; NaN where there is none.
+    away : float
+        Distance from home from which on the best mode is found whatever its loss [cells].
+    apart, turned : float
+        Distance [cells] and angle [rad] below which two modes are one.
+    """
+    count, levels = len(starts), len(tables.corners)
+    poses, losses = starts.copy(), np.full(count, np.inf)
+    coarse = np.empty(count)
+    few = np.ascontiguousarray(ends[:, ::2])
+    factor = ends.shape[1] / few.shape[1]
+    for n in range(count):
+        coarse[n] = np.inf
+        if fits(tables, poses[n, 0], poses[n, 1]):
+            loss = loss_at(tables, 0, few, poses[n, 0], poses[n, 1], poses[n, 2])
+            coarse[n] = factor * loss
+    least, least_away = np.inf, 0.0 if np.isnan(home[0]) else np.inf
+    for n in np.argsort(coarse, kind="mergesort"):
+        if coarse[n] > least + enough + slack and coarse[n] > least_away + slack:
+            break
+        if coarse[n] < np.inf:
+            losses[n] = factor * refine(tables, 0, few, lever, poses[n])
+            least = min(least, losses[n])
+            if np.hypot(poses[n, 0] - home[0], poses[n, 1] - home[1]) > away:
+                least_away = min(least_away, losses[n])
+    for level in range(1, levels):
+        order = np.argsort(losses, kind="mergesort")
+        order = order[: int((losses < np.inf).sum())]
+        order = unlike(poses, order, apart / 2, turned / 2)
+        coarse[:] = losses
+        losses[:] = np.inf
+        least, least_away = np.inf, 0.0 if np.isnan(home[0]) else np.inf
+        for n in order:
+            if coarse[n] > least + enough and coarse[n] > least_away:
+                break
+            if level < levels - 1:
+                losses[n] = factor * refine(tables, level, few, lever, poses[n])
+            else:
+                losses[n] = refine(tables, level, ends, lever, poses[n])
+            least = min(least, losses[n])
+            if np.hypot(poses[n, 0] - home[0], poses[n, 1] - home[1]) > away:
+                least_away = min(least_away, losses[n])
+    order = np.argsort(losses, kind="mergesort")
+    order = order[: int((losses < np.inf).sum())]
+    kept = unlike(poses, order, apart, turned)
+    poses, losses = poses[kept], losses[kept]
+    for n in range(len(kept)):
+        if losses[n] <= losses[0] + enough:
+            losses[n] = polish(tables, ends, lever, poses[n])
+    order = np.argsort(losses, kind="mergesort")
+    return poses[order], losses[order]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def joined_modes(
+    tables: LossTables,
+    ends: NDArray[np.float32],
+    poses: NDArray[np.float64],
+    losses: NDArray[np.float64],
+    first: int,
+    barrier: float,
+    reach: float,
+    turned: float,
+    step: float,
+) -> NDArray[Any]:
+    """Mask of the modes that can be reached from the first without a rise of the loss, (n,).
+
+    Two modes are joined if they are nearer than `reach` [cells] and `turned` [rad], and if nowhere
+    on the straight way between them, every `step` [cells], the loss is above that of both by more
+    than `barrier`, or the robot does not fit.
+    """
+    count, last = len(poses), len(tables.corners) - 1
+    joined = np.zeros(count, np.bool_)
+    joined[first] = True
+    waiting = np.empty(count, np.int64)
+    waiting[0], begin, end = first, 0, 1
+    while begin < end:
+        here = waiting[begin]
+        a = poses[here]
+        begin += 1
+        for n in range(count):
+            if joined[n] or not are_alike(a, poses[n], reach, turned):
+                continue
+            most = max(losses[here], losses[n]) + barrier
+            dx, dy = poses[n, 0] - a[0], poses[n, 1] - a[1]
+            turn = (poses[n, 2] - a[2] + np.pi) % (2 * np.pi) - np.pi
+            parts = max(1, int(np.ceil(np.hypot(dx, dy) / step)))
+            for k in range(1, parts):
+                share = k / parts
+                x, y, heading = a[0] + share * dx, a[1] + share * dy, a[2] + share * turn
+                if not fits(tables, x, y) or loss_at(tables, last, ends, x, y, heading) > most:
+                    break
+            else:
+                joined[n] = True
+                waiting[end] = n
+                end += 1
+    return joined

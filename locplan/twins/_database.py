@@ -1,0 +1,232 @@
+"""What a robot's lidar sees at every place of a map, for comparing scans with all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.errors import ConfigError
+from locplan.field._surfaces import walls
+from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.twins._matching import TURNS, Matching
+
+Numbers = NDArray[np.float64]
+LATTICE = 0.4
+"""Spacing of the places that scans are compared with [m]."""
+CODES_A_METRE = 16
+"""Number of codes of a range; they begin anew after 16 m."""
+CAP = 8
+"""Difference of two ranges from which on a beam costs no more [codes], half a metre."""
+NO_RETURN = 32
+"""How far the code of no return lies behind that of the lidar's range [codes]."""
+BRANCH = 0.1
+"""Least area of a region where the robot fits, against the largest, that counts as reachable."""
+STEPS = (0.5, 0.25, 0.125)
+"""Steps of the refinement, against the deviation; only with the least one there are several."""
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """The ranges at every reachable place of a map, and the losses of beams' ends around it."""
+
+    grid: OccupancyGrid
+    """The map."""
+    matching: Matching
+    """The lidar, and how scans are matched."""
+    fits: NDArray[np.bool_]
+    """Mask of the cells where the robot may stand, (H, W)."""
+    positions: Numbers
+    """Positions of the lidar that scans are compared with, x and y (n, 2) [cells]."""
+    codes: NDArray[np.uint8]
+    """Codes of the ranges, see `locplan._kernels.shortlist.shortlist`."""
+    tables: Any
+    """`locplan._kernels.scan_losses.LossTables` of the map."""
+    squares: NDArray[np.uint8]
+    """The map as `locplan._kernels.rays.empty_squares`."""
+
+    @cached_property
+    def lever(self) -> tuple[float, float]:
+        """Position of the lidar ahead and to the left of the robot's centre [cells]."""
+        lidar, resolution = self.matching.lidar, self.grid.resolution
+        return lidar.mount_x / resolution, lidar.mount_y / resolution
+
+    def scans_at(self, poses: Numbers) -> Numbers:
+        """Ranges at the robot's poses, x, y [cells] and heading [rad], (n, 96) [m].
+
+        They belong to `Matching.bearings`: infinite without a return, NaN out of the view.
+        """
+        lidar = self.matching.lidar
+        ranges = _ranges(self, poses, lidar.mount_x, lidar.mount_y)
+        ranges[:, ~self.matching.seen] = np.nan
+        return ranges
+
+    def codes_of(self, ranges: Numbers) -> NDArray[np.uint8]:
+        """Codes of ranges [m], infinite without a return."""
+        return _codes(ranges, self.matching.lidar.range)
+
+    def in_world(self, poses: Numbers) -> Numbers:
+        """World x, y, heading of poses x, y [cells], heading on the map, (n, 3) [m, m, rad]."""
+        x, y = self.grid.grid_to_world(poses[:, 1], poses[:, 0])
+        heading = wrapped(poses[:, 2] + self.grid.origin[2])
+        return np.column_stack([x, y, heading])
+
+    def on_map(self, poses: Numbers) -> Numbers:
+        """Poses x, y [cells] and heading on the map of world x, y, heading, (n, 3)."""
+        row, col = self.grid.world_to_grid(poses[:, 0], poses[:, 1])
+        return np.column_stack([col, row, wrapped(poses[:, 2] - self.grid.origin[2])])
+
+
+def make_database(
+    grid: OccupancyGrid, matching: Matching, places: Sequence[tuple[int, int]] = ()
+) -> Database:
+    """Cast the beams of a lidar at every reachable place of a map.
+
+    Regions with one of the places, cells (row, col), are reachable however small they are.
+
+    Raises
+    ------
+    ConfigError
+        If the robot fits nowhere, or the map has no wall.
+    """
+    from locplan._kernels.octets import OCTETS
+    from locplan._kernels.rays import empty_squares
+
+    occupied = grid.cells == OCCUPIED
+    if not occupied.any():
+        raise ConfigError(f"{grid.name or 'the map'} has no occupied cell that a beam could meet")
+    fits = reachable(grid, matching.robot_radius, places)
+    if not fits.any():
+        raise ConfigError(
+            f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
+            f" {grid.name or 'the map'}; give a smaller --robot-radius"
+        )
+    squares, tables = empty_squares(occupied), _tables(grid, matching, fits)
+    positions = places_every(LATTICE, _of_lidar(grid, matching, fits), grid.resolution)
+    made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
+    poses = np.column_stack([positions, np.zeros(len(positions))])
+    codes = made.codes_of(_ranges(made, poses, 0.0, 0.0))
+    blocks = -(-len(codes) // OCTETS)
+    padded = np.zeros((blocks * OCTETS, TURNS), np.uint8)
+    padded[: len(codes)] = codes
+    laid_out = padded.reshape(blocks, OCTETS, TURNS).transpose(0, 2, 1)
+    twice = np.concatenate([laid_out, laid_out], axis=1).reshape(-1)
+    return Database(grid, matching, fits, positions, twice, tables, squares)
+
+
+def reachable(
+    grid: OccupancyGrid, robot_radius: float, places: Sequence[tuple[int, int]] = ()
+) -> NDArray[np.bool_]:
+    """Mask of the free cells where the robot fits, (H, W), without small regions of them.
+
+    Those with one of the places, cells (row, col), stay.
+    """
+    import cv2
+
+    fits = grid.free & ~grid.closer_than(robot_radius - 1e-9)
+    count, labels = cv2.connectedComponents(fits.astype(np.uint8), connectivity=4)
+    areas = np.bincount(labels.ravel(), minlength=count)
+    areas[0] = 0
+    large = areas >= max(1.0, BRANCH * areas.max())
+    for row, col in places:
+        large[labels[row, col]] = True
+    large[0] = False
+    return np.asarray(large[labels])
+
+
+def places_every(spacing: float, fits: NDArray[np.bool_], resolution: float) -> Numbers:
+    """Centres of cells, one in each square of edge `spacing` [m] that has any, x and y (n, 2).
+
+    It is the cell next to the middle of the square.
+    """
+    rows, cols = np.nonzero(fits)
+    edge = max(1, round(spacing / resolution))
+    block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
+    aside = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
+    order = np.lexsort([cols, rows, aside, block])
+    _, first = np.unique(block[order], return_index=True)
+    chosen = order[first]
+    return np.column_stack([cols[chosen], rows[chosen]]).astype(np.float64) + 0.5
+
+
+def wrapped(angle: Numbers) -> Numbers:
+    """Angles from -pi up to pi [rad]."""
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+def _of_lidar(
+    grid: OccupancyGrid, matching: Matching, fits: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mask of the cells where the lidar may be."""
+    import cv2
+
+    lidar = matching.lidar
+    reach = math.ceil(math.hypot(lidar.mount_x, lidar.mount_y) / grid.resolution)
+    if reach == 0:
+        return fits
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    near = cv2.dilate(fits.astype(np.uint8), around)
+    return np.asarray((near > 0) & (grid.cells != OCCUPIED))
+
+
+def _ranges(database: Database, poses: Numbers, forward: float, left: float) -> Numbers:
+    """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
+    from locplan._kernels.lidar import Lidar as Beams
+    from locplan._kernels.shortlist import ranges_from
+
+    lidar = database.matching.lidar
+    beams = Beams(
+        angles=database.matching.bearings,
+        forward=forward,
+        left=left,
+        yaw=0.0,
+        sigma=lidar.range_sigma,
+        min_range=lidar.least_range,
+        max_range=lidar.range,
+    )
+    ranges = np.empty((len(poses), TURNS))
+    at = np.ascontiguousarray(poses[:, [1, 0, 2]])
+    ranges_from(database.squares, database.grid.resolution, at, beams, ranges)
+    return ranges
+
+
+def _codes(ranges: Numbers, farthest: float) -> NDArray[np.uint8]:
+    none = CODES_A_METRE * farthest + NO_RETURN
+    counts = np.where(np.isfinite(ranges), CODES_A_METRE * ranges, none)
+    return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
+
+
+def _tables(grid: OccupancyGrid, matching: Matching, fits: NDArray[np.bool_]) -> Any:
+    """The losses around the map at each deviation, in the form that the kernels take."""
+    import cv2
+
+    from locplan._kernels.scan_losses import TOP, LossTables
+
+    sigmas, resolution = matching.sigmas(grid.resolution), grid.resolution
+    margin = math.ceil(4 * sigmas[0] / resolution) + 2
+    clear = 1 - np.pad(walls(grid.cells == OCCUPIED), margin)
+    distance = cv2.distanceTransform(clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * resolution
+    corners = []
+    for sigma in sigmas:
+        hit = (1 - matching.z_rand) * np.exp(-0.5 * (distance / sigma) ** 2)
+        loss = np.log(hit + matching.z_rand) / math.log(matching.z_rand)
+        steps = np.rint(TOP * loss).astype(np.uint32)
+        steps = np.pad(steps, (0, 1), constant_values=TOP)
+        parts = steps[:-1, :-1], steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]
+        word = sum(part << (8 * n) for n, part in enumerate(parts))
+        corners.append(np.asarray(word, np.uint32).ravel())
+    steps = sigmas[:, None] / resolution * STEPS
+    steps[:-1, 1:] = 0
+    return LossTables(
+        np.array(corners),
+        fits.astype(np.uint8),
+        margin=margin,
+        width=clear.shape[1],
+        height=clear.shape[0],
+        steps=steps,
+    )

@@ -1,0 +1,142 @@
+"""Figure of twins: how sure a match is, which places are joined to which, and where to start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import PercentFormatter
+from numpy.typing import NDArray
+
+from locplan.plotting._cells import draw_cells
+from locplan.plotting._maps import draw_map, map_size
+from locplan.plotting._picture import Picture
+from locplan.twins._looks import THRESHOLD
+from locplan.twins._starts import Start
+from locplan.twins._twins import Twins
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.8, 256)))
+"""Colours of the share elsewhere, from nearly white to brown, never as dark as a wall."""
+LINES = ("#0072b2", "#009e73", "#cc79a7", "#56b4e9")
+"""Colours of the first symmetries' lines, apart for colour-blind people."""
+OTHER = "0.35"
+"""Colour of lines that belong to none of these symmetries."""
+MOST_LINES = 24
+"""Greatest number of lines."""
+NAMED = 5
+"""Number of symmetries that the title names."""
+
+
+def twins_figure(twins: Twins, starts: Sequence[Start] | None = None) -> Figure:
+    """Draw the map with the share of the posterior elsewhere, some twins, and the best starts.
+
+    Parameters
+    ----------
+    twins : Twins
+        What was found.
+    starts : sequence of Start, optional
+        Starts, which are numbered; `Twins.best_starts` by default.
+    """
+    starts = twins.best_starts() if starts is None else starts
+    width, height = map_size(twins.grid)
+    named = twins.symmetries[:NAMED]
+    figure = Picture(figsize=(width, height + 0.5 + 0.16 * len(named)), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, twins.grid)
+    image = draw_cells(axes, twins.grid, twins.layer("elsewhere"), cmap=COLOURS, vmin=0.0, vmax=1.0)
+    bar = figure.colorbar(image, ax=axes, shrink=0.8, label="chance that a match lands elsewhere")
+    bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0))
+    handles = _draw_twins(axes, twins)
+    if starts:
+        handles.append(_draw_starts(axes, starts))
+    title = (
+        f"{twins.grid.name or 'map'}: {twins.share:.0%} of {len(twins)} places have a twin within"
+        f" {THRESHOLD:g} nats\n{twins.matching.lidar.title}"
+    )
+    said = [f"symmetry {n}: {each}" for n, each in enumerate(named, 1)]
+    more = len(twins.symmetries) - len(named)
+    if more > 0:
+        said[-1] += f"; {more} more"
+    axes.set_title("\n".join([title, *said]), fontsize="small", loc="left")
+    if handles:
+        at: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.09)}
+        axes.legend(handles=handles, ncols=3, fontsize="small", frameon=False, **at)
+    return figure
+
+
+def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
+    """Join some places with their twins, of each symmetry in its colour; the legend's handles."""
+    handles: list[Any] = []
+    chosen = _joined(twins)
+    for number, pairs in sorted(chosen.items(), key=lambda item: (item[0] < 0, item[0])):
+        colour = LINES[number] if number >= 0 else OTHER
+        lines = [twins.places[place].tolist() + twin for place, twin in pairs]
+        segments = np.array(lines).reshape(-1, 2, 2)
+        axes.add_collection(
+            LineCollection(list(segments), colors=colour, linewidths=1.2, alpha=0.85, zorder=3)
+        )
+        axes.plot(*segments.reshape(-1, 2).T, "o", color=colour, markersize=3, zorder=3)
+        label = f"twins by symmetry {number + 1}" if number >= 0 else "other twins"
+        handles.append(Line2D([], [], color=colour, marker="o", markersize=3, label=label))
+    return handles
+
+
+def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
+    """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
+    twin = _best_twins(twins)
+    having = np.flatnonzero(np.isfinite(twin[:, 3]) & (twin[:, 3] <= THRESHOLD))
+    # The fewer lines there may be, the farther apart their ends are.
+    apart = math.sqrt(having.size * twins.spacing**2 / (MOST_LINES / 2)) if having.size else 0.0
+    taken: list[NDArray[np.float64]] = []
+    pairs: dict[int, list[tuple[int, list[float]]]] = {}
+    for place in having[np.argsort(twin[having, 3], kind="stable")]:
+        ends = twins.places[place], twin[place, :2]
+        near = [float(np.hypot(*(end - other))) < apart for end in ends for other in taken]
+        if any(near) or len(taken) >= 2 * MOST_LINES:
+            continue
+        taken += ends
+        pairs.setdefault(_symmetry_of(twins, place, twin[place]), []).append(
+            (int(place), twin[place, :2].tolist())
+        )
+    return pairs
+
+
+def _best_twins(twins: Twins) -> NDArray[np.float64]:
+    """x, y, heading and excess of the best twin of each place, (n, 4); NaN where there is none."""
+    every = twins.twins[:, :, 0]
+    heading = np.nan_to_num(every[:, :, 3], nan=np.inf).argmin(axis=1)
+    best: NDArray[np.float64] = every[np.arange(len(every)), heading]
+    return best
+
+
+def _symmetry_of(twins: Twins, place: int, twin: NDArray[np.float64]) -> int:
+    """Number of the first symmetry with a colour that takes a place to a twin, or -1."""
+    for n, each in enumerate(twins.symmetries[: len(LINES)]):
+        from_middle = twins.places[place] - np.array(each.middle)
+        cos, sin = math.cos(each.turn), math.sin(each.turn)
+        turned = np.array([[cos, -sin], [sin, cos]]) @ from_middle
+        if np.hypot(*(np.array(each.moved) + turned - twin[:2])) <= 1.0:
+            return n
+    return -1
+
+
+def _draw_starts(axes: Axes, starts: Sequence[Start]) -> Any:
+    """Draw the starts with their numbers; the legend's handle."""
+    style: dict[str, Any] = {"marker": "o", "markersize": 11, "linestyle": "none"}
+    style |= {"markerfacecolor": "white", "markeredgecolor": "black"}
+    for n, start in enumerate(starts, 1):
+        axes.plot(start.x, start.y, zorder=5, **style)
+        axes.annotate(str(n), (start.x, start.y), ha="center", va="center", fontsize=7, zorder=6)
+    most = max(start.elsewhere for start in starts)
+    label = f"best starts, at most {most:.0%} elsewhere"
+    return Line2D([], [], label=label, **(style | {"markersize": 8}))

@@ -1,0 +1,161 @@
+"""The search for twins at all places of a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import positive
+from locplan._util.machine import check_threads
+from locplan._util.progress import ProgressCallback
+from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.twins._database import Database, make_database, places_every, wrapped
+from locplan.twins._looks import LISTED, Looks, look_around
+from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS, Matching
+from locplan.twins._modes import in_batches
+from locplan.twins._symmetries import find_symmetries
+from locplan.twins._twins import LAYERS, Twins
+
+Numbers = NDArray[np.float64]
+SPACING = 0.8
+"""Default distance between neighbouring places [m]."""
+HEADINGS = 8
+"""Number of headings at each place where what the lidar sees depends on the heading."""
+
+
+def find_twins(
+    grid: OccupancyGrid,
+    *,
+    lidar: Lidar,
+    places: Iterable[Sequence[float]] | None = None,
+    spacing: float = SPACING,
+    global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS,
+    robot_radius: float = ROBOT_RADIUS,
+    count_missing: bool = False,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Twins:
+    """Find the places that a robot can be mistaken for when one scan is matched with a whole map.
+
+    The scan that the lidar would take at each place is compared with all places and turns, and the
+    best ones are refined on the map's likelihood field. What is found foresees failures of global
+    matching of single scans, and tells where to start a robot. It does not foresee well where
+    AMCL's own global localization fails, which spreads particles and drives.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    lidar : Lidar
+        The robot's lidar.
+    places : iterable of (x, y), optional
+        Places in the world [m]; by default all that the robot can reach, `spacing` apart.
+    spacing : float
+        Distance between neighbouring places [m].
+    global_effective_beams : float
+        Number of independent beams that tell as much as all round do, which makes losses nats. It
+        is fitted to global matches; it is not the number of `locplan.Scan`, which is fitted to the
+        uncertainty of a match near its place.
+    robot_radius : float
+        Distance that the robot keeps from walls [m].
+    count_missing : bool
+        Whether a beam without a return counts against places where it would meet a wall in range;
+        AMCL ignores such beams.
+    threads : int, optional
+        Number of threads; all cores by default. The result does not depend on it.
+    progress : callable, optional
+        Called with (done, total) poses.
+
+    Returns
+    -------
+    Twins
+
+    Raises
+    ------
+    LocplanError
+        If a value is out of its range, the robot cannot stand at a place, or fits nowhere.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("places", resolution=0.1)
+    >>> twins = find_twins(grid, lidar=locplan.Lidar(range=8.0), spacing=2.0)
+    >>> twins.elsewhere.shape == (len(twins),)
+    True
+    """
+    check_grid(grid)
+    matching = Matching(
+        lidar=lidar,
+        global_effective_beams=global_effective_beams,
+        robot_radius=robot_radius,
+        count_missing=count_missing,
+    )
+    positive("spacing", spacing, "m")
+    workers = check_threads(threads)
+    if places is None:
+        database = make_database(grid, matching)
+        positions = places_every(spacing, database.fits, grid.resolution)
+        xy = np.column_stack(grid.grid_to_world(positions[:, 1], positions[:, 0]))
+    else:
+        cells, xy = _checked(grid, places, robot_radius)
+        database = make_database(grid, matching, cells)
+        row, col = grid.world_to_grid(xy[:, 0], xy[:, 1])
+        positions = np.column_stack([col, row])
+    count = 1 if lidar.sees_alike_in_all_headings else HEADINGS
+    headings = np.arange(count, dtype=np.float64) * (2 * math.pi / count)
+    homes = np.column_stack(
+        [np.repeat(positions, count, axis=0), np.tile(headings, len(positions))]
+    )
+    ranges = database.scans_at(homes)
+
+    def look(some: NDArray[np.int64]) -> list[Looks]:
+        return [look_around(database, ranges[n], homes[n]) for n in some]
+
+    looks = in_batches(look, len(homes), workers, progress)
+    symmetries, covered = find_symmetries(database, homes, ranges, looks)
+    shape = len(positions), count
+    return Twins(
+        grid=grid,
+        matching=matching,
+        spacing=float(spacing),
+        places=xy,
+        headings=wrapped(headings + grid.origin[2]),
+        values={
+            name: np.array([getattr(look, name) for look in looks], np.float64).reshape(shape)
+            for name in LAYERS
+        },
+        twins=_listed(database, looks).reshape(*shape, LISTED, 4),
+        symmetries=tuple(symmetries),
+        covered=np.array([each.reshape(shape).any(axis=1) for each in covered], bool).reshape(
+            len(covered), len(positions)
+        ),
+    )
+
+
+def _checked(
+    grid: OccupancyGrid, places: Iterable[Sequence[float]], robot_radius: float
+) -> tuple[list[tuple[int, int]], Numbers]:
+    """Cells (row, col) of places in the world, and their positions, (n, 2) [m]."""
+    costs, cells, xy = Costmap.blank(grid, robot_radius=robot_radius), [], []
+    for place in places:
+        cells.append(costs.cell_of(place, "place"))
+        xy.append([float(value) for value in place])
+    if not xy:
+        raise ConfigError("there must be at least one place; leave places out for all")
+    return cells, np.array(xy)
+
+
+def _listed(database: Database, looks: Sequence[Looks]) -> Numbers:
+    """World x, y, heading and excess of the twins of each pose, (n, LISTED, 4)."""
+    twins = np.full((len(looks), LISTED, 4), np.nan)
+    for n, look in enumerate(looks):
+        if len(look.twins):
+            twins[n, : len(look.twins), :3] = database.in_world(look.twins[:, :3])
+            twins[n, : len(look.twins), 3] = look.twins[:, 3]
+    return twins

@@ -1,0 +1,270 @@
+"""Global localization: the poses of a whole map that explain one scan, or those near a route."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._util.checks import instance, number, shown, whole
+from locplan.costs import Path
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.recordings import Recording
+from locplan.recordings._geometry import ends_on_robot, has_return
+from locplan.twins._database import Database
+from locplan.twins._location import Location, Mode
+from locplan.twins._modes import (
+    APART,
+    ENOUGH,
+    LEAST_RETURNS,
+    TURNED,
+    refined,
+    shortlisted,
+    turning_lever,
+)
+from locplan.twins._scan_database import CLEARANCE, ScanDatabase, database_of
+
+Numbers = NDArray[np.float64]
+WITHIN = 3.0
+"""Default distance from a route within which a robot is looked for [m]."""
+LEAST_WITHIN = 0.5
+"""Least such distance, a little more than that of the places that scans are compared with [m]."""
+COUNT = 10
+"""Default number of modes that are kept."""
+SETTLED = 150
+"""Greatest number of modes that are refined with all beams."""
+UNMOVED = 20
+"""Number of the shortlist's best pairs of a place and a turn that are refined so, too."""
+STEPS, STEP = 5, 0.1
+"""Steps to each side that are tried about a mode, and their length, at least a cell [m]."""
+NEAR = 2.0
+"""Distance from a wall, in deviations of a beam's end, within which it is explained."""
+TURNS_ASIDE, TURN = 5, math.radians(2.0)
+"""Turns to each side that are tried about a mode, and their angle [rad]."""
+
+
+class NotLocatedError(ConfigError):
+    """A scan tells nothing about where it was taken."""
+
+
+def locate(
+    grid: OccupancyGrid,
+    scan: ArrayLike | Recording,
+    lidar: Lidar | None = None,
+    *,
+    near: Path | ArrayLike | None = None,
+    within: float = WITHIN,
+    count: int = COUNT,
+    clearance: float = CLEARANCE,
+    database: ScanDatabase | None = None,
+) -> Location:
+    """Find where on a map a robot can be that has taken one scan.
+
+    The scan is compared with what the lidar would see at places 0.4 m apart all over the map, at 96
+    turns; the best of them are refined on the map's likelihood field, at last with all beams. Beams
+    without a return tell nothing. What a lidar sees everywhere is found when the first scan is
+    located, and kept for the next ones.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    scan : (beams,) array or Recording
+        Distances along the beams [m] in the order of ``lidar.angles``, inf or 0 without a return;
+        or a recording of one scan, such as ``drive[n : n + 1]``.
+    lidar : Lidar, optional
+        The lidar, with its mount on the robot. A recording has its own.
+    near : Path or (n, 2) array, optional
+        Only poses along this path, or near one of these positions, are looked for [m].
+    within : float
+        Their greatest distance from it, at least 0.5 [m].
+    count : int
+        Greatest number of modes that are kept. The weights are shares of all that were found.
+    clearance : float
+        Distance of the robot's centre from walls at which a pose is possible [m].
+    database : ScanDatabase, optional
+        What the lidar sees on this map, if it is to be kept by the caller. It has the clearance.
+
+    Returns
+    -------
+    Location
+        The modes, the best first.
+
+    Raises
+    ------
+    LocplanError
+        If the scan does not belong to the lidar, has too few returns, or there is no place for the
+        robot.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("places", resolution=0.1)
+    >>> lidar = locplan.Lidar(range=8.0, beams=180)
+    >>> route = locplan.Path([[13.0, 5.5], [20.0, 5.5]])
+    >>> drive = locplan.recordings.record_drive(grid, route, lidar, seed=1)
+    >>> anywhere = locate(grid, drive[:1])
+    >>> anywhere.best.weight <= sum(mode.weight for mode in anywhere.modes) <= 1.001
+    True
+    >>> here = locate(grid, drive[:1], near=route, within=1.0)
+    >>> bool(abs(here.best.pose[0] - 13.0) < 0.5)
+    True
+    """
+    check_grid(grid)
+    ranges, lidar = _checked(scan, lidar)
+    whole("count", count)
+    database = checked_database(grid, lidar, clearance, database)
+    places = places_of(database, near, within)
+    return located(database, ranges, places, count, restricted=near is not None)
+
+
+def checked_database(
+    grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
+) -> ScanDatabase:
+    """The database that was given, if it is of this map and lidar, or one of them.
+
+    Raises
+    ------
+    ConfigError
+        If it is of another map or lidar, or the clearance is out of its range.
+    """
+    if database is None:
+        database = database_of(grid, lidar, number("clearance", clearance, 0.0))
+    instance("database", database, ScanDatabase)
+    if database.grid != grid or database.lidar != lidar:
+        raise ConfigError(
+            "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"
+        )
+    return database
+
+
+def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: float) -> Database:
+    """The ranges of the places at which the robot may be.
+
+    Raises
+    ------
+    LocplanError
+        If there is none, or the positions are wrong.
+    """
+    if near is None:
+        return database.everywhere
+    radius = number("within", within, LEAST_WITHIN)
+    places: Any = near
+    return database.near(near if isinstance(near, Path) else Path(places).xy, radius)
+
+
+def located(
+    database: ScanDatabase, ranges: Numbers, places: Database, count: int, *, restricted: bool
+) -> Location:
+    """Find the modes of a scan, inf without a return, among places of a database."""
+    from locplan._kernels.scan_losses import TOP, fits, unlike
+    from locplan._kernels.settling import settle
+
+    lidar, resolution = database.lidar, database.grid.resolution
+    compared = places.matching.compared(ranges[None])[0]
+    starts = shortlisted(places, compared)
+    found = refined(places, compared, starts)
+    on_robot = ends_on_robot(ranges[None].astype(np.float32), lidar)
+    ends = beams_that_count(database, on_robot)
+    if found.returns < LEAST_RETURNS or ends.shape[1] < LEAST_RETURNS:
+        raise NotLocatedError(
+            f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to tell where it was"
+            f" taken; at least {LEAST_RETURNS} of {int(places.matching.seen.sum())} directions need"
+            " one"
+        )
+    # Where people stand around, a wide deviation leads away from the true pose.
+    poses = np.concatenate([found.poses[:SETTLED], starts[:UNMOVED]])
+    lever = turning_lever(places, compared)
+    step = max(STEP / resolution, 1.0)
+    losses = np.array(
+        [settle(places.tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
+    )
+    losses *= database.nats_a_loss / TOP
+    stands = np.array([fits(places.tables, *pose[:2]) for pose in poses.tolist()], bool)
+    if not stands.any():
+        raise NotLocatedError("the robot fits at no place that explains the scan; lower clearance")
+    poses, losses = poses[stands], losses[stands]
+    kept = unlike(poses, np.argsort(losses, kind="stable"), APART / resolution, TURNED)
+    excess = losses[kept] - losses[kept[0]]
+    kept = kept[excess <= ENOUGH]
+    excess = excess[: len(kept)]
+    share = np.exp(-excess) / np.exp(-excess).sum()
+    best = kept[:count]
+    world = places.in_world(poses[best])
+    matched = database.matcher.posteriors(np.repeat(on_robot, len(best), axis=0), world)
+    modes = [
+        Mode(tuple(pose), float(weight), float(above), covariance)
+        for pose, weight, above, covariance in zip(
+            world.tolist(), share[:count], excess[:count], matched.covariance, strict=True
+        )
+    ]
+    return Location(
+        database.grid,
+        lidar,
+        ranges,
+        tuple(modes),
+        second=float(excess[1]) if len(excess) > 1 else math.inf,
+        explained=_explained(places, ends, poses[kept[0]]),
+        restricted=restricted,
+    )
+
+
+def beams_that_count(database: ScanDatabase, on_robot: Numbers) -> NDArray[np.float32]:
+    """Ends of up to 180 beams that return, ahead and to the left of the robot, (2, k) [cells].
+
+    They are those that `locplan.Scan` compares.
+    """
+    ends = on_robot[0, database.matcher.settings.beam_numbers] / database.grid.resolution
+    return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
+
+
+def _explained(places: Database, ends: NDArray[np.float32], pose: Numbers) -> float:
+    """Share of the ends that lie within two deviations of a wall at a pose on the map."""
+    from locplan._kernels.scan_losses import TOP, loss_at
+
+    tables, z_rand = places.tables, places.matching.z_rand
+    most = TOP * math.log((1 - z_rand) * math.exp(-0.5 * NEAR**2) + z_rand) / math.log(z_rand)
+    last = len(tables.corners) - 1
+    losses = [loss_at(tables, last, ends[:, [n]], *pose.tolist()) for n in range(ends.shape[1])]
+    return float(np.mean(np.array(losses) <= most))
+
+
+def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Numbers, Lidar]:
+    """The ranges of a scan, inf without a return, and the lidar that took it."""
+    if isinstance(scan, Recording):
+        if lidar is not None and lidar != scan.lidar:
+            raise ConfigError("the recording has a lidar of its own; leave lidar out")
+        if len(scan) != 1:
+            raise ConfigError(
+                f"one scan is located at a time, not {len(scan)}; take drive[n : n + 1], or"
+                " locplan.twins.locate_drive for all"
+            )
+        return scan.ranges[0].astype(np.float64), scan.lidar
+    if lidar is None:
+        raise ConfigError("name the lidar that took the scan; only a recording knows its own")
+    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+    try:
+        ranges = np.array(scan, np.float64)
+    except (TypeError, ValueError):
+        raise ConfigError(f"a scan must be an array of ranges [m], not {shown(scan)}") from None
+    if ranges.shape != (lidar.beams,):
+        raise ConfigError(
+            f"a scan must be the ranges of the lidar's {lidar.beams} beams, not an array of shape"
+            f" {ranges.shape}; see locplan.Lidar.from_scan"
+        )
+    if np.isnan(ranges).any():
+        raise ConfigError(
+            f"the range of beam {int(np.argmax(np.isnan(ranges)))} is NaN; give inf where there is"
+            " no return"
+        )
+    returns = has_return(ranges.astype(np.float32), lidar)
+    if not returns.any():
+        raise ConfigError(
+            f"no beam of the scan ends within {lidar.least_range:g} to {lidar.range:g} m; are the"
+            " ranges in metres, and the lidar's right?"
+        )
+    return np.where(returns, ranges, np.inf), lidar

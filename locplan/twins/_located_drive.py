@@ -1,0 +1,179 @@
+"""The scans of a recorded drive, each located by itself, beside the recorded poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._util.checks import instance, whole
+from locplan._util.machine import check_threads
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.costs import Path
+from locplan.errors import RecordingError
+from locplan.maps import OccupancyGrid, check_grid
+from locplan.recordings import Recording
+from locplan.recordings._geometry import wrapped
+from locplan.twins._locate import (
+    COUNT,
+    WITHIN,
+    NotLocatedError,
+    checked_database,
+    located,
+    places_of,
+)
+from locplan.twins._location import CERTAIN, Location
+from locplan.twins._modes import in_batches
+from locplan.twins._scan_database import CLEARANCE, ScanDatabase
+
+Numbers = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+NEAR, TURNED = 0.3, float(np.radians(3.0))
+"""Distance [m] and angle [rad] from the recorded pose up to which a scan is located rightly."""
+AGREE = 0.5
+"""Share of the certain scans below which the recorded poses seem to be of another map."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LocatedDrive:
+    """The scans of a recorded drive, each located by itself, from `locate_drive`."""
+
+    recording: Recording
+    """The scans, with their recorded poses."""
+    grid: OccupancyGrid
+    """The map."""
+    locations: tuple[Location | None, ...]
+    """Where each was taken; None where it has too few returns."""
+
+    def __repr__(self) -> str:
+        return f"LocatedDrive({len(self)} scans, {self.right.mean():.0%} right)"
+
+    def __len__(self) -> int:
+        return len(self.locations)
+
+    @property
+    def poses(self) -> Numbers:
+        """The best pose of each scan in the world, (n, 3) [m, m, rad]; NaN where there is none."""
+        none = (np.nan,) * 3
+        return np.array([none if each is None else each.best.pose for each in self.locations])
+
+    @property
+    def distance(self) -> Numbers:
+        """Distance of each best pose from the recorded one, (n,) [m]."""
+        return np.asarray(np.hypot(*(self.poses - self.recording.poses)[:, :2].T))
+
+    @property
+    def turn(self) -> Numbers:
+        """Angle of each best pose from the recorded one, (n,) [rad]."""
+        return np.abs(wrapped(self.poses[:, 2] - self.recording.poses[:, 2]))
+
+    @property
+    def right(self) -> Mask:
+        """Mask of the scans located within 0.3 m and 3 deg of the recorded pose, (n,)."""
+        return np.asarray((self.distance <= NEAR) & (self.turn <= TURNED))
+
+    @property
+    def certain(self) -> Mask:
+        """Mask of the scans that no second place explains within 3 nats, (n,)."""
+        return np.array([each is not None and each.certain for each in self.locations])
+
+    @property
+    def sentence(self) -> str:
+        """How many scans are located, and whether the certain ones are right."""
+        count, right, certain = len(self), self.right, self.certain
+        limits = f"{NEAR:g} m and {np.degrees(TURNED):.0f}°"
+        text = (
+            f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose;"
+            f" of {int(certain.sum())} that no second place explains within {CERTAIN:g} nats"
+            f" {int((right & certain).sum())} are."
+        )
+        if certain.any() and right[certain].mean() < AGREE:
+            text += (
+                " The recorded poses hardly agree with the map: check that they are in its frame,"
+                " and how the lidar is mounted."
+            )
+        return text
+
+    def summary(self) -> dict[str, object]:
+        """Shares and errors in numbers, fit for JSON."""
+        right, certain = self.right, self.certain
+        return finite(
+            {
+                "sentence": self.sentence,
+                "scans": len(self),
+                "right": float(right.mean()),
+                "certain": float(certain.mean()),
+                "right_of_certain": float(right[certain].mean()) if certain.any() else None,
+                "median_distance": float(np.median(self.distance[right])) if right.any() else None,
+                "median_turn_deg": (
+                    float(np.degrees(np.median(self.turn[right]))) if right.any() else None
+                ),
+            }
+        )
+
+
+def locate_drive(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    near: Path | ArrayLike | None = None,
+    within: float = WITHIN,
+    count: int = COUNT,
+    clearance: float = CLEARANCE,
+    database: ScanDatabase | None = None,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> LocatedDrive:
+    """Locate each scan of a recorded drive by itself, as `locate` does.
+
+    The recorded poses are only compared with the result.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    near, within, count, clearance, database
+        See `locate`.
+    threads : int, optional
+        Number of threads; all cores by default.
+    progress : callable, optional
+        Called with (done, total) scans.
+
+    Returns
+    -------
+    LocatedDrive
+
+    Raises
+    ------
+    LocplanError
+        If a value is out of its range, no scan has enough returns, or there is no place for the
+        robot.
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    check_grid(grid)
+    whole("count", count)
+    workers = check_threads(threads)
+    database = checked_database(grid, recording.lidar, clearance, database)
+    places = places_of(database, near, within)
+    _ = database.matcher.prepared  # now, once for all threads
+
+    def find(some: NDArray[np.int64]) -> list[Location | None]:
+        found: list[Location | None] = []
+        for n in some:
+            ranges = recording.ranges[n].astype(np.float64)
+            try:
+                found.append(located(database, ranges, places, count, restricted=near is not None))
+            except NotLocatedError:
+                found.append(None)
+        return found
+
+    locations = in_batches(find, len(recording), workers, progress)
+    if not any(locations):
+        raise RecordingError(
+            f"none of {len(recording)} scans has enough returns to tell where it was taken"
+        )
+    return LocatedDrive(recording, grid, tuple(locations))

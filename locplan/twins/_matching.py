@@ -1,0 +1,101 @@
+"""How scans are matched with a whole map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import Settings, instance, keep, keep_checked, number, positive, whole
+from locplan.costs import ROBOT_RADIUS
+from locplan.errors import ConfigError
+from locplan.field import Lidar
+
+TURNS = 96
+"""Number of beams all round, and of turns, at which a scan is compared with the map."""
+STEP = 2 * math.pi / TURNS
+"""Angle from one beam to the next [rad]."""
+GLOBAL_EFFECTIVE_BEAMS = 36.0
+"""Number of independent beams of a full circle, fitted to global matches of simulated scans."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Matching(Settings):
+    """How the scan of a lidar is matched with a whole map.
+
+    A pose's loss is ``global_effective_beams / 96`` times the sum over the beams that return of
+    ``-ln((1 - z_rand) exp(-D^2 / 2 sigma_hit^2) + z_rand)``, D the distance of the beam's end from
+    the nearest wall. The beams are 96 all round; a lidar of a narrower view has fewer of them.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+    """
+
+    lidar: Lidar
+    """The lidar: its range, field of view and mount; its number of beams does not matter."""
+    global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS
+    """Number of independent beams that tell as much as 96 all round."""
+    sigma_hit: float = 0.1
+    """Standard deviation of the distance of a beam's end from a wall, at least a cell [m]."""
+    z_rand: float = 0.05
+    """Share of the beams that end anywhere."""
+    robot_radius: float = ROBOT_RADIUS
+    """Distance from walls at which a pose is possible [m]."""
+    count_missing: bool = False
+    """Whether a beam without a return counts against poses at which it meets a wall in range."""
+    shortlisted: int = 600
+    """Number of pairs of a place and a turn that are refined, before alike ones are dropped."""
+
+    def __post_init__(self) -> None:
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        keep(
+            self,
+            global_effective_beams=positive(
+                "global_effective_beams", self.global_effective_beams, "beams"
+            ),
+            sigma_hit=positive("sigma_hit", self.sigma_hit, "m"),
+            z_rand=positive("z_rand", self.z_rand),
+        )
+        if self.z_rand >= 1:
+            raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
+        keep_checked(self, ("robot_radius",), number, 0.0)
+        keep_checked(self, ("shortlisted",), whole, 1, 100_000)
+        instance("count_missing", self.count_missing, bool)
+
+    def sigmas(self, resolution: float) -> NDArray[np.float64]:
+        """Deviations at which a pose is refined, one after the other, at least a cell [m]."""
+        levels = [max(factor * self.sigma_hit, resolution) for factor in (4, 2, 1)]
+        return np.array(sorted(set(levels), reverse=True))
+
+    @property
+    def bearings(self) -> NDArray[np.float64]:
+        """Directions of the beams that are compared, from the robot's front, (96,) [rad]."""
+        return np.arange(TURNS, dtype=np.float64) * STEP
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Mask of these beams that lie in the lidar's field of view, (96,)."""
+        aside = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
+        half = math.radians(self.lidar.field_of_view_deg) / 2
+        return np.asarray(np.abs(aside) <= half + 1e-9)
+
+    def compared(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Ranges of scans at `bearings`, (n, 96), from all the lidar's beams, (n, beams) [m].
+
+        Each is that of the next beam, which errs as much as any: infinite without a return, which
+        is what a range below the least or beyond the greatest one is, and NaN out of the view.
+        """
+        beams = self.lidar.angles + self.lidar.mount_yaw
+        aside = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi
+        chosen = ranges[:, np.abs(aside).argmin(axis=1)]
+        returns = (chosen > self.lidar.least_range) & (chosen <= self.lidar.range)
+        return np.where(self.seen, np.where(returns, chosen, np.inf), np.nan)
+
+    @property
+    def nats_a_loss(self) -> float:
+        """Nats of the greatest loss of one beam."""
+        return -math.log(self.z_rand) * self.global_effective_beams / TURNS

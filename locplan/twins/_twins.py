@@ -1,0 +1,282 @@
+"""The result of a search for twins: what every place of a map can be mistaken for."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.checks import number, one_of, position, positive, whole
+from locplan._util.notebook import Pictured
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.errors import ConfigError
+from locplan.maps import OccupancyGrid
+from locplan.simulation import Disturbances
+from locplan.twins._looks import THRESHOLD
+from locplan.twins._matching import Matching
+from locplan.twins._starts import Start, best_starts
+from locplan.twins._symmetries import Symmetry
+from locplan.twins._trials import GlobalMatches, global_matches
+
+Numbers = NDArray[np.float64]
+STARTS = 5
+"""Default number of starts."""
+APART = 3.0
+"""Default least distance of starts from each other [m]."""
+BEYOND = 1.5
+"""Factor on the spacing of the places up to which a cell has the values of the nearest one."""
+MATCHES = 400
+"""Default number of matches of a verification."""
+
+
+class Layer(NamedTuple):
+    """What is known of each place."""
+
+    label: str
+    """Name for people."""
+    unit: str
+    """Unit; empty for shares and numbers."""
+
+
+LAYERS = {
+    "excess": Layer("least excess of another place", "nat"),
+    "elsewhere": Layer("share of the posterior elsewhere", ""),
+    "modes": Layer("number of look-alike poses elsewhere", ""),
+    "turned": Layer("number of look-alike headings in place", ""),
+    "stretch": Layer("distance that a match may slide", "m"),
+}
+"""The layers by name."""
+
+
+class Twin(NamedTuple):
+    """A pose that a robot can be mistaken for."""
+
+    x: float
+    """World x [m]."""
+    y: float
+    """World y [m]."""
+    heading: float
+    """Heading there [rad]."""
+    excess: float
+    """By how much it explains the scan worse [nats]; below 0 it explains it better."""
+    here: float
+    """Heading of the robot at its place [rad]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Twins(Pictured):
+    """What every place of a map can be mistaken for by a lidar's single scan.
+
+    A twin is a pose more than 2 m away at which the scan is explained almost as well. Poses that a
+    match can slide to without a rise of the loss, as along a corridor, are a stretch instead.
+    """
+
+    _drawn_by: ClassVar[str] = "locplan.twins:twins_figure"
+
+    grid: OccupancyGrid
+    """The map."""
+    matching: Matching
+    """The lidar, and how scans are matched."""
+    spacing: float
+    """Distance between neighbouring places [m]."""
+    places: Numbers
+    """World x and y of the places, (n, 2) [m]."""
+    headings: Numbers
+    """Headings of the robot at each place, (h,) [rad]; one where the lidar sees all round."""
+    values: dict[str, Numbers]
+    """Arrays of `LAYERS` by name, (n, h)."""
+    twins: Numbers
+    """x, y, heading and excess of the best twins, (n, h, k, 4) [m, m, rad, nat]; else NaN."""
+    symmetries: tuple[Symmetry, ...]
+    """Rigid moves of the map after which places look the same, the greatest share first."""
+    covered: NDArray[np.bool_]
+    """The places that each symmetry takes to a twin, (s, n)."""
+
+    def __repr__(self) -> str:
+        return (
+            f"Twins({len(self)} places of {self.grid.name or 'map'}, {self.share:.0%} with a twin,"
+            f" {len(self.symmetries)} symmetries)"
+        )
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @property
+    def excess(self) -> Numbers:
+        """Least excess of any pose more than 2 m away, (n,) [nats]; infinite if there is none.
+
+        It is that of the worst heading, and 0 where hardly a beam returns.
+        """
+        return np.asarray(self.values["excess"].min(axis=1))
+
+    @property
+    def elsewhere(self) -> Numbers:
+        """Share of the posterior more than 2 m away, the mean of the headings, (n,)."""
+        return np.asarray(self.values["elsewhere"].mean(axis=1))
+
+    @property
+    def modes(self) -> Numbers:
+        """Number of modes more than 2 m away with an excess up to 3 nats, worst heading, (n,)."""
+        return np.asarray(self.values["modes"].max(axis=1))
+
+    @property
+    def turned(self) -> Numbers:
+        """Number of such modes in place, turned by more than 60 deg, worst heading, (n,)."""
+        return np.asarray(self.values["turned"].max(axis=1))
+
+    @property
+    def stretch(self) -> Numbers:
+        """Distance that a match can slide without a rise of the loss, worst heading, (n,) [m]."""
+        return np.asarray(self.values["stretch"].max(axis=1))
+
+    @property
+    def share(self) -> float:
+        """Share of the places with another pose of up to 3 nats more than 2 m away."""
+        return float((self.excess <= THRESHOLD).mean())
+
+    def of(self, place: int) -> list[Twin]:
+        """The best twins of a place of this number, the one with the least excess first."""
+        found = [
+            Twin(x, y, heading, excess, here)
+            for here, twins in zip(self.headings.tolist(), self.twins[place].tolist(), strict=True)
+            for x, y, heading, excess in twins
+            if not np.isnan(excess)
+        ]
+        return sorted(found, key=lambda twin: twin.excess)
+
+    def nearest(self, x: float | Sequence[float], y: float | None = None) -> int:
+        """Number of the place nearest to a world position x, y, or (x, y) [m].
+
+        Raises
+        ------
+        PoseError
+            If the position is not two finite numbers.
+        """
+        at = np.array(position(x, y))
+        return int(np.hypot(*(self.places - at).T).argmin())
+
+    def layer(self, name: str) -> Numbers:
+        """Values of `LAYERS` on the map's cells, (H, W): those of the nearest place, else NaN.
+
+        Cells where the robot may not stand, or far from all places, have none.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such layer.
+        """
+        one_of("layer", name, LAYERS)
+        values = np.full(self.grid.shape, np.nan)
+        rows, cols, place = self._nearest_places
+        values[rows, cols] = getattr(self, name)[place]
+        return values
+
+    def density(self, weight: float) -> Numbers:
+        """Cost per metre ``1 + weight * elsewhere``, (H, W), for `Costmap.from_density`.
+
+        Cells without a place count as places without a twin.
+        """
+        number("weight", weight, 0.0)
+        return 1 + weight * np.nan_to_num(self.layer("elsewhere"), nan=0.0)
+
+    @cached_property
+    def _nearest_places(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the cells that have a place, and its number."""
+        from scipy.spatial import cKDTree
+
+        fits = self.grid.free & ~self.grid.closer_than(self.matching.robot_radius - 1e-9)
+        rows, cols = np.nonzero(fits)
+        xy = np.column_stack(self.grid.grid_to_world(rows + 0.5, cols + 0.5))
+        bound = BEYOND * self.spacing
+        apart, place = cKDTree(self.places).query(xy, distance_upper_bound=bound)
+        near = np.isfinite(apart)
+        return rows[near], cols[near], place[near]
+
+    def best_starts(self, count: int = STARTS, *, apart: float = APART) -> list[Start]:
+        """Where to start the robot, or put its dock: the places with the greatest excess.
+
+        A place counts as the worst of its neighbours. There are fewer where no more fit.
+
+        Parameters
+        ----------
+        count : int
+            Number of starts.
+        apart : float
+            Least distance between two of them [m].
+
+        Raises
+        ------
+        ConfigError
+            If a number is out of its range.
+        """
+        whole("count", count, 1)
+        positive("apart", apart, "m")
+        values = self.places, self.excess, self.elsewhere
+        return list(best_starts(*values, count, self.spacing, apart))
+
+    def verify(
+        self,
+        count: int = MATCHES,
+        *,
+        disturbances: Disturbances | None = None,
+        seed: int = 1,
+        threads: int | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> GlobalMatches:
+        """Match noisy scans from random poses with the whole map, and compare with what is said.
+
+        Parameters
+        ----------
+        count : int
+            Number of scans, at least 2.
+        disturbances : Disturbances, optional
+            Outliers, occlusions and errors of the map; see `locplan.simulation.Disturbances`.
+        seed : int
+            Seed of all random numbers.
+        threads : int, optional
+            Number of threads; all cores by default.
+        progress : callable, optional
+            Called with (done, total) scans.
+
+        Raises
+        ------
+        ConfigError
+            If a number is out of its range, or only some places of the map are known.
+        """
+        whole("count", count, 2)
+        whole("seed", seed, 0)
+        disturbances = disturbances or Disturbances()
+        if not isinstance(disturbances, Disturbances):
+            raise ConfigError("disturbances must be locplan.simulation.Disturbances")
+        return global_matches(
+            self.grid,
+            self.matching,
+            (self.layer("excess"), self.layer("elsewhere"), self._nearest_places),
+            (self.places, self.twins.reshape(len(self), -1, 4), self.stretch),
+            count,
+            disturbances,
+            seed,
+            threads,
+            progress,
+        )
+
+    def summary(self) -> dict[str, object]:
+        """Shares, symmetries and settings in numbers, fit for JSON."""
+        return finite(
+            {
+                "map": {"name": self.grid.name, "digest": self.grid.digest},
+                "places": len(self),
+                "spacing": self.spacing,
+                "share_with_twin": self.share,
+                "mean_elsewhere": float(self.elsewhere.mean()),
+                "share_on_stretch": float((self.stretch > 0).mean()),
+                "symmetries": [dataclasses.asdict(each) for each in self.symmetries],
+                "matching": dataclasses.asdict(self.matching),
+            }
+        )

@@ -1,0 +1,430 @@
+"""Twins: places that look alike, symmetries of maps, starts, and the command."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import corridor, refused
+
+import locplan
+from locplan import Lidar, LocplanError, find_twins
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
+from locplan.simulation import Disturbances
+from locplan.twins import LAYERS, Matching, twins_figure
+from locplan.twins._database import make_database, places_every, reachable
+from locplan.twins._modes import find_all_modes, find_modes
+from locplan.twins._reports import twins_table
+from locplan.twins._starts import best_starts
+from locplan.twins._trials import area_under_curve
+
+LIDAR = Lidar(range=8.0)
+QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0, worlds=1)
+ROOM = 44
+"""Edge of a room [cells of 0.1 m]."""
+GAP = 10
+"""Cells between rooms."""
+
+
+def room(*boxes: tuple[int, int, int, int]) -> np.ndarray:
+    """A room with walls all round and boxes (rows, columns) in it, alike under no turn."""
+    cells = np.full((ROOM, ROOM), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for top, bottom, left, right in boxes or ((1, 9, 1, 5), (20, 26, 34, 43), (36, 43, 8, 14)):
+        cells[top:bottom, left:right] = OCCUPIED
+    return cells
+
+
+def side_by_side(*parts: np.ndarray, origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
+    """Rooms with a metre of unknown space between them, so that walls have nothing behind them."""
+    between = np.full((ROOM, GAP), UNKNOWN, np.uint8)
+    every = [each for part in parts for each in (between, part)][1:]
+    return OccupancyGrid(np.concatenate(every, axis=1), 0.1, origin, "rooms")
+
+
+def two_rooms(origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
+    return side_by_side(room(), room(), origin=origin)
+
+
+@pytest.fixture(scope="module")
+def equal_rooms():
+    return find_twins(two_rooms(), lidar=LIDAR)
+
+
+@pytest.fixture(scope="module")
+def one_room():
+    return find_twins(side_by_side(room()), lidar=LIDAR)
+
+
+def test_each_place_of_two_equal_rooms_has_its_twin_in_the_other(equal_rooms):
+    width = (ROOM + GAP) * 0.1
+    assert len(equal_rooms) > 20
+    for n, (x, y) in enumerate(equal_rooms.places):
+        twin = equal_rooms.of(n)[0]
+        there = x + (width if x < width else -width)
+        assert (twin.x, twin.y) == pytest.approx((there, y), abs=0.05)
+        assert twin.heading == pytest.approx(0.0, abs=0.03)
+        assert twin.excess == pytest.approx(0.0, abs=0.1)
+    np.testing.assert_allclose(equal_rooms.elsewhere, 0.5, atol=0.1)
+    assert equal_rooms.share == 1.0
+    moves = {each.shift for each in equal_rooms.symmetries}
+    assert moves == {"+5.4,+0.0", "-5.4,+0.0"}
+    assert [each.turn_deg for each in equal_rooms.symmetries] == [0, 0]
+    assert [each.share for each in equal_rooms.symmetries] == pytest.approx([0.5, 0.5], abs=0.05)
+    assert equal_rooms.covered.shape == (2, len(equal_rooms))
+
+
+def test_a_room_alone_has_no_twin_and_no_symmetry(one_room):
+    assert one_room.symmetries == ()
+    assert one_room.share == 0.0
+    assert one_room.elsewhere.max() < 0.05
+    assert "no symmetry" in twins_table(one_room, [])
+
+
+def test_a_map_that_repeats_under_turns_has_three_symmetries():
+    quarter = room()
+    quarter[:, -1] = FREE  # it is open to its neighbours
+    quarter[-1, :] = FREE
+    lower = np.concatenate([quarter, np.rot90(quarter, 3)], axis=1)
+    cells = np.concatenate([lower, np.rot90(lower, 2)], axis=0)
+    assert (cells == np.rot90(cells)).all()
+    found = find_twins(OccupancyGrid(cells, 0.1), lidar=LIDAR)
+    first = found.symmetries[:3]
+    assert sorted(each.turn_deg for each in first) == [-90, 90, 180]
+    for each in first:
+        assert each.share > 0.9
+        assert each.distance < 0.3
+    assert all(each.share < 0.3 for each in found.symmetries[3:])
+
+
+def test_twins_turn_with_the_map(equal_rooms):
+    grid = equal_rooms.grid
+    turned = OccupancyGrid(np.ascontiguousarray(np.rot90(grid.cells)), 0.1)
+    # A turn of the array by 90 deg takes (row, col) to (cols - 1 - col, row).
+    x, y = equal_rooms.places.T
+    places = np.column_stack([y, grid.shape[1] * 0.1 - x])
+    found = find_twins(turned, lidar=LIDAR, places=places)
+    np.testing.assert_allclose(found.elsewhere, equal_rooms.elsewhere, atol=0.1)
+    np.testing.assert_allclose(found.excess, equal_rooms.excess, atol=0.3)
+    for n in range(len(places)):
+        a, b = equal_rooms.of(n)[0], found.of(n)[0]
+        assert (b.x, b.y) == pytest.approx((a.y, grid.shape[1] * 0.1 - a.x), abs=0.06)
+
+
+def test_the_origins_yaw_turns_all_but_the_numbers(equal_rooms):
+    yaw = 0.7
+    found = find_twins(two_rooms(origin=(3.0, -2.0, yaw)), lidar=LIDAR)
+    np.testing.assert_array_equal(found.excess, equal_rooms.excess)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turned = equal_rooms.places @ np.array([[cos, sin], [-sin, cos]]) + (3.0, -2.0)
+    np.testing.assert_allclose(found.places, turned, atol=1e-9)
+    assert found.headings == pytest.approx([yaw])
+    assert found.of(0)[0].heading == pytest.approx(equal_rooms.of(0)[0].heading + yaw)
+    assert found.symmetries[0].distance == pytest.approx(5.4, abs=0.05)
+    same = np.isclose(found.layer("excess"), equal_rooms.layer("excess"), equal_nan=True)
+    assert same.mean() > 0.9  # some cells are as near to one place as to another
+
+
+def test_a_corridor_is_a_stretch_and_no_twin():
+    grid = corridor(30.0, 2.0, resolution=0.1)
+    found = find_twins(grid, lidar=Lidar(range=5.0), places=[(0.0, 0.0)])
+    assert found.stretch[0] > 5.0
+    assert found.excess[0] == pytest.approx(0.0, abs=0.3)
+    assert all(abs(twin.heading) > 3.0 for twin in found.of(0))  # those that face the other way
+    assert found.turned[0] > 0
+    assert found.elsewhere[0] > 0.5
+
+
+def test_a_match_without_returns_tells_nothing():
+    cells = np.full((300, 300), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    found = find_twins(grid, lidar=Lidar(range=3.0), places=[(15.0, 15.0), (28.5, 28.5)])
+    assert found.elsewhere[0] == 1.0
+    assert found.excess[0] == 0.0
+    assert found.of(0) == []
+    assert len(found.of(1)) >= 3  # the other corners
+
+
+def test_a_lidar_that_looks_ahead_has_eight_headings_and_finds_the_other_room():
+    ahead = Lidar(range=8.0, field_of_view_deg=180.0, mount_x=0.3, mount_yaw_deg=20.0)
+    found = find_twins(two_rooms(), lidar=ahead, places=[(1.2, 3.0), (6.6, 3.0)])
+    assert found.headings.shape == (8,)
+    assert found.values["excess"].shape == (2, 8)
+    for here in range(8):
+        twins = found.twins[0, here]
+        best = twins[0]
+        assert best[:2] == pytest.approx((6.6, 3.0), abs=0.05)
+        assert math.remainder(best[2] - found.headings[here], 2 * math.pi) == pytest.approx(
+            0.0, abs=0.03
+        )
+
+
+def test_scans_of_a_part_of_the_view_have_unseen_beams():
+    matching = Matching(lidar=Lidar(range=8.0, field_of_view_deg=90.0, mount_yaw_deg=90.0))
+    seen = np.degrees(matching.bearings[matching.seen])
+    assert (seen.min(), seen.max()) == pytest.approx((45.0, 135.0))
+    database = make_database(side_by_side(room()), matching)
+    (scan,) = database.scans_at(np.array([[20.5, 30.5, 0.0]]))
+    assert np.isnan(scan[~matching.seen]).all()
+    assert not np.isnan(scan[matching.seen]).any()
+
+
+def test_measured_scans_are_compared_beam_by_beam():
+    lidar = Lidar(range=8.0, least_range=0.5, beams=720, field_of_view_deg=180.0)
+    measured = 1.0 + lidar.angles + math.pi / 2  # each beam knows its angle
+    measured[:3], measured[-3:] = 0.1, 9.0
+    (scan,) = Matching(lidar=lidar).compared(measured[None])
+    bearings = (Matching(lidar=lidar).bearings + math.pi) % (2 * math.pi) - math.pi
+    finite = np.isfinite(scan)
+    apart = np.abs(scan[finite] - 1.0 - math.pi / 2 - bearings[finite])
+    assert apart.max() <= math.radians(180 / 719)
+    assert np.isnan(scan).sum() == 96 - 49
+    assert np.isinf(scan).sum() == 2
+
+
+def test_missing_returns_count_where_they_are_asked_to():
+    """One room has a far wall; a beam without a return tells it from the other."""
+    near, far = room(), room()
+    opened = np.concatenate([near, far, np.full((ROOM, 60), FREE, np.uint8)], axis=1)
+    opened[10:20, 2 * ROOM - 1] = FREE
+    opened[[0, -1], 2 * ROOM :] = OCCUPIED
+    opened[:, -1] = OCCUPIED
+    grid = OccupancyGrid(opened, 0.1)
+    short = Lidar(range=4.0)
+    ignored, counted = (
+        find_twins(grid, lidar=short, places=[(6.0, 1.5)], count_missing=count)
+        for count in (False, True)
+    )
+    assert counted.excess[0] > ignored.excess[0] + 1.0
+
+
+def test_the_result_does_not_depend_on_the_number_of_threads(equal_rooms):
+    for threads in (1, 3):
+        again = find_twins(two_rooms(), lidar=LIDAR, threads=threads)
+        np.testing.assert_array_equal(again.excess, equal_rooms.excess)
+        np.testing.assert_array_equal(again.twins, equal_rooms.twins)
+
+
+def test_modes_without_a_home_are_those_of_a_scan():
+    database = make_database(two_rooms(), Matching(lidar=LIDAR))
+    home = np.array([[15.5, 30.5, 1.1]])
+    scans = database.scans_at(home)
+    found = find_modes(database, scans[0])
+    assert found.losses[0] <= found.losses[1]
+    at = {tuple(np.round(pose[:2] - home[0, :2]).astype(int)) for pose in found.poses[:2]}
+    assert at == {(0, 0), (ROOM + GAP, 0)}
+    (again,) = find_all_modes(database, scans)
+    np.testing.assert_array_equal(again.poses, found.poses)
+    assert find_modes(database, np.full(96, np.inf)).poses.shape == (0, 3)
+
+
+def test_layers_are_those_of_the_nearest_place(equal_rooms):
+    layer = equal_rooms.layer("elsewhere")
+    fits = reachable(equal_rooms.grid, 0.25)
+    assert np.isfinite(layer[fits]).all()
+    assert np.isnan(layer[~equal_rooms.grid.free]).all()
+    n = equal_rooms.nearest(*equal_rooms.places[7])
+    assert n == 7
+    assert layer[equal_rooms.grid.world_to_cell(*equal_rooms.places[7])] == pytest.approx(
+        equal_rooms.elsewhere[7]
+    )
+    costs = locplan.Costmap.from_density(equal_rooms.grid, equal_rooms.density(3.0))
+    assert np.nanmax(costs.density[np.isfinite(costs.density)]) == pytest.approx(
+        1 + 3 * equal_rooms.elsewhere.max()
+    )
+    with pytest.raises(LocplanError, match="layer must be one of"):
+        equal_rooms.layer("colour")
+
+
+def test_starts_are_the_safest_places_apart():
+    places = np.array([[x, 0.0] for x in range(10)], float)
+    excess = np.array([9.0, 9, 9, 1, 20, 8, 8, 8, 7, 7])
+    starts = best_starts(places, excess, np.exp(-excess), 3, 1.0, 2.0)
+    assert [start.x for start in starts] == [0.0, 5.0, 7.0]  # 20 stands beside 1
+    assert [start.excess for start in starts] == [9.0, 8.0, 7.0]
+
+
+def test_rooms_that_differ_are_safe_to_start_in():
+    other = room((1, 5, 1, 20), (30, 33, 20, 36))
+    grid = side_by_side(room(), other, room())
+    found = find_twins(grid, lidar=LIDAR)
+    for start in found.best_starts(2, apart=1.0):
+        assert 5.4 < start.x < 9.8
+        assert start.elsewhere < 0.1
+
+
+def test_matches_of_noisy_scans_fail_as_often_as_foreseen(equal_rooms, one_room):
+    sure = one_room.verify(60, disturbances=QUIET)
+    assert not sure.failed.any()
+    assert math.isnan(sure.auc)
+    halves = equal_rooms.verify(200, disturbances=QUIET, seed=3)
+    assert halves.failure_rate.low < halves.elsewhere.mean() < halves.failure_rate.high
+    assert halves.named_share > 0.95
+    again = equal_rooms.verify(200, disturbances=QUIET, seed=3, threads=1)
+    np.testing.assert_array_equal(again.matched, halves.matched)
+    assert sum(count for count, _, _ in halves.reliability()) == 200
+
+
+@pytest.mark.long
+def test_failed_matches_in_a_warehouse_are_foreseen_and_named():
+    grid = locplan.maps.environments.make("warehouse", resolution=0.05)
+    found = find_twins(grid, lidar=Lidar.preset("rplidar-a1"))
+    matches = found.verify(500)
+    assert matches.auc > 0.9
+    assert matches.named_share > 0.8
+    low, high = matches.failure_rate.low, matches.failure_rate.high
+    assert low < matches.elsewhere.mean() < high
+
+
+def test_the_area_under_the_curve_counts_pairs():
+    scores, positive = np.array([3.0, 1.0, 2.0, 2.0]), np.array([True, False, True, False])
+    assert area_under_curve(scores, positive) == pytest.approx((2 + 1.5) / 4)
+
+
+def test_places_lie_one_in_each_square_where_the_robot_fits():
+    fits = np.zeros((8, 9), bool)
+    fits[1, 2] = fits[2, 2] = fits[6, 7] = True
+    assert places_every(0.4, fits, 0.1).tolist() == [[2.5, 1.5], [7.5, 6.5]]
+
+
+def test_specks_of_free_space_are_not_reachable_unless_asked_for():
+    cells = np.full((60, 60), UNKNOWN, np.uint8)
+    cells[2:40, 2:40] = FREE
+    cells[50:58, 50:58] = FREE
+    grid = OccupancyGrid(cells, 0.1)
+    assert not reachable(grid, 0.0)[54, 54]
+    assert reachable(grid, 0.0, [(54, 54)])[54, 54]
+    assert reachable(grid, 0.0)[20, 20]
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"places": [(-3.0, 1.0)]}, "lies outside the map"),
+        ({"places": [(0.05, 0.05)]}, "lies in a wall"),
+        ({"places": [(math.nan, 1.0)]}, "must be finite"),
+        ({"places": [(1.0, "x")]}, "two numbers"),
+        ({"places": []}, "at least one place"),
+        ({"spacing": 0.0}, "spacing must be"),
+        ({"spacing": math.nan}, "spacing must be"),
+        ({"global_effective_beams": -1.0}, "global_effective_beams must be"),
+        ({"robot_radius": 9.0}, "fits nowhere"),
+        ({"lidar": "rplidar-a1"}, "lidar must be a Lidar"),
+        ({"threads": 0}, "threads"),
+    ],
+)
+def test_bad_arguments_are_refused(settings, says):
+    with pytest.raises(LocplanError, match=says):
+        find_twins(**({"grid": side_by_side(room()), "lidar": LIDAR} | settings))
+
+
+def test_a_map_without_walls_is_refused():
+    with pytest.raises(LocplanError, match="no occupied cell"):
+        find_twins(OccupancyGrid(np.full((20, 20), FREE), 0.1), lidar=LIDAR)
+
+
+def test_a_lidar_of_hardly_any_range_tells_nothing():
+    found = find_twins(two_rooms(), lidar=Lidar(range=0.05))
+    assert (found.elsewhere == 1.0).all()
+    assert found.symmetries == ()
+
+
+def test_matching_refuses_what_makes_no_sense():
+    for wrong in ({"z_rand": 1.0}, {"z_rand": 0.0}, {"shortlisted": 0}, {"count_missing": 1}):
+        with pytest.raises(LocplanError, match=next(iter(wrong))):
+            Matching(lidar=LIDAR, **wrong)
+
+
+def test_coarse_maps_are_matched_with_a_cells_deviation():
+    assert Matching(lidar=LIDAR).sigmas(0.05).tolist() == [0.4, 0.2, 0.1]
+    assert Matching(lidar=LIDAR).sigmas(0.2).tolist() == [0.4, 0.2]
+    assert Matching(lidar=LIDAR).sigmas(0.5).tolist() == [0.5]
+
+
+@pytest.fixture
+def map_file(tmp_path):
+    save_map(two_rooms(), tmp_path / "rooms.yaml")
+    return tmp_path / "rooms.yaml"
+
+
+@pytest.mark.draws
+def test_the_command_writes_layers_starts_and_a_picture(run, map_file, tmp_path):
+    folder = tmp_path / "alike"
+    options = "--range", 8, "--starts", 2, "--matches", 20, "-o", folder
+    code, said, err = run("twins", map_file, *options)
+    assert (code, err) == (0, f"wrote {folder}\n")
+    assert "100% of" in said
+    assert "+5.4,+0.0" in said
+    assert "no start is safe" in said
+    assert "20 noisy scans" in said
+    assert {file.name for file in folder.iterdir()} >= {"twins.json", "twins.png", "starts.csv"}
+    about = json.loads((folder / "twins.json").read_text())
+    assert about["share_with_twin"] == 1.0
+    assert about["matches"]["matches"] == 20
+    assert len(about["starts"]) == 2
+    rows = np.genfromtxt(folder / "twins.csv", delimiter=",", names=True)
+    layers = np.load(folder / "twins.npz")
+    assert rows.size == about["places"] == len(layers["places"])
+    assert all(layers[name].shape == two_rooms().shape for name in LAYERS)
+    assert rows["twin_excess_nat"].max() < 0.2
+
+
+def test_the_command_tells_the_twins_of_a_place(run, map_file):
+    code, said, _ = run("twins", map_file, "--range", 8, "--at", "1.2,3.0")
+    assert code == 0
+    assert "of the posterior lies more than 2 m away" in said
+    assert "6.60" in said
+    code, said, _ = run("twins", map_file, "--range", 8, "--at", "1.2,3.0", "--json")
+    best = json.loads(said)["at"]["twins"][0]
+    assert best["x"] == pytest.approx(6.6, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--at", "0,0"),
+        ("--at", "1"),
+        ("--at", "1.2,3.0", "--starts", 3),
+        ("--at", "1.2,3.0", "--matches", 30),
+        ("--spacing", 0),
+        ("--matches", 1),
+        ("--seed", 3),
+        ("--lidar", "none-such"),
+        ("--robot-radius", 40),
+    ],
+)
+def test_the_command_refuses_in_one_line(run, map_file, options):
+    refused(run("twins", map_file, *options))
+
+
+def test_the_figure_joins_places_with_their_twins(equal_rooms):
+    figure = twins_figure(equal_rooms, equal_rooms.best_starts(3, apart=2.0))
+    axes = figure.axes[0]
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels[0] == "twins by symmetry 1"
+    assert "best starts, at most" in labels[-1]
+    (lines, *_) = axes.collections
+    assert 0 < len(lines.get_segments()) <= 24
+    assert {text.get_text() for text in axes.texts} == {"1", "2", "3"}
+    assert "100% of" in axes.get_title(loc="left")
+
+
+def test_a_figure_without_twins_has_no_lines(one_room):
+    axes = twins_figure(one_room, []).axes[0]
+    assert not axes.collections
+    assert axes.get_legend() is None
+
+
+def test_the_repr_and_the_summary_say_what_was_found(equal_rooms):
+    assert repr(equal_rooms) == (
+        f"Twins({len(equal_rooms)} places of rooms, 100% with a twin, 2 symmetries)"
+    )
+    about = equal_rooms.summary()
+    assert about["places"] == len(equal_rooms)
+    assert json.dumps(about, allow_nan=False)
+    assert about["matching"]["lidar"]["range"] == 8.0
+    assert dataclasses.asdict(equal_rooms.symmetries[0])["share"] == about["symmetries"][0]["share"]
