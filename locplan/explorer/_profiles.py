@@ -1,0 +1,90 @@
+"""A path as the page shows it: its metrics, and what lies along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.tables import finite
+from locplan.costs import Costmap, Path, path_metrics
+from locplan.field import CovarianceField
+from locplan.field._lattice import read_at
+
+STEPS = 400
+"""Greatest number of steps of a profile."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathAnswer:
+    """A path with its metrics; those of a field are NaN without one."""
+
+    xy: NDArray[np.float64]
+    """Positions in the world, (n, 2) [m]."""
+    length: float
+    """Length [m]."""
+    degenerate: float
+    """Integral of u [m]."""
+    cost: float
+    """J [m]."""
+    integrated_e: float
+    """Integral of e [m^2 rad m]."""
+    mean_sigma_cm: float
+    """Mean of the largest standard deviation of the position over the length [cm]."""
+    worst_sigma_cm: float
+    """Greatest of them [cm]."""
+    s: NDArray[np.float64]
+    """Distance along the path at which each step of the profile ends [m]."""
+    u: NDArray[np.float64]
+    """Greatest u within each step, 0..1."""
+    sigma_cm: NDArray[np.float64]
+    """Greatest standard deviation within each step [cm]."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The path, fit for JSON."""
+        names = ("length", "degenerate", "cost", "integrated_e", "mean_sigma_cm", "worst_sigma_cm")
+        profile = {
+            "s": np.round(self.s, 3).tolist(),
+            "u": np.round(self.u, 4).tolist(),
+            "sigma_cm": np.round(self.sigma_cm, 2).tolist(),
+        }
+        values = {name: getattr(self, name) for name in names}
+        return finite({"xy": np.round(self.xy, 4).tolist(), **values, "profile": profile})
+
+
+def path_answer(costs: Costmap, field: CovarianceField | None, path: Path) -> PathAnswer:
+    """Measure a path on a costmap, and read what lies along it."""
+    from locplan._kernels.rays import cells_along
+
+    metrics = path_metrics(costs, path)
+    rows, cols, lengths = cells_along(np.column_stack(costs.grid.world_to_grid(*path.xy.T)))
+    if not lengths.size:  # a path within one position
+        rows, cols = (np.array([v]) for v in costs.grid.world_to_cell(*path.xy[0]))
+        lengths = np.zeros(1)
+    at = tuple(np.clip(i, 0, n - 1) for i, n in zip((rows, cols), costs.grid.shape, strict=True))
+    lengths = lengths * costs.grid.resolution
+    ends, u = np.cumsum(lengths), costs.u[at]
+    sigma = np.full(len(u), np.nan)
+    if field is not None:
+        std = field.on_lattice(field.scalar("position_std", headings="mean"))
+        with np.errstate(divide="ignore"):
+            sigma = 100 * np.exp(read_at(np.log(std), *at, field.stride))
+    first = np.unique(np.linspace(0, len(ends), min(len(ends), STEPS), endpoint=False).astype(int))
+    last = np.append(first[1:], len(ends)) - 1
+    known = ~np.isnan(sigma)
+    way = lengths[known].sum()
+    mean = float(sigma[known] @ lengths[known] / way) if way else float("nan")
+    return PathAnswer(
+        path.xy,
+        metrics.length,
+        metrics.integrated_u,
+        metrics.cost,
+        metrics.integrated_e,
+        mean,
+        float(sigma[known].max()) if known.any() else float("nan"),
+        ends[last],
+        np.fmax.reduceat(u, first),
+        np.fmax.reduceat(sigma, first),
+    )
