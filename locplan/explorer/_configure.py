@@ -91,5 +91,5 @@ def _assumed(reach: float | None) -> Lidar:
     """The lidar of an estimator that needs one where none is named."""
     from locplan.simulation._settings import SHORT_LIDAR
 
-    changes = {} if reach is None else {"range": reach}
-    return dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed", **changes)
+    lidar = dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
+    return lidar if reach is None else dataclasses.replace(lidar, range=reach)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -125,13 +126,15 @@ def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         raise ConfigError("a map's name has letters, digits, spaces, - and _ only")
     stem = name.strip().removesuffix(".yaml")
     target = session.folder / f"{stem}.yaml"
-    if target.exists() and not session.force and target not in session.written:
-        raise ConfigError(f"{target.name} is there already; choose another name")
-    session.folder.mkdir(parents=True, exist_ok=True)
-    grid = session.grid
-    save_map(grid, target)
-    session.saved, session.saved_as = grid, str(target)
-    session.written.add(target)
+    with session.changing:  # two pages may save one name at once
+        for file in (target, target.with_suffix(".pgm")):
+            if os.path.lexists(file) and not session.force and target not in session.written:
+                raise ConfigError(f"{file.name} is there already; choose another name")
+        session.folder.mkdir(parents=True, exist_ok=True)
+        grid = session.grid
+        save_map(grid, target)
+        session.saved, session.saved_as = grid, str(target)
+        session.written.add(target)
     session.tell({"event": "state"})
     return {"name": target.name, "folder": str(session.folder)}
 
@@ -141,9 +144,10 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
     cells = grid.cells.copy()
     for stroke in strokes:
         if stroke.tool in ("pole", "box"):
-            kind = Pole(stroke.size[0]) if stroke.tool == "pole" else Box(*stroke.size)
-            at = on_grid(grid, np.array([[*stroke.points[0], stroke.heading]]))[0]
-            where = filled_cells(kind.shape, *at, grid.resolution, grid.shape)
+            kind: Pole | Box = Pole(stroke.size[0]) if stroke.tool == "pole" else Box(*stroke.size)
+            pose = np.array([[*stroke.points[0], stroke.heading]])
+            row, col, turn = on_grid(grid, pose)[0].tolist()
+            where = filled_cells(kind.shape, row, col, turn, grid.resolution, grid.shape)
             cells[where] = OCCUPIED
         else:
             _draw_line(cells, grid, stroke)

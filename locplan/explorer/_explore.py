@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from locplan._util.checks import file_path, whole
 from locplan._util.extras import needed
 from locplan.costs import ROBOT_RADIUS
+from locplan.explorer._notebook import frame_html, in_notebook
 from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar, Sad, Scan
 from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, check_grid
@@ -55,6 +56,10 @@ class Explorer:
     def field(self) -> CovarianceField | None:
         """The field that the page shows; None before it is there."""
         return self._server.session.field
+
+    def _repr_html_(self) -> str | None:
+        """The page itself, in a notebook."""
+        return frame_html(self.address) if self._server.framed else None
 
     def open(self) -> None:
         """Open the page in the browser."""
@@ -102,7 +107,7 @@ def explore(
     port : int
         Port of the server; any free one by default.
     open_browser : bool
-        False opens no browser.
+        False opens no browser. In a notebook none is opened: the page is displayed there.
     folder : path, optional
         Folder that the page may write maps and exports to; without it, it writes none.
     drives : sequence
@@ -111,7 +116,7 @@ def explore(
     Returns
     -------
     Explorer
-        The page; in a notebook it is displayed.
+        The page, which a notebook displays.
 
     Raises
     ------
@@ -142,10 +147,17 @@ def explore(
         folder=None if folder is None else Path(file_path("folder", folder)),
         drives=tuple(drives),
     )
-    explorer = opened(grid, opening, port=port, field=field)
-    if open_browser:
+    framed = in_notebook()
+    explorer = opened(grid, opening, port=port, field=field, framed=framed)
+    if open_browser and not framed:
         explorer.open()
     return explorer
+
+
+def check_installed() -> None:
+    """Raise a LocplanError unless the libraries of the server are installed."""
+    for library in LIBRARIES:
+        needed(library, "explore", "the explorer")
 
 
 def opened(
@@ -157,8 +169,7 @@ def opened(
     framed: bool = False,
 ) -> Explorer:
     """Serve a page, and begin to compute its field."""
-    for library in LIBRARIES:
-        needed(library, "explore", "the explorer")
+    check_installed()
     from locplan.explorer._server import Server
     from locplan.explorer._session import Session
 

@@ -83,7 +83,7 @@ class Guard:
         if scope["path"] != "/":
             return ""
         query = parse_qs(scope["query_string"].decode("latin-1"))
-        return query.get("token", [""])[0]
+        return str(query.get("token", [""])[0])
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())

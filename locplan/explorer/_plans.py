@@ -11,9 +11,11 @@ from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
+from locplan.explorer._drafts import drafted
 from locplan.explorer._profiles import PathAnswer, path_answer
+from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, index_of
-from locplan.explorer._session import Scene, Session
+from locplan.explorer._session import Session
 from locplan.explorer._snap import snapped
 from locplan.explorer._wire import Ask
 from locplan.planners import AnyAngle, Position
@@ -51,9 +53,9 @@ class PlanAnswer:
     def to_json(self) -> dict[str, Any]:
         """The answer, fit for JSON."""
         start, *via, goal = map(list, self.stops)
-        about = {"start": start, "goal": goal, "via": via, "draft": self.draft}
-        about["aware"] = self.aware and self.aware.to_json()  # type: ignore[assignment]
-        about["shortest"] = self.shortest and self.shortest.to_json()  # type: ignore[assignment]
+        about: dict[str, Any] = {"start": start, "goal": goal, "via": via, "draft": self.draft}
+        about["aware"] = self.aware and self.aware.to_json()
+        about["shortest"] = self.shortest and self.shortest.to_json()
         return finite({**about, "why": self.why} if self.why else about)
 
 
@@ -99,9 +101,7 @@ def planned(
     scene = session.scene
     placed = snapped(session.parts(scene), stops, held)
     if draft and max(scene.costs.grid.shape) > DRAFT_CELLS:
-        from locplan.explorer._drafts import drafted
-
-        found = drafted(session, scene, placed, weight, held, check)
+        found = drafted(session, scene, placed, (SHORTEST_WEIGHT, weight), held, check)
         if found is not None:
             return PlanAnswer(tuple(placed), True, *found)
     shortest = _over(session, scene, placed, SHORTEST_WEIGHT, held, check)

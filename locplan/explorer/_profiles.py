@@ -63,14 +63,14 @@ def path_answer(costs: Costmap, field: CovarianceField | None, path: Path) -> Pa
     if not lengths.size:  # a path within one position
         rows, cols = (np.array([v]) for v in costs.grid.world_to_cell(*path.xy[0]))
         lengths = np.zeros(1)
-    at = tuple(np.clip(i, 0, n - 1) for i, n in zip((rows, cols), costs.grid.shape, strict=True))
+    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip((rows, cols), costs.grid.shape, strict=True))
     lengths = lengths * costs.grid.resolution
-    ends, u = np.cumsum(lengths), costs.u[at]
+    ends, u = np.cumsum(lengths), costs.u[rows, cols]
     sigma = np.full(len(u), np.nan)
     if field is not None:
         std = field.on_lattice(field.scalar("position_std", headings="mean"))
         with np.errstate(divide="ignore"):
-            sigma = 100 * np.exp(read_at(np.log(std), *at, field.stride))
+            sigma = 100 * np.exp(read_at(np.log(std), rows, cols, field.stride))
     first = np.unique(np.linspace(0, len(ends), min(len(ends), STEPS), endpoint=False).astype(int))
     last = np.append(first[1:], len(ends)) - 1
     known = ~np.isnan(sigma)

@@ -36,6 +36,8 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 """Kinds of the files that the page is made of."""
+MOST_PAGES = 20
+"""Greatest number of pages that are open at once."""
 FOREVER = "private, max-age=31536000, immutable"
 PLACEHOLDER = "<!doctype html><title>locplan</title><p>The page is missing.</p>"
 
@@ -51,13 +53,13 @@ class Server:
         self.app: App = Guard(self._routes(), self.port, self.token, framed=framed)
         self._server: uvicorn.Server | None = None
         self._thread = threading.Thread(target=self._serve, name="explorer", daemon=True)
-        self._framed = framed
+        self.framed = framed
 
     @property
     def address(self) -> str:
         """Address to open, with the token."""
         begin = f"http://127.0.0.1:{self.port}"
-        return f"{begin}/{self.token}/" if self._framed else f"{begin}/?token={self.token}"
+        return f"{begin}/{self.token}/" if self.framed else f"{begin}/?token={self.token}"
 
     def start(self) -> None:
         """Begin to answer. Since the socket listens already, no request is lost."""
@@ -90,7 +92,7 @@ class Server:
         self.lanes.close()
         if self._server is not None:
             self._server.should_exit = True
-            self._thread.join(5.0)
+            self._thread.join(2.0)
         self._listening.close()
 
     def _serve(self) -> None:
@@ -181,6 +183,9 @@ class Server:
         return Response(found.content, headers=headers, media_type=found.media_type)
 
     async def _socket(self, socket: WebSocket) -> None:
+        if len(self.session.listeners) >= MOST_PAGES:
+            await socket.close(1013, "too many pages are open")
+            return
         await Link(self.session, self.lanes, socket).run()
 
 

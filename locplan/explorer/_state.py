@@ -114,12 +114,11 @@ def _field(scene: Scene) -> dict[str, Any] | None:
     if scene.field is None:
         return None
     config = scene.field.config
-    lidar = getattr(config.estimator, "lidar", None)
-    known = lidar is not None and lidar.model in PRESETS
+    model = getattr(getattr(config.estimator, "lidar", None), "model", "")
     return {
         "digest": scene.digest,
         "estimator": config.estimator.name,
-        "lidar": lidar.model if known else None,
+        "lidar": model if model in PRESETS else None,
         "range": config.estimator.reach,
         "headings": config.headings,
         "saturated": scene.field.saturated_share,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any, NoReturn, overload
 
 from locplan._util.checks import is_number, number, one_of, position, printable, shown, whole
 from locplan.errors import ConfigError, LocplanError
@@ -51,6 +51,12 @@ class Ask:
             raise ConfigError(f"{name} must be up to {most} positions [x, y], not {shown(values)}")
         return [position(value, name=name) for value in values]
 
+    @overload
+    def number(self, name: str, low: float, high: float, default: float) -> float: ...
+
+    @overload
+    def number(self, name: str, low: float, high: float, default: None = None) -> float | None: ...
+
     def number(
         self, name: str, low: float, high: float, default: float | None = None
     ) -> float | None:
@@ -58,10 +64,22 @@ class Ask:
         value = self.values.get(name)
         return default if value is None else number(name, value, low, high)
 
+    @overload
+    def whole(self, name: str, low: int, high: int, default: int) -> int: ...
+
+    @overload
+    def whole(self, name: str, low: int, high: int, default: None = None) -> int | None: ...
+
     def whole(self, name: str, low: int, high: int, default: int | None = None) -> int | None:
         """A whole number within limits, or the default."""
         value = self.values.get(name)
         return default if value is None else whole(name, value, low, high)
+
+    @overload
+    def one_of(self, name: str, choices: Collection[str], default: str) -> str: ...
+
+    @overload
+    def one_of(self, name: str, choices: Collection[str], default: None = None) -> str | None: ...
 
     def one_of(self, name: str, choices: Collection[str], default: str | None = None) -> str | None:
         """One of some words, or the default."""
@@ -70,6 +88,12 @@ class Ask:
             return default
         one_of(name, value, choices)
         return str(value)
+
+    @overload
+    def text(self, name: str, default: str) -> str: ...
+
+    @overload
+    def text(self, name: str, default: None = None) -> str | None: ...
 
     def text(self, name: str, default: str | None = None) -> str | None:
         """A short text in one line, or the default."""
