@@ -78,7 +78,7 @@ async function chooseDrive() {
   try {
     const found = await fetchDrive(number);
     if (byId("drive").value !== number) return;
-    model.drive = { ...found, xy: found.x.map((x, k) => [x, found.y[k]]), time: found.t[0], plays: false };
+    model.drive = { ...found, timed: found.timed !== false, xy: found.x.map((x, k) => [x, found.y[k]]), time: found.t[0], plays: false };
     const slider = byId("drive-time");
     [slider.min, slider.max] = [found.t[0], found.t.at(-1)];
     setTime(found.t[0]);
@@ -93,10 +93,11 @@ function setTime(time) {
   drive.time = time;
   const k = stepAt(time, drive.t);
   byId("drive-time").value = time;
-  byId("drive-time").setAttribute("aria-valuetext", clock(time - drive.t[0]));
   const deviation = drive.sd?.[k];
   const unlike = drive.unlike?.[k] ? "; the scan is unlike the map" : "";
-  byId("drive-note").textContent = `${clock(time - drive.t[0])} of ${clock(drive.t.at(-1) - drive.t[0])}` + (Number.isFinite(deviation) ? `, filter's deviation ${metres(deviation, 2)}` : "") + unlike;
+  const when = drive.timed ? `${clock(time - drive.t[0])} of ${clock(drive.t.at(-1) - drive.t[0])}` : `scan ${k + 1} of ${drive.t.length}`;
+  byId("drive-time").setAttribute("aria-valuetext", when);
+  byId("drive-note").textContent = when + (Number.isFinite(deviation) ? `, filter's deviation ${metres(deviation, 2)}` : "") + unlike;
   repaint("overlay");
 }
 

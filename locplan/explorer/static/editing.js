@@ -164,7 +164,7 @@ async function saveMap(event) {
   if (!name) return;
   try {
     const answer = await ask("save", { name });
-    if (answer) toast(`Saved as ${answer.file ?? answer.name}.`);
+    if (answer) toast(`Saved as ${answer.name}${answer.folder ? ` in ${answer.folder}` : ""}.`);
   } catch (error) {
     complain(error);
   }

@@ -40,14 +40,14 @@ export function nearestAlong(xy, [x, y]) {
   return best;
 }
 
-/** Index of the step of a profile that holds `s`. */
+/** Index of the first of some rising numbers that is at least `s`, or the last. */
 export function stepAt(s, steps) {
   let low = 0;
   let high = steps.length - 1;
   while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (steps[middle] <= s) low = middle;
-    else high = middle - 1;
+    const middle = (low + high) >> 1;
+    if (steps[middle] < s) low = middle + 1;
+    else high = middle;
   }
   return low;
 }

@@ -40,24 +40,36 @@ export function ask(kind, content = {}, onProgress = null) {
 
 /** Ask for long work: it is listed with its progress and a button that cancels it. */
 export async function askLong(kind, title, content) {
-  const bar = make("progress", { max: 1, "aria-label": title });
   const stop = make("button", { type: "button", className: "plain", textContent: "Cancel", "aria-label": `Cancel: ${title}` });
-  const words = make("span", { textContent: title });
-  const row = make("li", { className: "card" }, words, bar, stop);
-  row.dataset.kind = kind;
   stop.addEventListener("click", () => {
     stop.disabled = true;
     cancel(kind);
   });
-  byId("tasks").append(row);
+  const row = taskRow(kind, title, stop);
   try {
-    return await ask(kind, content, ({ done, total, doing }) => {
-      if (total) bar.value = done / total;
-      if (doing) words.textContent = `${title}: ${doing}`;
-    });
+    return await ask(kind, content, (message) => showProgress(row, title, message));
   } finally {
     row.remove();
   }
+}
+
+/** Show work that the server does unasked, or take it away where `message` is null. */
+export function showWork(kind, title, message) {
+  const known = byId("tasks").querySelector(`[data-kind="${kind}"]`);
+  if (!message) known?.remove();
+  else showProgress(known ?? taskRow(kind, title), title, message);
+}
+
+function taskRow(kind, title, ...buttons) {
+  const row = make("li", { className: "card" }, make("span", { textContent: title }), make("progress", { max: 1, "aria-label": title }), ...buttons);
+  row.dataset.kind = kind;
+  byId("tasks").append(row);
+  return row;
+}
+
+function showProgress(row, title, { done, total, doing }) {
+  if (total) row.querySelector("progress").value = done / total;
+  if (doing) row.querySelector("span").textContent = `${title}: ${doing}`;
 }
 
 /** Cancel the question of a kind that is under way, and drop the one waiting. */
@@ -116,6 +128,7 @@ function receive(message) {
   if (!question) return undefined;
   if (isProgress) return question.onProgress?.(message);
   finish(question);
+  if (message.stale) return question.resolve(null);
   return message.error ? question.reject(new Error(message.error)) : question.resolve(message);
 }
 

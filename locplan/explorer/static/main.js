@@ -44,6 +44,7 @@ async function start() {
   if (carried()) await openShared(carried());
   else {
     on("event:state", followState);
+    on("event:error", ({ error }) => complain(error));
     startLink();
   }
 }

@@ -121,13 +121,12 @@ function drawAxes(context, frame) {
   marks.forEach((tick, k) => context.fillText(k ? short(tick) : "0 m", acrossOf(frame, tick), frame.height - EDGE_BOTTOM + 6));
 }
 
-// A step of the profile holds the largest value from its s to the next.
-function traceLine(context, frame, { s, values, steps, end }) {
+// A step of a profile ends at its s and holds the largest value since the one before.
+function traceLine(context, frame, { s, values, steps }) {
   s.forEach((at, k) => {
-    const [x, y] = [acrossOf(frame, at), heightOf(frame, values[k] ?? 0)];
-    if (k) context.lineTo(x, y);
-    else context.moveTo(x, y);
-    if (steps) context.lineTo(acrossOf(frame, s[k + 1] ?? end), y);
+    const y = heightOf(frame, values[k] ?? 0);
+    if (steps) context.lineTo(acrossOf(frame, k ? s[k - 1] : 0), y);
+    context.lineTo(acrossOf(frame, at), y);
   });
 }
 

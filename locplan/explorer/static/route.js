@@ -2,14 +2,16 @@
 import { byId } from "./dom.js";
 import { afterPaint, repaint } from "./frames.js";
 import { nearestAlong, pointAlong } from "./lines.js";
-import { ask, isLinked } from "./link.js";
+import { ask, cancel, isLinked } from "./link.js";
 import { announce, complain } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { comparison, metres } from "./text.js";
 
 const REST = 120; // milliseconds after the last draft
+const IDLE = 500; // milliseconds after which the server may search ahead
 const LARGE = 1500; // cells on a side above which drafts are worth it
 let restTimer = 0;
+let idleTimer = 0;
 let painted = 0;
 
 /** Connect the slider and the buttons. */
@@ -94,8 +96,11 @@ function weightOfSlider() {
 async function requestPlan(held, draft, moment = null) {
   if (!isLinked() || !model.start) return;
   try {
+    clearTimeout(idleTimer);
+    cancel("idle");
     const answer = await ask("plan", { ...routeAsked(), hold: held, draft });
     if (answer) takePlan(answer, moment);
+    if (answer && !model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), IDLE);
   } catch (error) {
     complain(error);
   }
@@ -135,8 +140,8 @@ function showPlan() {
 
 function showPath(name, path) {
   byId(`${name}-length`).textContent = path ? metres(path.length) : "–";
-  byId(`${name}-degenerate`).textContent = path ? `${metres(path.degenerate)} degenerate` : "";
-  byId(`${name}-sigma`).textContent = path && Number.isFinite(path.mean_sigma_cm) ? `σ ${path.mean_sigma_cm.toFixed(0)} cm, at worst ${path.worst_sigma_cm.toFixed(0)} cm` : "";
+  byId(`${name}-degenerate`).textContent = Number.isFinite(path?.degenerate) ? `${metres(path.degenerate)} degenerate` : "";
+  byId(`${name}-sigma`).textContent = Number.isFinite(path?.mean_sigma_cm) ? `σ ${path.mean_sigma_cm.toFixed(0)} cm, worst ${path.worst_sigma_cm.toFixed(0)}` : "";
 }
 
 function spoken(aware, shortest) {

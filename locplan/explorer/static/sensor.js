@@ -1,9 +1,10 @@
 // Estimator, lidar and range: changed in place; the present field stays usable until the new one is here.
 import { byId, setOptions } from "./dom.js";
-import { askLong, cancel } from "./link.js";
+import { askLong, cancel, showWork } from "./link.js";
 import { planNow, setWeight } from "./route.js";
 import { complain, toast } from "./say.js";
 import { model, on } from "./store.js";
+import { short } from "./text.js";
 
 let awaited = false; // the next field brings its own weight
 let fieldSeen = null;
@@ -19,11 +20,14 @@ export function startSensor() {
   });
   byId("configure").addEventListener("submit", configure);
   on("state", showField);
+  on("event:progress", (message) => awaited || showWork(message.do, "Computing the field", message));
+  on("lost", () => showWork("field", "", null));
 }
 
 function showField() {
   const field = model.state.field;
   byId("field-note").textContent = fieldWords(field);
+  if (!model.state.busy) showWork("field", "", null);
   if (!field || field.digest === fieldSeen) return;
   fieldSeen = field.digest;
   byId("estimator").value = field.estimator;
@@ -38,7 +42,7 @@ function showField() {
 function fieldWords(field) {
   if (!field) return "There is no field yet.";
   const lidar = model.about.lidars.find(({ name }) => name === field.lidar)?.title ?? field.lidar;
-  const parts = [`Estimator ${field.estimator}${lidar ? `, ${lidar}` : ""}, range ${Number(field.range).toFixed(1)} m`];
+  const parts = [`Estimator ${field.estimator}, ${lidar ? lidar : `range ${short(field.range)} m`}`];
   if (field.saturated > 0.005) parts.push(`${(100 * field.saturated).toFixed(0)} % of it as good as the estimator resolves`);
   return `${parts.join("; ")}.${field.whole === false ? " It is still being computed." : ""}`;
 }

@@ -69,11 +69,10 @@ async function sharePage() {
 }
 
 async function exportCostmap() {
-  const { start, goal } = routeAsked();
   try {
-    const answer = await askLong("export", "Exporting for Nav2", { to: "nav2", distro: byId("distro").value, start, goal });
+    const answer = await askLong("export", "Exporting for Nav2", { to: byId("export-to").value, distro: byId("distro").value, ...routeAsked() });
     if (!answer || answer.cancelled) return;
-    byId("export-note").textContent = `${answer.files.length} files are in ${answer.folder}.`;
+    byId("export-note").textContent = `${answer.files.length === 1 ? answer.files[0] + " is" : `${answer.files.length} files are`} in ${answer.folder}.`;
     toast(byId("export-note").textContent);
   } catch (error) {
     complain(error);

@@ -82,12 +82,11 @@ function middle() {
 }
 
 function insets() {
-  const sheet = view.width < 700;
-  const boxes = ["panel", "profile", "title", "tools"].map((id) => byId(id).getBoundingClientRect());
-  const [panel, profile, title, tools] = boxes;
-  if (sheet) return { left: 12, top: Math.max(title.bottom, tools.bottom) + 10, right: 12, bottom: view.height - panel.top + 26 };
-  const bottom = profile.height ? view.height - profile.top + 24 : 40;
-  return { left: tools.right + 18, top: Math.min(title.bottom + 14, view.height / 4), right: view.width - panel.left + 18, bottom };
+  const [panel, profile, title, tools] = ["panel", "profile", "title", "tools"].map((id) => byId(id).getBoundingClientRect());
+  const top = Math.max(title.bottom, tools.width > tools.height ? tools.bottom : 0) + 14;
+  if (view.width < 700) return { left: 12, top, right: 12, bottom: view.height - panel.top + 26 };
+  const side = tools.width > tools.height ? 14 : tools.right + 18;
+  return { left: side, top, right: view.width - panel.left + 18, bottom: view.height - profile.top + 24 };
 }
 
 function glide(steps, step) {

@@ -13,12 +13,13 @@ import { screenAngle, screenOf } from "./view.js";
 export function startTwins() {
   byId("twins-find").addEventListener("click", () => awaitPlace(!model.picking));
   byId("twins-clear").addEventListener("click", clearTwins);
+  byId("twins-group").hidden = !canShowTwins();
 }
 
 /** Ask for the look-alikes of a world point. */
 export async function showTwinsOf([x, y]) {
   awaitPlace(false);
-  if (model.shared || model.about.can?.twins === false) return;
+  if (!canShowTwins()) return;
   cancel("twins");
   try {
     const answer = await askLong("twins", "Looking for look-alike places", { x, y });
@@ -72,6 +73,10 @@ export function paintTwins(context) {
     context.stroke();
     numberedDot(context, ...at, String(k + 1), palette.twin);
   });
+}
+
+function canShowTwins() {
+  return !model.shared && model.about.can?.twins !== false;
 }
 
 function takeTwins(answer, place) {
