@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import one_of
-from locplan.costs import Costmap, Path, path_metrics
+from locplan.costs import Costmap, Path, path_cost
 from locplan.planners._grid import (
     Bordered,
     GridPlanner,
@@ -102,7 +102,7 @@ def any_angle_path(
     positions = np.vstack([ends[:1], inner, ends[1:]])
     straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
-    return min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost)
+    return min(straight, on_grid, key=lambda path: path_cost(costs, path))
 
 
 def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
@@ -111,7 +111,7 @@ def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = Fal
     positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
     bordered = Bordered.of(costs)
     straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
-    return min(straight, path, key=lambda path: path_metrics(costs, path).cost)
+    return min(straight, path, key=lambda path: path_cost(costs, path))
 
 
 def _improved(

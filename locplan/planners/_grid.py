@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap, Path, path_metrics
+from locplan.costs import Costmap, Path, path_cost
 from locplan.planners._protocol import Found, Position
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def through_centres(
         for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
             if len(xy) > 2:
                 direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
-                if path_metrics(costs, direct).cost <= path_metrics(costs, around).cost:
+                if path_cost(costs, direct) <= path_cost(costs, around):
                     xy = np.delete(xy, between, axis=0)
     return distinct(costs, xy)
 
