@@ -94,7 +94,7 @@ def drafted(
         if path is None:
             return None
         costs = session.costs(weights[1], scene) if scene.field is not None else scene.costs
-        answers.append(path_answer(costs, scene.field, path))
+        answers.append(path_answer(costs, scene, path))
     return answers[0], (answers[1] if len(answers) > 1 else None)
 
 

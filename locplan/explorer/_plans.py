@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
@@ -56,7 +55,7 @@ class PlanAnswer:
         about: dict[str, Any] = {"start": start, "goal": goal, "via": via, "draft": self.draft}
         about["aware"] = self.aware and self.aware.to_json()
         about["shortest"] = self.shortest and self.shortest.to_json()
-        return finite({**about, "why": self.why} if self.why else about)
+        return {**about, "why": self.why} if self.why else about
 
 
 def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
@@ -111,12 +110,12 @@ def planned(
         return PlanAnswer(tuple(placed), False, None, None, why)
     if scene.field is None:
         why = "the field is still being computed"
-        answer = path_answer(scene.costs, None, shortest)
+        answer = path_answer(scene.costs, scene, shortest)
         return PlanAnswer(tuple(placed), False, answer, None, why)
     costs = session.costs(weight, scene)
     aware = _over(session, scene, placed, weight, held, check)
     check()
-    answers = [path_answer(costs, scene.field, path) for path in (shortest, aware) if path]
+    answers = [path_answer(costs, scene, path) for path in (shortest, aware) if path]
     # Any-angle paths are improved from two beginnings, and the better one of the two counts.
     best = min(answers, key=lambda one: one.length), min(answers, key=lambda one: one.cost)
     return PlanAnswer(tuple(placed), False, *best)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, path_metrics
-from locplan.field import CovarianceField
+from locplan.explorer._scene import Scene
 from locplan.field._lattice import read_at
 
 STEPS = 400
@@ -45,17 +45,14 @@ class PathAnswer:
     def to_json(self) -> dict[str, Any]:
         """The path, fit for JSON."""
         names = ("length", "degenerate", "cost", "integrated_e", "mean_sigma_cm", "worst_sigma_cm")
-        profile = {
-            "s": np.round(self.s, 3).tolist(),
-            "u": np.round(self.u, 4).tolist(),
-            "sigma_cm": np.round(self.sigma_cm, 2).tolist(),
-        }
-        values = {name: getattr(self, name) for name in names}
-        return finite({"xy": np.round(self.xy, 4).tolist(), **values, "profile": profile})
+        profile = {"s": _listed(self.s, 3), "u": _listed(self.u, 4)}
+        profile["sigma_cm"] = _listed(self.sigma_cm, 2)
+        values = finite({name: getattr(self, name) for name in names})
+        return {"xy": np.round(self.xy, 4).tolist(), **values, "profile": profile}
 
 
-def path_answer(costs: Costmap, field: CovarianceField | None, path: Path) -> PathAnswer:
-    """Measure a path on a costmap, and read what lies along it."""
+def path_answer(costs: Costmap, scene: Scene, path: Path) -> PathAnswer:
+    """Measure a path on a costmap of a scene, and read what lies along it."""
     from locplan._kernels.rays import cells_along
 
     metrics = path_metrics(costs, path)
@@ -67,10 +64,8 @@ def path_answer(costs: Costmap, field: CovarianceField | None, path: Path) -> Pa
     lengths = lengths * costs.grid.resolution
     ends, u = np.cumsum(lengths), costs.u[rows, cols]
     sigma = np.full(len(u), np.nan)
-    if field is not None:
-        std = field.on_lattice(field.scalar("position_std", headings="mean"))
-        with np.errstate(divide="ignore"):
-            sigma = 100 * np.exp(read_at(np.log(std), rows, cols, field.stride))
+    if scene.field is not None and scene.log_deviation is not None:
+        sigma = 100 * np.exp(read_at(scene.log_deviation, rows, cols, scene.field.stride))
     first = np.unique(np.linspace(0, len(ends), min(len(ends), STEPS), endpoint=False).astype(int))
     last = np.append(first[1:], len(ends)) - 1
     known = ~np.isnan(sigma)
@@ -88,3 +83,11 @@ def path_answer(costs: Costmap, field: CovarianceField | None, path: Path) -> Pa
         np.fmax.reduceat(u, first),
         np.fmax.reduceat(sigma, first),
     )
+
+
+def _listed(values: NDArray[np.float64], decimals: int) -> list[float | None]:
+    """Rounded values as a list, with None for NaN."""
+    listed: list[float | None] = np.round(values, decimals).tolist()
+    if np.isnan(values).any():
+        listed = [None if value != value else value for value in listed]
+    return listed

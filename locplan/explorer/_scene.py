@@ -9,6 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.field import CovarianceField, FieldConfig, Lidar
 from locplan.planners import Position
@@ -72,6 +75,15 @@ class Scene:
         state = None if self.whole else self.serial
         text = json.dumps([self.costs.grid.digest, settings, state], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    @cached_property
+    def log_deviation(self) -> NDArray[np.float64] | None:
+        """Logarithm of the position's largest deviation [m] on the lattice; None without one."""
+        if self.field is None:
+            return None
+        with np.errstate(divide="ignore"):
+            values = np.log(self.field.scalar("position_std", headings="mean"))
+        return self.field.on_lattice(values)
 
 
 @dataclass(frozen=True)

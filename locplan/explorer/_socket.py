@@ -154,7 +154,7 @@ class Link:
         return {"event": "state", **told}
 
     async def _send(self, told: dict[str, Any]) -> None:
-        text = json.dumps(finite(told), allow_nan=False, separators=(",", ":"))
+        text = _text(told)
         async with self._sending:
             with suppress(WebSocketDisconnect, RuntimeError):  # the page has gone
                 await self._socket.send_text(text)
@@ -171,3 +171,11 @@ class _Overtaken(Cancel):
     def cancelled(self) -> bool:
         """Whether the question was taken back or overtaken."""
         return self._given.cancelled or self._newest.get(self._kind, self._turn) != self._turn
+
+
+def _text(told: dict[str, Any]) -> str:
+    """A message as JSON; null stands for NaN and infinity."""
+    try:
+        return json.dumps(told, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        return json.dumps(finite(told), allow_nan=False, separators=(",", ":"))
