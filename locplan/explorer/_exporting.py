@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import warnings
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from locplan._util.checks import one_of
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._view import View, given
 from locplan.export import ExportJob, formats
+from locplan.export._distros import distribution
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -35,6 +37,8 @@ class Exported:
     """Names of the files, within that folder."""
     facts: Mapping[str, str]
     """Facts about the export for people, by their labels."""
+    warnings: tuple[str, ...] = ()
+    """What is to be known about the export, such as a fault of the distribution."""
 
     def summary(self) -> dict[str, object]:
         """What was written, fit for JSON."""
@@ -42,6 +46,7 @@ class Exported:
             "folder": str(self.folder),
             "files": list(self.files),
             "facts": dict(self.facts),
+            "warnings": list(self.warnings),
         }
 
 
@@ -80,7 +85,9 @@ def exported(
     if folder is None:
         raise ConfigError("exports need a folder: start the explorer with --output FOLDER")
     format = formats()[to]
-    known = getattr(format.options, "__dataclass_fields__", {})
+    known = {each.name for each in dataclasses.fields(format.options)}
+    if distro is not None:
+        distribution(distro)
     options: Any = format.options(**({"distro": distro} if distro and "distro" in known else {}))
     suffix = "".join(format.suffixes[:1])
     stem = f"{plain_name(view.grid.name)}-{to}"
@@ -94,12 +101,13 @@ def exported(
     except OSError as error:
         raise LocplanError(f"{folder}: cannot be made ({error.strerror})") from None
     format.check_target(target, force=force)
-    with warnings.catch_warnings():  # of the robot's own parameters, of which there are none
-        warnings.simplefilter("ignore", UserWarning)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
         summary = format.write(target, ExportJob(view.costs, view.field, paths), options)
     written = [target] if target.is_file() else sorted(target.rglob("*"))
     files = tuple(each.relative_to(folder).as_posix() for each in written if each.is_file())
-    return Exported(folder, files, dict(summary.rows))
+    told = tuple(dict.fromkeys(str(each.message) for each in caught))
+    return Exported(folder, files, dict(summary.rows), told)
 
 
 def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:

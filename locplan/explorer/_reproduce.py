@@ -210,11 +210,11 @@ def _as_argument(file: str) -> str:
 
 
 def _place(xy: Any) -> str:
-    """A position as options take it, exact to a nanometre on maps up to 1 km [m]."""
+    """A position as options take it [m]."""
     return ",".join(map(_number, xy[:2]))
 
 
 def _number(value: float) -> str:
-    """A number without an exponent where possible, and without the dust of rounding."""
+    """The shortest text of just this number: near a cell's edge, rounding could change the cell."""
     text = f"{value:.12g}"
-    return text if float(text) != 0 else "0"
+    return text if float(text) == value else repr(float(value))
