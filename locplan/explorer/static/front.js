@@ -21,7 +21,7 @@ export function showFront(front) {
   drawChart(model.front.points);
   byId("front-chart").hidden = false;
   const count = model.front.points.length;
-  byId("front-note").textContent = count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose one by click or arrow keys.`;
+  byId("front-note").textContent = count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose one by click or arrow keys. They go in eight directions, so they are a little longer than those on the map.`;
   announce(byId("front-note").textContent);
 }
 
@@ -57,6 +57,7 @@ function drawChart(points) {
     for (const tick of ticks(lows[axis], highs[axis], false, axis ? 3 : 4)) plot.append(gridLine(key, place(tick, axis), short(tick)));
   points.forEach((point, k) => plot.append(pointButton(point, k, place(point.length, 0), place(point.degenerate, 1))));
   plot.addEventListener("keydown", walkFront);
+  plot.addEventListener("click", (event) => event.detail && choosePoint(nearestPoint(event)));
   byId("front-chart").replaceChildren(make("span", { className: "y-title", textContent: "degenerate [m]" }), plot, make("span", { className: "x-title", textContent: "length [m]" }));
 }
 
@@ -72,8 +73,17 @@ function pointButton(point, k, x, y) {
   const button = make("button", { type: "button", className: "point", title, role: "radio", "aria-checked": "false", "aria-label": title, tabIndex: k ? -1 : 0 });
   button.style.left = `${100 * x}%`;
   button.style.bottom = `${100 * y}%`;
-  button.addEventListener("click", () => choosePoint(k));
+  button.addEventListener("click", (event) => event.detail || choosePoint(k)); // by keyboard
   return button;
+}
+
+// Points may lie on top of each other: a click chooses the nearest one.
+function nearestPoint({ clientX, clientY }) {
+  const far = pointButtons().map((button) => {
+    const box = button.getBoundingClientRect();
+    return Math.hypot(clientX - box.x - box.width / 2, clientY - box.y - box.height / 2);
+  });
+  return far.indexOf(Math.min(...far));
 }
 
 function walkFront(event) {

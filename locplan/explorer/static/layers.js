@@ -4,7 +4,7 @@ import { fetchCells, fetchLayer } from "./data.js";
 import { paints, repaint } from "./frames.js";
 import { complain } from "./say.js";
 import { colourSpan, rampGradient, shareOf } from "./ramps.js";
-import { model, on } from "./store.js";
+import { model, on, tell } from "./store.js";
 import { colourTexture, paintTexture, setTexture, shownLayer, textureAt } from "./texture.js";
 import { layerValue, ticks } from "./text.js";
 import { palette } from "./theme.js";
@@ -40,6 +40,7 @@ export async function loadField() {
   try {
     if (map.digest !== cellsHere) {
       setCells(await fetchCells(map.digest), model.about.map.rows, model.about.map.cols);
+      if (!cellsHere) tell("cells");
       cellsHere = map.digest;
     }
     await loadTexture();
@@ -75,10 +76,11 @@ export function drawBase(context, ratio) {
   context.fillRect(0, 0, view.width, view.height);
   const { rows, cols } = model.about.map;
   context.fillStyle = palette.free;
-  context.fillRect(view.x, view.y, cols * view.scale, rows * view.scale);
+  const box = [view.x + 1, view.y + 1, cols * view.scale - 2, rows * view.scale - 2]; // nothing shows beside the tiles
+  context.fillRect(...box);
   context.save();
   context.beginPath();
-  context.rect(view.x, view.y, cols * view.scale, rows * view.scale);
+  context.rect(...box);
   context.clip();
   paintTexture(context);
   context.restore();

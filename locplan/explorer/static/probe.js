@@ -11,7 +11,7 @@ import { classAt } from "./tiles.js";
 import { gridOf, pixelsPerMetre, screenAngle, screenOf, view } from "./view.js";
 
 const FACTORS = [1, 2, 5, 10, 20, 50, 100, 200];
-const REACH = 64; // pixels that the greatest ellipse may take
+const REACH = 110; // pixels that the greatest ellipse may take
 let sharedLayers = null;
 
 /** Ask for the place under the cursor. */
@@ -37,9 +37,20 @@ export function clearProbe() {
 
 /** By how much ellipses are enlarged at this zoom: the greatest on the map stay readable. */
 export function ellipseFactor() {
-  const layer = model.state?.layers?.find(({ name }) => name === "sigma");
-  const greatest = layer?.present?.[1] ?? layer?.anchors?.[1] ?? 1;
-  const room = REACH / (greatest * pixelsPerMetre());
+  return factorWithin(REACH / (greatestOf("sigma", 1) * pixelsPerMetre()));
+}
+
+// By how much the wedge of the heading is enlarged; the greatest ones take an eighth of a turn to each side.
+function wedgeFactor() {
+  return Math.min(10, factorWithin(Math.PI / 4 / greatestOf("heading", 0.2)));
+}
+
+function greatestOf(name, usual) {
+  const layer = model.state?.layers?.find((each) => each.name === name);
+  return layer?.present?.[1] ?? layer?.anchors?.[1] ?? usual;
+}
+
+function factorWithin(room) {
   return FACTORS.filter((factor) => factor <= room).at(-1) ?? 1;
 }
 
@@ -49,7 +60,7 @@ export function paintProbe(context) {
   if (!probe?.known || model.held) return;
   const [px, py] = screenOf(probe.x, probe.y);
   const perCm = (ellipseFactor() * pixelsPerMetre()) / 100;
-  const half = Math.min(Math.PI, (probe.heading_deg * Math.PI) / 180);
+  const half = Math.min(Math.PI, (wedgeFactor() * probe.heading_deg * Math.PI) / 180);
   context.save();
   context.translate(px, py);
   context.beginPath();
@@ -103,9 +114,9 @@ function linesOf(probe) {
     [`${degeneracyWords(probe.u)}`, "strong"],
     [`position ${size}, heading ± ${probe.heading_deg.toFixed(1)}°`, ""],
     [`degeneracy ${probe.u.toFixed(2)}   e ${short(probe.e)} m² rad`, "quiet"],
-    [place + (Number.isFinite(probe.clearance) ? `   ${metres(probe.clearance, 2)} to the nearest obstacle` : ""), "quiet"],
+    [place + (Number.isFinite(probe.clearance) ? `   ${metres(probe.clearance, 2)} from an obstacle` : ""), "quiet"],
   ];
-  if (ellipseFactor() > 1) lines.push([`ellipse enlarged ${ellipseFactor()} ×`, "quiet"]);
+  lines.push([`ellipse enlarged ${ellipseFactor()} ×, wedge ${wedgeFactor()} ×`, "quiet"]);
   return lines;
 }
 

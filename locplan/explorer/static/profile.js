@@ -82,7 +82,7 @@ function paintProfile() {
   const context = fittedContext(chart);
   context.clearRect(0, 0, chart.clientWidth, chart.clientHeight);
   byId("profile-kind").options[2].disabled = !model.simulated;
-  byId("profile-title").textContent = { u: "Degeneracy along the path", sigma: "Predicted deviation along the path [cm]", error: "Simulated error along the path [cm], band to 95 %" }[byId("profile-kind").value];
+  byId("profile-title").textContent = { u: "Degeneracy along the path", sigma: "Predicted deviation along the path [cm]", error: "Simulated error along the path [cm]: median, band to 95 %" }[byId("profile-kind").value];
   const lines = series();
   const top = byId("profile-kind").value === "u" ? 1 : Math.max(1, ...lines.flatMap(({ values, band }) => [...values, ...(band ?? [])]).filter(Number.isFinite));
   const frame = { width: chart.clientWidth, height: chart.clientHeight, top, end: longest() };
@@ -107,13 +107,14 @@ function drawAxes(context, frame) {
   context.lineWidth = 1;
   context.textAlign = "right";
   context.textBaseline = "middle";
+  const isFar = frame.top > 300; // centimetres: shown as metres
   for (const tick of ticks(0, frame.top, false, frame.height < 110 ? 2 : 4)) {
     const y = Math.round(heightOf(frame, tick)) + 0.5;
     context.beginPath();
     context.moveTo(EDGE_LEFT, y);
     context.lineTo(frame.width - EDGE_RIGHT, y);
     context.stroke();
-    context.fillText(short(tick), EDGE_LEFT - 7, y);
+    context.fillText(isFar ? `${short(tick / 100)} m` : short(tick), EDGE_LEFT - 7, y);
   }
   context.textAlign = "center";
   context.textBaseline = "top";

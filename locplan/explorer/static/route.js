@@ -34,9 +34,8 @@ export function routeAsked() {
 /** Set the weight; the slider follows unless it was what set it. */
 export function setWeight(weight, moveSlider = true) {
   model.weight = weight;
-  const most = model.about.max_weight ?? 50;
   const slider = byId("weight");
-  if (moveSlider) slider.value = Math.round(1000 * Math.sqrt(Math.min(1, weight / most)));
+  if (moveSlider) slider.value = Math.round(1000 * Math.sqrt(Math.min(1, weight / mostWeight())));
   byId("weight-value").textContent = weight.toFixed(1);
   slider.setAttribute("aria-valuetext", `${weight.toFixed(1)} metres of detour per degenerate metre`);
 }
@@ -88,9 +87,13 @@ function reverseRoute() {
   planNow();
 }
 
+function mostWeight() {
+  return Math.min(50, model.about.max_weight ?? 50);
+}
+
 function weightOfSlider() {
   const share = byId("weight").valueAsNumber / 1000;
-  return Math.round(10 * (model.about.max_weight ?? 50) * share * share) / 10;
+  return Math.round(10 * mostWeight() * share * share) / 10;
 }
 
 async function requestPlan(held, draft, moment = null) {

@@ -1,7 +1,7 @@
 // Narrow windows: the panel is a sheet at the bottom, which the profile joins. And the hint of the first visit.
 import { byId, remember, remembered } from "./dom.js";
 import { repaint } from "./frames.js";
-import { model, on } from "./store.js";
+import { model, on, tell } from "./store.js";
 
 /** Keep the layout in step with the window's width. */
 export function startSheet() {
@@ -20,7 +20,9 @@ export function startSheet() {
 export function startHint() {
   const hint = byId("hint");
   const done = () => {
+    if (hint.hidden) return;
     hint.hidden = true;
+    tell("hint");
     remember("hint", "seen");
   };
   hint.hidden = model.shared || remembered("hint") === "seen";

@@ -24,7 +24,7 @@ export function startSimulating() {
 export function errorColour(candidate) {
   const errors = model.simulated.candidates.map(errorOf).filter(Number.isFinite);
   const [low, high] = [Math.min(...errors), Math.max(...errors)];
-  const share = Number.isFinite(errorOf(candidate)) && high > low ? (errorOf(candidate) - low) / (high - low) : 0;
+  const share = Number.isFinite(errorOf(candidate)) && high > low ? Math.log(errorOf(candidate) / low) / Math.log(high / low) : 0;
   const stops = palette.theme === "dark" ? [[45, 212, 200], [250, 176, 60], [255, 96, 118]] : [[8, 122, 126], [196, 106, 0], [178, 20, 66]];
   const [from, to] = share < 0.5 ? stops : stops.slice(1);
   const part = share < 0.5 ? 2 * share : 2 * share - 1;
@@ -57,7 +57,7 @@ export function clearSimulated() {
 }
 
 function errorOf(candidate) {
-  return candidate.rmse_cm?.[0] ?? Infinity;
+  return Math.max(candidate.rmse_cm?.[0] ?? Infinity, 0.1);
 }
 
 async function simulateRoute() {
@@ -73,7 +73,7 @@ async function simulateRoute() {
 }
 
 function showSimulated(answer) {
-  model.simulated = answer;
+  Object.assign(model, { simulated: answer, preview: null });
   byId("simulated-verdict").textContent = answer.verdict;
   byId("candidates").replaceChildren(tableHead(), ...answer.candidates.map(tableRow));
   byId("simulated").hidden = false;
@@ -91,9 +91,14 @@ function tableHead() {
 function tableRow(candidate, k) {
   const badge = make("span", { className: "badge", textContent: String(k + 1) });
   badge.style.background = errorColour(candidate);
-  const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.label }), make("td", { textContent: metres(candidate.length) }), ranged(candidate.rmse_cm, (v) => v.toFixed(v < 10 ? 1 : 0), "cm"), ranged(candidate.lost, (v) => (100 * v).toFixed(0), "%"));
+  const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.label }), make("td", { textContent: metres(candidate.length) }), errorCell(candidate.rmse_cm), ranged(candidate.lost, (v) => (100 * v).toFixed(0), "%"));
   if (candidate.name === model.simulated.chosen) row.className = "chosen";
   return row;
+}
+
+function errorCell(values) {
+  if (values?.[0] >= 100) return ranged(values.map((v) => v / 100), (v) => v.toFixed(1), "m");
+  return ranged(values, (v) => v.toFixed(v < 10 ? 1 : 0), "cm");
 }
 
 function ranged(values, shown, unit) {

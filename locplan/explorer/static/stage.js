@@ -5,7 +5,8 @@ import { keepMoving, repaint } from "./frames.js";
 import { waypointAt } from "./markers.js";
 import { clearProbe, probeAt } from "./probe.js";
 import { markNear, markAlong } from "./profile.js";
-import { model, tell } from "./store.js";
+import { model, on, tell } from "./store.js";
+import { knownPart } from "./tiles.js";
 import { showTwinsOf } from "./twins.js";
 import { fitMap, panBy, view, worldAt, zoomAt } from "./view.js";
 
@@ -30,6 +31,8 @@ export function startStage() {
   byId("zoom-in").addEventListener("click", () => zoomBy(1.5));
   byId("zoom-out").addEventListener("click", () => zoomBy(1 / 1.5));
   byId("zoom-fit").addEventListener("click", showWhole);
+  on("hint", () => wasFitted && showWhole());
+  on("cells", () => wasFitted && showWhole());
   new ResizeObserver(resized).observe(byId("stage"));
   resized();
 }
@@ -37,7 +40,7 @@ export function startStage() {
 /** Show the whole map beside the cards. */
 export function showWhole() {
   model.insets = insets();
-  fitMap(model.insets);
+  fitMap(model.insets, knownPart());
   wasFitted = true;
   viewChanged();
 }
@@ -84,7 +87,8 @@ function middle() {
 function insets() {
   const [panel, profile, title, tools] = ["panel", "profile", "title", "tools"].map((id) => byId(id).getBoundingClientRect());
   const top = Math.max(title.bottom, tools.width > tools.height ? tools.bottom : 0) + 14;
-  if (view.width < 700) return { left: 12, top, right: 12, bottom: view.height - panel.top + 26 };
+  const hint = byId("hint").getBoundingClientRect();
+  if (view.width < 700) return { left: 12, top: Math.max(top, hint.bottom + 12), right: 12, bottom: view.height - panel.top + 26 };
   const side = tools.width > tools.height ? 14 : tools.right + 18;
   return { left: side, top, right: view.width - panel.left + 18, bottom: view.height - profile.top + 24 };
 }

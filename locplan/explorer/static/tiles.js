@@ -4,14 +4,21 @@ import { view } from "./view.js";
 
 const EDGE = 512;
 const KEPT = 64;
+let known = null;
 let pyramid = []; // levels {cells, rows, cols}; row 0 on top; 0 unknown, 1 free, 2 occupied
 const tiles = new Map(); // key -> canvas, the newest last
 
 /** Take new cells and build the pyramid. */
 export function setCells(cells, rows, cols) {
   pyramid = [{ cells, rows, cols }];
+  known = knownBox(cells, rows, cols);
   while (Math.max(pyramid.at(-1).rows, pyramid.at(-1).cols) > EDGE) pyramid.push(halved(pyramid.at(-1)));
   dropTiles();
+}
+
+/** The part of the map that is not unknown: [column, row from the top, columns, rows]. */
+export function knownPart() {
+  return known;
 }
 
 /** Forget the drawn tiles, for instance where the colours changed. */
@@ -32,6 +39,7 @@ export function paintTiles(context, ratio) {
   const k = Math.max(0, Math.min(pyramid.length - 1, Math.floor(Math.log2(1 / (view.scale * ratio)) + 0.35)));
   const level = pyramid[k];
   const pixel = view.scale * 2 ** k;
+  const whole = (value) => Math.round(value * ratio) / ratio;
   context.imageSmoothingEnabled = pixel * ratio < 2.5;
   const step = EDGE * pixel;
   const lastColumn = Math.min(Math.ceil(level.cols / EDGE), Math.ceil((view.width - view.x) / step));
@@ -39,8 +47,24 @@ export function paintTiles(context, ratio) {
   for (let row = Math.max(0, Math.floor(-view.y / step)); row < lastRow; row++)
     for (let column = Math.max(0, Math.floor(-view.x / step)); column < lastColumn; column++) {
       const tile = tileOf(k, row, column);
-      context.drawImage(tile, view.x + column * step, view.y + row * step, tile.width * pixel, tile.height * pixel);
+      const [x, y] = [view.x + column * step, view.y + row * step];
+      const [left, top] = [whole(x), whole(y)]; // whole pixels, so that no seam shows between tiles
+      context.drawImage(tile, left, top, whole(x + tile.width * pixel) - left, whole(y + tile.height * pixel) - top);
     }
+}
+
+function knownBox(cells, rows, cols) {
+  let [left, right, top, bottom] = [cols, -1, rows, -1];
+  for (let row = 0; row < rows; row++) {
+    const line = cells.subarray(row * cols, (row + 1) * cols);
+    const first = line.findIndex(Boolean);
+    if (first < 0) continue;
+    left = Math.min(left, first);
+    right = Math.max(right, line.findLastIndex(Boolean));
+    top = Math.min(top, row);
+    bottom = row;
+  }
+  return right < 0 ? [0, 0, cols, rows] : [left, top, right + 1 - left, bottom + 1 - top];
 }
 
 function halved({ cells, rows, cols }) {

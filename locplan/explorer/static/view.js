@@ -62,14 +62,14 @@ export function zoomAt(px, py, factor) {
   panBy(0, 0);
 }
 
-/** Show the whole map between insets {left, top, right, bottom} in pixels. */
-export function fitMap(insets) {
-  const { rows, cols } = model.about.map;
+/** Show a part of the map, or all of it, between insets {left, top, right, bottom} in pixels. */
+export function fitMap(insets, part) {
+  const [column, down, cols, rows] = part ?? [0, 0, model.about.map.cols, model.about.map.rows];
   const wide = Math.max(60, view.width - insets.left - insets.right);
   const high = Math.max(60, view.height - insets.top - insets.bottom);
   view.scale = Math.min(wide / cols, high / rows, MOST / 4);
-  view.x = insets.left + (wide - cols * view.scale) / 2;
-  view.y = insets.top + (high - rows * view.scale) / 2;
+  view.x = insets.left + (wide - cols * view.scale) / 2 - column * view.scale;
+  view.y = insets.top + (high - rows * view.scale) / 2 - down * view.scale;
 }
 
 /** A length of 1, 2 or 5 times a power of ten that takes at most `most` pixels: {metres, pixels}. */
