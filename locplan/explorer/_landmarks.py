@@ -124,6 +124,8 @@ def landmarks_of(
     if drives != 0:
         whole("drives", drives, 2, MOST_DRIVES)
     aware, _ = view.paths()
+    told = progress or (lambda done, total: None)
+    told(0, count)
     made = place_landmarks(
         view.grid,
         kind,
@@ -134,13 +136,11 @@ def landmarks_of(
         disturbances=disturbances,
         robot_radius=view.costs.robot_radius,
         threads=threads,
-        progress=progress,
+        progress=told,
     )
     verification = None
     if drives and len(made):
-        verification = made.verify(
-            drives, seed=seed, random_sets=1, threads=threads, progress=progress
-        )
+        verification = made.verify(drives, seed=seed, random_sets=1, threads=threads, progress=told)
     return ProposedLandmarks(made, verification)
 
 

@@ -165,7 +165,8 @@ def simulated(
     threads : int, optional
         Number of threads; all cores by default.
     progress : callable, optional
-        Called with (done, total) drives; what it raises ends the work.
+        Called with (done, total) drives, first once the path shown is planned; what it raises ends
+        the work.
 
     Raises
     ------
@@ -183,7 +184,7 @@ def simulated(
         "drives": count,
         "seed": seed,
         "threads": threads,
-        "progress": progress,
+        "progress": progress or (lambda done, total: None),
     }
     return _compared(view, asked) if view.via else _chosen(view, asked)
 
@@ -208,6 +209,7 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
 def _chosen(view: View, asked: Mapping[str, Any]) -> Simulated:
     """The choice among all candidates."""
     aware, shortest = view.paths()
+    asked["progress"](0, asked["drives"])
     # The shortest path is a candidate anyway: the same way would only be driven twice.
     own = {} if is_one_way(shortest, aware) else {PATH_SHOWN: aware}
     ends = view.start, view.goal
@@ -227,6 +229,7 @@ def _chosen(view: View, asked: Mapping[str, Any]) -> Simulated:
 def _compared(view: View, asked: Mapping[str, Any]) -> Simulated:
     """The verdict on the aware path and the shortest one through the waypoints."""
     plans = view.plans()
+    asked["progress"](0, asked["drives"])
     found = verdict(view.costs, plans, **asked)
     if found is None:
         return Simulated("no path leads over the waypoints to the goal", None, (), 0)
