@@ -67,6 +67,16 @@ def test_the_front_is_answered(session):
     assert told["complete"] is True
 
 
+def test_a_front_without_paths_is_refused_with_the_reason(session, monkeypatch):
+    from locplan.explorer import _front
+
+    for status, why in (("timeout", "within 5"), ("unreachable", "no path joins")):
+        empty = _front.Front((), None, 0, np.inf, status)
+        monkeypatch.setattr(_front, "front_of", lambda *_, found=empty, **__: found)
+        with pytest.raises(ConfigError, match=why):
+            answered(session, "front", **WAY)
+
+
 def test_a_simulation_is_answered_with_intervals_and_profiles(session):
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=3)
     assert told["chosen"] in {each["name"] for each in told["candidates"]}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import positive
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
+from locplan.errors import ConfigError
 from locplan.explorer._view import View, given, rounded
 from locplan.planners import ParetoFront, pareto_front
 
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from locplan.explorer._session import Session
     from locplan.explorer._wire import Ask
 
-SECONDS = 5.0
-"""Time limit of a front by default, for all legs together [s]."""
+SECONDS, SECONDS_PER_CELL = 5.0, 1e-6
+"""Time limit of a front by default, for all legs together [s], and how it grows with the map."""
 LONGEST_SECONDS = 60.0
 """Greatest time limit that can be asked for [s]."""
 SHOWN = 60
@@ -106,8 +107,8 @@ def front_of(
     view : View
         The way; its weight does not matter.
     time_limit : float
-        Time for all legs together [s], up to 60. The greatest error that a search cut short can
-        have is told.
+        Time for all legs together [s]; more than 60 counts as 60. The greatest error that a search
+        cut short can have is told.
     progress : callable, optional
         Called with (done, total) legs; what it raises ends the work.
 
@@ -150,8 +151,15 @@ def front_of(
 
 def front(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Answer the ask for the front of the way shown."""
-    seconds = given(ask.number("time_limit", 0.1, LONGEST_SECONDS), SECONDS)
-    return front_of(session.view(ask), time_limit=seconds, progress=work.progress).summary()
+    view = session.view(ask)
+    usual = min(SECONDS + SECONDS_PER_CELL * view.grid.cells.size, LONGEST_SECONDS)
+    seconds = given(ask.number("time_limit", 0.1, LONGEST_SECONDS), usual)
+    found = front_of(view, time_limit=seconds, progress=work.progress)
+    if found.status == "timeout":
+        raise ConfigError(f"no path was found within {seconds:.3g} s; ask for places closer by")
+    if not found.points:
+        raise ConfigError("no path joins start and goal; move one of them")
+    return found.summary()
 
 
 def _summed(legs: Sequence[ParetoFront]) -> tuple[Numbers, Numbers, NDArray[np.int64], bool]:
