@@ -33,22 +33,33 @@ class Entry:
 
     handler: str
     """Module and function of the answer; imported when it is first asked for."""
-    lane: Literal["look", "plan", "edit", "work", "long"]
+    lane: Literal["look", "plan", "slow", "edit", "work", "long"]
     """The lane that answers one question after the other, and never waits for another lane."""
     each: bool = False
     """True if each question is answered; otherwise the newest one waiting wins."""
+    slow: str = ""
+    """Module and function that tell whether a question is to be answered in a lane of its own."""
 
     def load(self) -> Handler:
         """The function that answers."""
-        module, _, name = self.handler.partition(":")
-        found: Handler = getattr(import_module(module), name)
+        found: Handler = _function(self.handler)
         return found
+
+    def lane_of(self, session: Session, ask: Ask) -> str:
+        """The lane of a question."""
+        return "slow" if self.slow and _function(self.slow)(session, ask) else self.lane
+
+
+def _function(name: str) -> Any:
+    """The function of a name such as module:function."""
+    module, _, name = name.partition(":")
+    return getattr(import_module(module), name)
 
 
 ASKS: dict[str, Entry] = {
-    "plan": Entry("locplan.explorer._plans:plan", "plan"),
+    "plan": Entry("locplan.explorer._plans:plan", "plan", slow="locplan.explorer._plans:is_slow"),
     "at": Entry("locplan.explorer._points:at", "look"),
-    "idle": Entry("locplan.explorer._plans:idle", "plan"),
+    "idle": Entry("locplan.explorer._plans:idle", "slow"),
     "configure": Entry("locplan.explorer._configure:configure", "work"),
     "edit": Entry("locplan.explorer._edits:edit", "edit", each=True),
     "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),

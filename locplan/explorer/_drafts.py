@@ -82,10 +82,12 @@ def drafted(
     weights: tuple[float, float],
     held: int | None,
     check: Callable[[], None],
+    halved: Costmap,
 ) -> tuple[PathAnswer, PathAnswer | None] | None:
     """Drafts of the shortest and the aware path at two weights; None where there are none.
 
-    The aware one is None before there is a field.
+    The aware one is None before there is a field. They are measured on the costmap at the second
+    weight, of half the cost.
     """
     answers: list[PathAnswer] = []
     for weight in weights if scene.field is not None else weights[:1]:
@@ -93,8 +95,7 @@ def drafted(
         path = _over(session, scene, stops, weight, held)
         if path is None:
             return None
-        costs = session.costs(weights[1], scene) if scene.field is not None else scene.costs
-        answers.append(path_answer(costs, scene, path))
+        answers.append(path_answer(halved, scene, path))
     return answers[0], (answers[1] if len(answers) > 1 else None)
 
 
@@ -105,7 +106,8 @@ def _over(
     key = ("coarse", scene.serial, weight)
 
     def make() -> Coarse:
-        return Coarse.of(scene.costs if scene.field is None else session.costs(weight, scene))
+        costs = scene.costs
+        return Coarse.of(costs if scene.field is None else costs.with_weight(weight))
 
     coarse = session.kept.made(key, make, lambda made: made.bytes)
     legs: list[Path] = []

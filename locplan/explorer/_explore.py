@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import threading
 import webbrowser
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, whole
 from locplan._util.extras import needed
 from locplan.costs import ROBOT_RADIUS
+from locplan.errors import LocplanError
 from locplan.explorer._notebook import frame_html, in_notebook
 from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar, Sad, Scan
 from locplan.field._config import config_of
@@ -19,6 +22,7 @@ from locplan.maps import OccupancyGrid, check_grid
 if TYPE_CHECKING:
     from locplan.explorer._scene import Opening
     from locplan.explorer._server import Server
+    from locplan.explorer._session import Session
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Libraries of the extra "explore"."""
@@ -178,4 +182,15 @@ def opened(
     server = Server(session, port, framed=framed)
     server.start()
     session.upkeep.begin(field)
+    threading.Thread(target=_warm_up, args=(session,), daemon=True).start()
     return Explorer(server)
+
+
+def _warm_up(session: Session) -> None:
+    """Find the first ends and load the kernels, while the browser loads the page."""
+    from locplan.explorer._state import ends
+    from locplan.planners import AnyAngle
+
+    with suppress(LocplanError):  # the page's own questions tell what is wrong
+        ends(session)
+    AnyAngle().prepare()

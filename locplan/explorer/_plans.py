@@ -7,19 +7,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from locplan.costs import Costmap, Path
+from locplan.costs import Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
 from locplan.explorer._drafts import drafted
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
-from locplan.explorer._searches import Flood, index_of
-from locplan.explorer._session import Session
+from locplan.explorer._searches import Flood, Halved, index_of
+from locplan.explorer._session import KEPT_BYTES, Session
 from locplan.explorer._snap import snapped
 from locplan.explorer._wire import Ask
 from locplan.planners import AnyAngle, Position
 from locplan.planners._any_angle import any_angle_path
-from locplan.planners._grid import Bordered
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -100,7 +99,9 @@ def planned(
     scene = session.scene
     placed = snapped(session.parts(scene), stops, held)
     if draft and max(scene.costs.grid.shape) > DRAFT_CELLS:
-        found = drafted(session, scene, placed, (SHORTEST_WEIGHT, weight), held, check)
+        weights = SHORTEST_WEIGHT, weight
+        halved = _halved(session, scene, weight if scene.field else SHORTEST_WEIGHT).costs
+        found = drafted(session, scene, placed, weights, held, check, halved)
         if found is not None:
             return PlanAnswer(tuple(placed), True, *found)
     shortest = _over(session, scene, placed, SHORTEST_WEIGHT, held, check)
@@ -110,11 +111,11 @@ def planned(
         return PlanAnswer(tuple(placed), False, None, None, why)
     if scene.field is None:
         why = "the field is still being computed"
-        answer = path_answer(scene.costs, scene, shortest)
+        answer = path_answer(_halved(session, scene, SHORTEST_WEIGHT).costs, scene, shortest)
         return PlanAnswer(tuple(placed), False, answer, None, why)
-    costs = session.costs(weight, scene)
     aware = _over(session, scene, placed, weight, held, check)
     check()
+    costs = _halved(session, scene, weight).costs
     answers = [path_answer(costs, scene, path) for path in (shortest, aware) if path]
     # Any-angle paths are improved from two beginnings, and the better one of the two counts.
     best = min(answers, key=lambda one: one.length), min(answers, key=lambda one: one.cost)
@@ -126,11 +127,20 @@ def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     scene, weight = session.scene, session.weight_of(ask)
     stops = [ask.position("start"), *ask.positions("via"), ask.position("goal")]
     placed = snapped(session.parts(scene), stops)
+    weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
+    halved = [_halved(session, scene, each) for each in weights]
     for stop in (placed[0], placed[-1]):
-        for each in (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,):
+        if session.kept.bytes + sum(each.bordered.half.nbytes for each in halved) > KEPT_BYTES:
+            break  # one search would only push out another
+        for each in weights:
             work.cancel.check()
             _flood(session, scene, each, stop)
     return {"ok": True}
+
+
+def is_slow(session: Session, ask: Ask) -> bool:
+    """Whether a plan takes so long that drafts must not wait for it."""
+    return max(session.grid.shape) > DRAFT_CELLS and ask.values.get("draft") is not True
 
 
 def held_stop(ask: Ask, count: int) -> int | None:
@@ -173,7 +183,8 @@ def _leg(
     moving: str | None,
 ) -> Path | None:
     """The any-angle path of a leg, of which one end may be moving; None if there is none."""
-    costs, bordered = _costs(session, scene, weight), _bordered(session, scene, weight)
+    halved = _halved(session, scene, weight)
+    costs, bordered = halved.costs, halved.bordered
     if moving == "start":
         cells = _flood(session, scene, weight, goal).cells_to(index_of(costs, start))
         if cells is None:
@@ -195,15 +206,15 @@ def _leg(
     return path
 
 
-def _costs(session: Session, scene: Scene, weight: float) -> Costmap:
+def _halved(session: Session, scene: Scene, weight: float) -> Halved:
     """The costmap at a weight, or the blank one before there is a field."""
-    return scene.costs if scene.field is None else session.costs(weight, scene)
 
+    def make() -> Halved:
+        costs = scene.costs
+        return Halved.of(costs if scene.field is None else costs.with_weight(weight))
 
-def _bordered(session: Session, scene: Scene, weight: float) -> Bordered:
-    key = ("bordered", scene.serial, weight)
-    costs = _costs(session, scene, weight)
-    return session.kept.made(key, lambda: Bordered.of(costs), lambda made: made.half.nbytes)
+    key = ("halved", scene.serial, weight)
+    return session.kept.made(key, make, lambda made: made.bordered.half.nbytes)
 
 
 def _flood_key(scene: Scene, weight: float, source: int) -> tuple[object, ...]:
@@ -212,7 +223,9 @@ def _flood_key(scene: Scene, weight: float, source: int) -> tuple[object, ...]:
 
 def _flood(session: Session, scene: Scene, weight: float, end: Position) -> Flood:
     """The search from an end of a leg, which is kept."""
-    bordered = _bordered(session, scene, weight)
-    source = index_of(_costs(session, scene, weight), end)
+    halved = _halved(session, scene, weight)
+    source = index_of(halved.costs, end)
     key = _flood_key(scene, weight, source)
-    return session.kept.made(key, lambda: Flood.of(bordered, source), lambda made: made.cost.nbytes)
+    return session.kept.made(
+        key, lambda: Flood.of(halved.bordered, source), lambda made: made.cost.nbytes
+    )

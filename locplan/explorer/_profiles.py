@@ -52,7 +52,7 @@ class PathAnswer:
 
 
 def path_answer(costs: Costmap, scene: Scene, path: Path) -> PathAnswer:
-    """Measure a path on a costmap of a scene, and read what lies along it."""
+    """Measure a path on a scene's costmap of half the cost, and read what lies along it."""
     from locplan._kernels.rays import cells_along
 
     metrics = path_metrics(costs, path)
@@ -75,7 +75,7 @@ def path_answer(costs: Costmap, scene: Scene, path: Path) -> PathAnswer:
         path.xy,
         metrics.length,
         metrics.integrated_u,
-        metrics.cost,
+        2 * metrics.cost,
         metrics.integrated_e,
         mean,
         float(sigma[known].max()) if known.any() else float("nan"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -65,6 +66,27 @@ class Kept:
         with self._lock:
             for key in [key for key in self._results if not unless(key)]:
                 self._bytes -= self._results.pop(key)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Halved:
+    """A costmap at half of its cost, which shares its memory with what the searches take.
+
+    The same path is the cheapest, and twice its cost is exactly that on the whole costmap.
+    """
+
+    costs: Costmap
+    """The costmap, with half of its density."""
+    bordered: Bordered
+    """The same as the searches take it."""
+
+    @classmethod
+    def of(cls, costs: Costmap) -> Halved:
+        """Halve a costmap."""
+        bordered = Bordered.of(costs)
+        inner = bordered.half.reshape(-1, bordered.columns)[1:-1, 1:-1]
+        inner.setflags(write=False)
+        return cls(dataclasses.replace(costs, density=inner), bordered)
 
 
 @dataclass(frozen=True, eq=False)

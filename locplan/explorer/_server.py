@@ -100,7 +100,7 @@ class Server:
         self._server.run(sockets=[self._listening])
 
     def _routes(self) -> Starlette:
-        return Starlette(
+        app = Starlette(
             routes=[
                 Route("/", self._index),
                 Route("/static/{name}", self._static),
@@ -112,6 +112,8 @@ class Server:
                 WebSocketRoute("/socket", self._socket),
             ]
         )
+        app.router.redirect_slashes = False
+        return app
 
     async def _index(self, request: Request) -> Response:
         return self._file(request, "index.html") or Response(PLACEHOLDER, media_type="text/html")

@@ -23,9 +23,9 @@ from locplan.field import CovarianceField, Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import Position
 
-KEPT_BYTES = 420e6
-"""Bytes of costmaps and searches that are kept."""
-KEPT_FILES = 40e6
+KEPT_BYTES = 540e6
+"""Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two of each."""
+KEPT_FILES = 80e6
 """Bytes of textures and files to download that are kept."""
 GREATEST_WEIGHT = 1000.0
 """Greatest weight that the page can ask for."""
@@ -60,10 +60,10 @@ class Session:
         self.history = History()
         self.busy: Busy | None = None
         self.changing = threading.RLock()
+        self.opening_ends = threading.Lock()
         self.listeners: list[Listener] = []
         blank = Costmap.blank(grid, robot_radius=opening.robot_radius)
         self.scene = Scene(blank, None, True, 0)
-        self._recent = [self.scene]
         self.saved, self.saved_as = grid, ""
         self.written: set[Path] = set()
         self.upkeep = Upkeep(self)
@@ -132,7 +132,6 @@ class Session:
         with self.changing:
             serial = self.scene.serial + 1
             self.scene = Scene(costs, field, whole, serial)
-            self._recent = [*self._recent[-3:], self.scene]
         self.kept.forget(lambda key: key[1] == serial)
         self.tell({"event": "state"})
 
@@ -179,10 +178,11 @@ class Session:
         return View(costs.grid, scene.field, costs, self.lidar, start, goal, tuple(via))
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
-        """The layers of a recent scene by its digest; None if there is no such scene."""
-        scene = next((each for each in self._recent if each.digest == digest), None)
-        if scene is None or scene.field is None:
-            return None
+        """The layers of the scene by its digest, or of one shortly before; None without them."""
+        scene = self.scene
+        if scene.digest != digest or scene.field is None:
+            before: Mapping[str, Texture] | None = self.files.get(("textures", digest))
+            return before
         found: CovarianceField = scene.field
         return self.files.made(
             ("textures", digest),

@@ -21,7 +21,7 @@ from locplan.explorer._wire import Ask, Unanswerable, read_ask
 
 MOST_WAITING = 100
 """Greatest number of questions of one socket that wait for their answers."""
-LANES = ("look", "plan", "edit", "work", "long")
+LANES = ("look", "plan", "slow", "edit", "work", "long")
 """Kinds of work; each has a thread, so that none waits for another kind."""
 CANCEL = "cancel"
 
@@ -107,7 +107,7 @@ class Link:
         entry, overtaken = ASKS[ask.do], _Overtaken(self._newest, ask.do, turn, cancel)
         work = Work(self._progress(ask.id, cancel), overtaken)
         try:
-            lane = self._lanes[entry.lane]
+            lane = self._lanes[entry.lane_of(self._session, ask)]
             told = await self._loop.run_in_executor(lane, self._work, ask, work)
         except Cancelled:
             told = {"cancelled": True} if cancel.cancelled else {"stale": True}

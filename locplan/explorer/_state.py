@@ -86,7 +86,8 @@ def ends(session: Session) -> tuple[list[float] | None, list[float] | None]:
     opening = session.opening
     if opening.start and opening.goal:
         return list(opening.start[:2]), list(opening.goal[:2])
-    found = session.files.made(("ends",), lambda: _far_apart(session), lambda _: 100)
+    with session.opening_ends:  # the pages that open at once wait for one search
+        found = session.files.made(("ends",), lambda: _far_apart(session), lambda _: 100)
     start, goal = opening.start or found[0], opening.goal or found[1]
     return (start and list(start[:2])), (goal and list(goal[:2]))
 
