@@ -10,7 +10,7 @@ import { paintProbe } from "./probe.js";
 import { paintAlong } from "./profile.js";
 import { paintCandidates } from "./simulating.js";
 import { model } from "./store.js";
-import { haloedDot, haloedPath } from "./strokes.js";
+import { haloedDot, haloedPath, haloedStroke } from "./strokes.js";
 import { metres } from "./text.js";
 import { palette } from "./theme.js";
 import { paintTwins } from "./twins.js";
@@ -18,64 +18,60 @@ import { scaleBar, screenOf, view } from "./view.js";
 
 /** Name the overlay as a part to be painted. */
 export function startOverlay() {
-  paints("overlay", paintOverlay);
-  paints("scale", paintScale);
+	paints("overlay", paintOverlay);
+	paints("scale", paintScale);
 }
 
-/** Draw paths and marks on a context; the cursor's own marks are left out of pictures. */
-export function drawOverlay(context, isPicture = false) {
-  const { aware, shortest } = model.plan ?? {};
-  const faint = model.simulated ? 0 : 1;
-  if (faint) haloedPath(context, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
-  if (faint) haloedPath(context, aware?.xy, { colour: palette.teal, width: 4 });
-  paintPreview(context);
-  paintCandidates(context);
-  paintDrive(context);
-  paintTwins(context);
-  paintLandmarks(context);
-  if (isPicture) return;
-  paintSnap(context);
-  paintStrokes(context);
-  paintAlong(context);
-  paintProbe(context);
-  paintCross(context);
+/** Draw paths and marks on a pen; the cursor's own marks are left out of pictures. */
+export function drawOverlay(pen, isPicture = false) {
+	const { aware, shortest } = model.plan ?? {};
+	const faint = model.simulated ? 0 : 1;
+	if (faint) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
+	if (faint) haloedPath(pen, aware?.xy, { colour: palette.teal, width: 4 });
+	paintPreview(pen);
+	paintCandidates(pen);
+	paintDrive(pen);
+	paintTwins(pen);
+	paintLandmarks(pen);
+	if (isPicture) return;
+	paintSnap(pen);
+	paintStrokes(pen);
+	paintAlong(pen);
+	paintProbe(pen);
+	paintCross(pen);
 }
 
 function paintOverlay() {
-  const canvas = byId("overlay");
-  const ratio = canvas.width / view.width;
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, view.width, view.height);
-  drawOverlay(context);
-  placeMarkers();
+	const canvas = byId("overlay");
+	const ratio = canvas.width / view.width;
+	const pen = canvas.getContext("2d");
+	pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+	pen.clearRect(0, 0, view.width, view.height);
+	drawOverlay(pen);
+	placeMarkers();
 }
 
 // While a marker is held inside a wall, a ring shows where the server lets the path begin.
-function paintSnap(context) {
-  if (!model.held || !model.plan) return;
-  const snapped = model.held.startsWith("via:") ? model.plan.via?.[Number(model.held.slice(4))] : model.plan[model.held];
-  if (snapped) haloedDot(context, ...screenOf(...snapped), 4, palette.quiet);
+function paintSnap(pen) {
+	if (!model.held || !model.plan) return;
+	const snapped = model.held.startsWith("via:") ? model.plan.via?.[Number(model.held.slice(4))] : model.plan[model.held];
+	if (snapped) haloedDot(pen, ...screenOf(...snapped), 4, palette.quiet);
 }
 
 // The keyboard's cursor: the middle of the map.
-function paintCross(context) {
-  if (!model.cross) return;
-  const [px, py] = model.cross;
-  for (const [colour, width] of [[palette.halo, 4], [palette.ink, 1.5]]) {
-    context.beginPath();
-    context.moveTo(px - 12, py);
-    context.lineTo(px + 12, py);
-    context.moveTo(px, py - 12);
-    context.lineTo(px, py + 12);
-    context.lineWidth = width;
-    context.strokeStyle = colour;
-    context.stroke();
-  }
+function paintCross(pen) {
+	if (!model.cross) return;
+	const [px, py] = model.cross;
+	pen.beginPath();
+	pen.moveTo(px - 12, py);
+	pen.lineTo(px + 12, py);
+	pen.moveTo(px, py - 12);
+	pen.lineTo(px, py + 12);
+	haloedStroke(pen, palette.ink, 1.5);
 }
 
 function paintScale() {
-  const bar = scaleBar(view.width < 700 ? 90 : 130);
-  byId("scale-bar").style.width = `${bar.pixels.toFixed(1)}px`;
-  byId("scale-bar").firstElementChild.textContent = bar.metres < 1 ? `${Math.round(100 * bar.metres)} cm` : metres(bar.metres, 0);
+	const bar = scaleBar(view.width < 700 ? 90 : 130);
+	byId("scale-bar").style.width = `${bar.pixels.toFixed(1)}px`;
+	byId("scale-bar").firstElementChild.textContent = bar.metres < 1 ? `${Math.round(100 * bar.metres)} cm` : metres(bar.metres, 0);
 }

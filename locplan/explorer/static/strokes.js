@@ -2,51 +2,59 @@
 import { palette } from "./theme.js";
 import { screenOf } from "./view.js";
 
-/** Trace a polyline of world points on a context. */
-export function tracePath(context, xy) {
-  context.beginPath();
-  xy.forEach(([x, y], k) => {
-    const [px, py] = screenOf(x, y);
-    if (k) context.lineTo(px, py);
-    else context.moveTo(px, py);
-  });
+/** Trace a polyline of world points on a pen. */
+export function tracePath(pen, xy) {
+	pen.beginPath();
+	xy.forEach(([x, y], k) => {
+		const [px, py] = screenOf(x, y);
+		if (k) pen.lineTo(px, py);
+		else pen.moveTo(px, py);
+	});
+}
+
+/** Trace a circle. */
+export function traceDisc(pen, px, py, radius) {
+	pen.beginPath();
+	pen.arc(px, py, radius, 0, 2 * Math.PI);
+}
+
+/** Stroke what was traced, with a halo. */
+export function haloedStroke(pen, colour, width, dash = [], halo = 2) {
+	pen.strokeStyle = palette.halo;
+	pen.lineWidth = width + halo;
+	pen.stroke();
+	pen.strokeStyle = colour;
+	pen.lineWidth = width;
+	pen.setLineDash(dash);
+	pen.stroke();
+	pen.setLineDash([]);
 }
 
 /** Stroke a path with a halo. */
-export function haloedPath(context, xy, { colour, width = 3.5, dash = [], faint = 1 }) {
-  if (!xy?.length) return;
-  context.save();
-  context.lineJoin = "round";
-  context.lineCap = dash.length ? "butt" : "round";
-  context.globalAlpha = faint;
-  tracePath(context, xy);
-  context.strokeStyle = palette.halo;
-  context.lineWidth = width + 3.5;
-  context.stroke();
-  context.strokeStyle = colour;
-  context.lineWidth = width;
-  context.setLineDash(dash);
-  context.stroke();
-  context.restore();
+export function haloedPath(pen, xy, { colour, width = 3.5, dash = [] }) {
+	if (!xy?.length) return;
+	pen.lineJoin = "round";
+	pen.lineCap = dash.length ? "butt" : "round";
+	tracePath(pen, xy);
+	haloedStroke(pen, colour, width, dash, 3.5);
 }
 
 /** A dot with a halo at a screen place. */
-export function haloedDot(context, px, py, radius, colour) {
-  context.beginPath();
-  context.arc(px, py, radius, 0, 2 * Math.PI);
-  context.fillStyle = colour;
-  context.fill();
-  context.lineWidth = 2.5;
-  context.strokeStyle = palette.halo;
-  context.stroke();
+export function haloedDot(pen, px, py, radius, colour) {
+	traceDisc(pen, px, py, radius);
+	pen.fillStyle = colour;
+	pen.fill();
+	pen.lineWidth = 2.5;
+	pen.strokeStyle = palette.halo;
+	pen.stroke();
 }
 
 /** A number in a disc at a screen place. */
-export function numberedDot(context, px, py, text, colour) {
-  haloedDot(context, px, py, 10, colour);
-  context.fillStyle = palette.halo;
-  context.font = "600 12px system-ui, sans-serif";
-  context.textAlign = "center";
-  context.textBaseline = "middle";
-  context.fillText(text, px, py + 0.5);
+export function numberedDot(pen, px, py, text, colour) {
+	haloedDot(pen, px, py, 10, colour);
+	pen.fillStyle = palette.halo;
+	pen.font = "600 12px system-ui, sans-serif";
+	pen.textAlign = "center";
+	pen.textBaseline = "middle";
+	pen.fillText(text, px, py + 0.5);
 }

@@ -1,5 +1,5 @@
 // Light and dark: follows the system until a person chooses, and hands the canvases their colours.
-import { byId, remember, remembered } from "./dom.js";
+import { hear, remember, remembered } from "./dom.js";
 import { tell } from "./store.js";
 
 /** Colours that the canvases use, read from the style sheet. */
@@ -8,25 +8,25 @@ const NAMES = ["ground", "free", "wall", "ink", "halo", "teal", "teal-soft", "in
 
 /** Start with the remembered or the system's theme. */
 export function startTheme() {
-  const system = window.matchMedia("(prefers-color-scheme: dark)");
-  const follow = () => setTheme(remembered("theme") ?? (system.matches ? "dark" : "light"));
-  system.addEventListener("change", follow);
-  byId("theme").addEventListener("click", toggleTheme);
-  follow();
+	const system = window.matchMedia("(prefers-color-scheme: dark)");
+	const follow = () => setTheme(remembered("theme") ?? (system.matches ? "dark" : "light"));
+	system.addEventListener("change", follow);
+	hear("theme", "click", toggleTheme);
+	follow();
 }
 
 /** Turn light to dark or back, and remember it. */
 export function toggleTheme() {
-  const next = palette.theme === "dark" ? "light" : "dark";
-  remember("theme", next);
-  setTheme(next);
+	const next = palette.theme === "dark" ? "light" : "dark";
+	remember("theme", next);
+	setTheme(next);
 }
 
 /** Show a theme. */
 export function setTheme(theme) {
-  document.documentElement.dataset.theme = theme;
-  const style = getComputedStyle(document.documentElement);
-  palette.theme = theme;
-  for (const name of NAMES) palette[name] = style.getPropertyValue(`--${name}`).trim();
-  tell("theme");
+	document.documentElement.dataset.theme = theme;
+	const style = getComputedStyle(document.documentElement);
+	palette.theme = theme;
+	for (const name of NAMES) palette[name] = style.getPropertyValue(`--${name}`).trim();
+	tell("theme");
 }
