@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import changed
+from conftest import SHARED_DATA, changed
 from explorer_views import GOAL, LIDAR, MIDDLE, START, corridors, view
 
 import locplan
@@ -120,6 +120,18 @@ def test_a_drive_off_the_map_is_shown_without_deviations():
     grid = hall()
     away = drive_in(grid, 4).moved(500.0, 0.0, 0.0)
     assert shown_drive(away, grid, matched=True).summary()["sd"] == [None] * 4
+
+
+def test_real_scans_are_unlike_the_maps_of_other_sites():
+    logs, maps = SHARED_DATA / "carmen", SHARED_DATA / "rosmaps_carmen"
+    if not logs.is_dir() or not maps.is_dir():
+        pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
+    drive = RecordedDrive.read(logs / "seattle-corrected.log.gz").recording
+    share = {
+        site: shown_drive(drive, load_map(maps / site)).unlike.mean()
+        for site in ("seattle", "aces")
+    }
+    assert share["seattle"] < 0.05 < 0.9 < share["aces"]
 
 
 def test_a_drive_is_read_from_its_file(tmp_path):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SETTINGS = "settings.json"
 """File of a field's settings, where the command's options cannot say them."""
 UNSAVED = "The map has edits that are not saved: save it and name that file; these read the old one"
-NO_FILE = 'The map came from no file: locplan.save_map(grid, "map.yaml") writes one'
+NO_FILE = 'No file of this map is known: locplan.save_map(grid, "map.yaml") writes one'
 EXPORTED = {
     "locplan": ("FieldConfig", "Fisher", "Fused", "Lidar", "Sad", "Scan", "SearchWindow"),
     "locplan.field": ("Exponential", "InverseSquare"),
