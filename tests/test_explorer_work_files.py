@@ -139,6 +139,11 @@ def test_a_drive_is_read_from_its_file(tmp_path):
     drive = RecordedDrive.read(tmp_path / "tour.npz")
     about = {"name": "tour.npz", "duration": pytest.approx(1.2), "poses": 12, "scans": 12}
     assert drive.about() == about
+    assert RecordedDrive.of(tmp_path / "tour.npz").name == "tour.npz"
+    assert RecordedDrive.of(drive) is drive
+    assert RecordedDrive.of(drive_in(hall(), 12)).name == "recorded drive"
+    with pytest.raises(ConfigError, match="recording or its file"):
+        RecordedDrive.of(3)
     with pytest.raises(LocplanError, match="is not there"):
         RecordedDrive.read(tmp_path / "none.npz")
 

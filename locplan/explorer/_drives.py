@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import printable
+from locplan._util.checks import printable, shown
 from locplan._util.progress import ProgressCallback
-from locplan.errors import LocplanError
+from locplan.errors import ConfigError, LocplanError
 from locplan.maps import OccupancyGrid
 from locplan.recordings import Recording, match_scans, read_drive
 from locplan.recordings._fit import FITS, NEAR, NEAR_CELLS
@@ -135,6 +135,17 @@ class RecordedDrive:
         """Read a recorded drive from a file, see `locplan.recordings.read_drive`."""
         recording = read_drive(file, progress=progress)
         return cls(printable(FilePath(file).name), recording)
+
+    @classmethod
+    def of(cls, drive: RecordedDrive | Recording | str | os.PathLike[str]) -> RecordedDrive:
+        """A drive of a recording, or of its file; a ConfigError of anything else."""
+        if isinstance(drive, RecordedDrive):
+            return drive
+        if isinstance(drive, Recording):
+            return cls(printable(drive.source.file) or "recorded drive", drive)
+        if isinstance(drive, (str, os.PathLike)):
+            return cls.read(drive)
+        raise ConfigError(f"a drive must be a recording or its file, not {shown(drive)}")
 
     def about(self) -> dict[str, object]:
         """Name, duration and sizes, fit for JSON."""

@@ -60,7 +60,8 @@ def exported(
 ) -> Exported:
     """Write an export of a view, as `locplan export` does.
 
-    Nothing that is there is replaced without `force`: the export gets a number behind its name.
+    Nothing that is there is replaced without `force`: the export gets a number behind its name. The
+    writers have no progress, and take up to half a minute for a route graph.
     With it, a file is replaced, and a folder if it is an export of ours without changes.
 
     Parameters
@@ -83,7 +84,7 @@ def exported(
     """
     one_of("to", to, EXPORTS)
     if folder is None:
-        raise ConfigError("exports need a folder: start the explorer with --output FOLDER")
+        raise ConfigError("exports need a folder: start the explorer with --folder FOLDER")
     format = formats()[to]
     known = {each.name for each in dataclasses.fields(format.options)}
     if distro is not None:
