@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.explorer._snap import Parts
 from locplan.field import CovarianceField, FieldConfig, Lidar
 from locplan.planners import Position
 
@@ -75,6 +76,11 @@ class Scene:
         state = None if self.whole else self.serial
         text = json.dumps([self.costs.grid.digest, settings, state], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    @cached_property
+    def parts(self) -> Parts:
+        """The connected parts of the free space."""
+        return Parts.of(self.costs)
 
     @cached_property
     def log_deviation(self) -> NDArray[np.float64] | None:

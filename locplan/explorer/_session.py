@@ -155,9 +155,7 @@ class Session:
 
     def parts(self, scene: Scene | None = None) -> Parts:
         """The connected parts of the free space."""
-        scene = scene or self.scene
-        key = ("parts", scene.serial)
-        return self.kept.made(key, lambda: Parts.of(scene.costs), lambda made: made.labels.nbytes)
+        return (scene or self.scene).parts
 
     def weight_of(self, ask: Ask) -> float:
         """The weight of a question."""

@@ -11,13 +11,14 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from locplan._util.checks import whole
 from locplan._util.tables import finite
 from locplan.errors import LocplanError, one_line
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._session import Session
 from locplan.explorer._state import state
-from locplan.explorer._wire import Ask, Unanswerable, read_ask
+from locplan.explorer._wire import MAX_ID, Ask, Unanswerable, read_ask
 
 MOST_WAITING = 100
 """Greatest number of questions of one socket that wait for their answers."""
@@ -79,10 +80,7 @@ class Link:
         try:
             ask = read_ask(text, [*ASKS, CANCEL])
             if ask.do == CANCEL:
-                of = ask.whole("of", 0, 2**53)
-                if of in self._under_way:
-                    self._under_way[of].cancel()
-                await self._send({"re": ask.id, "ok": True})
+                await self._send(self._cancelled(ask))
                 return
             if len(self._under_way) >= MOST_WAITING:
                 raise Unanswerable("too many questions wait; ask again later", ask.id)
@@ -91,9 +89,6 @@ class Link:
         except Unanswerable as error:
             await self._send({"re": error.number, "error": str(error)})
             return
-        except LocplanError as error:
-            await self._send({"re": None, "error": str(error)})
-            return
         cancel, turn = Cancel(), next(self._turns)
         self._under_way[ask.id] = cancel
         if not ASKS[ask.do].each:
@@ -101,6 +96,16 @@ class Link:
         task = self._loop.create_task(self._answer(ask, cancel, turn))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    def _cancelled(self, ask: Ask) -> dict[str, Any]:
+        """Take a question back, and answer that."""
+        try:
+            number = whole("of", ask.values.get("of"), 0, MAX_ID)
+        except LocplanError as error:
+            return {"re": ask.id, "error": str(error)}
+        if number in self._under_way:
+            self._under_way[number].cancel()
+        return {"re": ask.id, "ok": True}
 
     async def _answer(self, ask: Ask, cancel: Cancel, turn: int) -> None:
         """Answer a question in its lane."""
