@@ -130,7 +130,7 @@ def landmarks_of(
         view.grid,
         kind,
         count,
-        paths={"path shown": aware},
+        paths={"shown": aware},
         lidar=view.simulated_lidar,
         amcl=amcl,
         disturbances=disturbances,
