@@ -16,6 +16,7 @@ from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._edits import Stroke, drawn as patch_of
 from locplan.explorer._plans import planned
+from locplan.explorer._points import clearance_at
 from locplan.explorer._scene import Opening
 from locplan.explorer._searches import Kept
 from locplan.explorer._session import Session
@@ -397,6 +398,17 @@ def test_a_place_has_the_covariance_of_the_field(session):
         cell = session.grid.world_to_cell(x, y)
         assert told["u"] == session.scene.costs.u[cell]
         assert told["clearance"] == session.grid.clearance[cell]
+    for x, y in free_places(session, 20, seed=3):
+        row, col = session.grid.world_to_cell(x, y)
+        plain = OccupancyGrid(session.grid.cells, 0.1)
+        assert "clearance" not in vars(plain)
+        assert (
+            clearance_at(plain, row, col)
+            == plain.clearance[row, col]
+            == clearance_at(plain, row, col)
+        )
+    nothing = OccupancyGrid(np.full((4, 4), FREE), 0.1)
+    assert math.isnan(clearance_at(nothing, 1, 1))
     far = answer(session, "at", x=-1e6, y=5.0)
     assert not far["known"]
     assert far["u"] is None

@@ -42,7 +42,11 @@ def explore(
     ] = None,
     via: Annotated[
         tuple[Text, ...],
-        Parameter(metavar="X,Y", help="The path visits this on its way at first [m]; repeatable."),
+        Parameter(
+            metavar="X,Y",
+            allow_leading_hyphen=True,
+            help="The path visits this on its way at first [m]; repeatable.",
+        ),
     ] = (),
     port: Annotated[
         int, Parameter(help="The page is served on this port of this machine; by default any.")

@@ -115,7 +115,7 @@ def explore(
     folder : path, optional
         Folder that the page may write maps and exports to; without it, it writes none.
     drives : sequence
-        Recorded drives to show, see `locplan.recordings`.
+        Recorded drives to show: recordings or their files, see `locplan.recordings.read_drive`.
 
     Returns
     -------
@@ -135,6 +135,7 @@ def explore(
     ...     page.address.startswith("http://127.0.0.1:")
     True
     """
+    from locplan.explorer._drives import RecordedDrive
     from locplan.explorer._scene import Opening
 
     check_grid(grid)
@@ -149,7 +150,7 @@ def explore(
         lidar=lidar or getattr(config.estimator, "lidar", None),
         robot_radius=robot_radius,
         folder=None if folder is None else Path(file_path("folder", folder)),
-        drives=tuple(drives),
+        drives=tuple(RecordedDrive.of(each) for each in drives),
     )
     framed = in_notebook()
     explorer = opened(grid, opening, port=port, field=field, framed=framed)

@@ -8,13 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from locplan._util.checks import FARTHEST, number
 from locplan._util.tables import finite
 from locplan.explorer._session import Session
 from locplan.explorer._wire import Ask
 from locplan.field import position_axes, scalar
+from locplan.maps import OCCUPIED, OccupancyGrid
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
+
+
+FAR = 5.0
+"""Greatest clearance that is told [m]."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class PointAnswer:
     e: float = math.nan
     """e [m^2 rad]."""
     clearance: float = math.nan
-    """Distance to the nearest occupied cell [m]."""
+    """Distance to the nearest occupied cell, up to 5 m [m]."""
 
 
 def point_answer(session: Session, x: float, y: float) -> PointAnswer:
@@ -48,7 +54,7 @@ def point_answer(session: Session, x: float, y: float) -> PointAnswer:
     cell = grid.world_to_cell(x, y)
     if not grid.contains(*cell):
         return PointAnswer(x, y)
-    clearance = float(grid.clearance[cell])
+    clearance = clearance_at(grid, *cell)
     if scene.field is None:
         return PointAnswer(x, y, clearance=clearance)
     covariance = scene.field.at(x, y)
@@ -68,7 +74,27 @@ def point_answer(session: Session, x: float, y: float) -> PointAnswer:
     )
 
 
+def clearance_at(grid: OccupancyGrid, row: int, col: int) -> float:
+    """Distance from a cell's centre to the nearest occupied cell's edge [m]; NaN beyond `FAR`.
+
+    Where it is near this is `OccupancyGrid.clearance`, without the array of the whole map.
+    """
+    if "clearance" in vars(grid):
+        near = float(grid.clearance[row, col])
+        return near if near <= FAR else math.nan
+    reach = math.ceil(FAR / grid.resolution) + 1
+    top, left = max(0, row - reach), max(0, col - reach)
+    window = grid.cells[top : row + reach + 1, left : col + reach + 1]
+    rows, cols = np.nonzero(window == OCCUPIED)
+    if not rows.size:
+        return math.nan
+    # In halves of a cell, from the centre to the edges of the others.
+    down, aside = np.maximum(2 * np.abs([rows + top - row, cols + left - col]) - 1, 0)
+    near = math.sqrt(int((down * down + aside * aside).min())) * (grid.resolution / 2)
+    return near if near <= FAR else math.nan
+
+
 def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Answer what is known about a place."""
-    x, y = ask.number("x", -1e8, 1e8), ask.number("y", -1e8, 1e8)
-    return finite(asdict(point_answer(session, x or 0.0, y or 0.0)))
+    x, y = (number(name, ask.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y"))
+    return finite(asdict(point_answer(session, x, y)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.tables import finite
-from locplan.costs import Costmap, Path, path_metrics
+from locplan.costs import Costmap, Path
 from locplan.explorer._scene import Scene
 from locplan.field._lattice import read_at
 
@@ -52,10 +52,13 @@ class PathAnswer:
 
 
 def path_answer(costs: Costmap, scene: Scene, path: Path) -> PathAnswer:
-    """Measure a path on a scene's costmap of half the cost, and read what lies along it."""
+    """Measure a path on a scene's costmap of half the cost, and read what lies along it.
+
+    The numbers are those of `locplan.costs.path_metrics`, which takes the clearance of the whole
+    map besides.
+    """
     from locplan._kernels.rays import cells_along
 
-    metrics = path_metrics(costs, path)
     rows, cols, lengths = cells_along(np.column_stack(costs.grid.world_to_grid(*path.xy.T)))
     if not lengths.size:  # a path within one position
         rows, cols = (np.array([v]) for v in costs.grid.world_to_cell(*path.xy[0]))
@@ -63,6 +66,7 @@ def path_answer(costs: Costmap, scene: Scene, path: Path) -> PathAnswer:
     rows, cols = (np.clip(i, 0, n - 1) for i, n in zip((rows, cols), costs.grid.shape, strict=True))
     lengths = lengths * costs.grid.resolution
     ends, u = np.cumsum(lengths), costs.u[rows, cols]
+    density = costs.density[rows, cols]
     sigma = np.full(len(u), np.nan)
     if scene.field is not None and scene.log_deviation is not None:
         sigma = 100 * np.exp(read_at(scene.log_deviation, rows, cols, scene.field.stride))
@@ -73,10 +77,10 @@ def path_answer(costs: Costmap, scene: Scene, path: Path) -> PathAnswer:
     mean = float(sigma[known] @ lengths[known] / way) if way else float("nan")
     return PathAnswer(
         path.xy,
-        metrics.length,
-        metrics.integrated_u,
-        2 * metrics.cost,
-        metrics.integrated_e,
+        path.length,
+        float(u @ lengths),
+        2 * float(density @ lengths) if np.isfinite(density).all() else float("inf"),
+        float(costs.e[rows, cols] @ lengths),
         mean,
         float(sigma[known].max()) if known.any() else float("nan"),
         ends[last],

@@ -6,7 +6,6 @@ from typing import Any
 
 from locplan import __version__
 from locplan._util.tables import finite
-from locplan.errors import LocplanError
 from locplan.explorer._scene import Scene
 from locplan.explorer._session import GREATEST_WEIGHT, Session
 from locplan.field import ESTIMATORS, PRESETS
@@ -44,7 +43,7 @@ def about(session: Session) -> dict[str, Any]:
         "lidars": [_lidar(name, preset) for name, preset in PRESETS.items()],
         "distros": list(DISTRIBUTIONS),
         "can": {"export": writes, "save": writes, "twins": available(), "landmarks": True},
-        "drives": _drives(session),
+        "drives": [each.about() for each in session.drives],
         "max_weight": GREATEST_WEIGHT,
         "robot_radius": session.robot_radius,
     }
@@ -144,13 +143,3 @@ def _lidar(name: str, preset: Preset) -> dict[str, Any]:
         "field_of_view_deg": preset.field_of_view_deg,
         "robot": name in ROBOTS,
     }
-
-
-def _drives(session: Session) -> list[dict[str, Any]]:
-    told = []
-    for drive in session.drives:
-        try:
-            told.append(drive.about())
-        except (AttributeError, LocplanError):
-            continue
-    return told

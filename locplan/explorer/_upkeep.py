@@ -126,7 +126,6 @@ class Upkeep:
                 threads=opening.threads,
                 progress=progress,
             )
-        _ = grid.clearance  # paths need it, and it takes most memory before there are costs
         costs = session.costmap_of(field)
         cancel.check()
         self._known = Patchwork(field, field.evaluated | field.lacking, costs)
