@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.explorer._scene import Scene
-from locplan.field._lattice import read_at
+from locplan.field._lattice import read_known_at
 
 STEPS = 400
 """Greatest number of steps of a profile."""
@@ -69,7 +69,8 @@ def path_answer(costs: Costmap, scene: Scene, path: Path) -> PathAnswer:
     density = costs.density[rows, cols]
     sigma = np.full(len(u), np.nan)
     if scene.field is not None and scene.log_deviation is not None:
-        sigma = 100 * np.exp(read_at(scene.log_deviation, rows, cols, scene.field.stride))
+        log = read_known_at(*scene.log_deviation, rows, cols, scene.field.stride)
+        sigma = 100 * np.exp(log)
     first = np.unique(np.linspace(0, len(ends), min(len(ends), STEPS), endpoint=False).astype(int))
     last = np.append(first[1:], len(ends)) - 1
     known = ~np.isnan(sigma)

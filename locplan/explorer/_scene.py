@@ -83,13 +83,18 @@ class Scene:
         return Parts.of(self.costs)
 
     @cached_property
-    def log_deviation(self) -> NDArray[np.float64] | None:
-        """Logarithm of the position's largest deviation [m] on the lattice; None without one."""
+    def log_deviation(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Logarithm of the largest position deviation [m] on the lattice, and 1 where it is known.
+
+        Both are 0 elsewhere, and there are none without a field.
+        """
         if self.field is None:
             return None
         with np.errstate(divide="ignore"):
             values = np.log(self.field.scalar("position_std", headings="mean"))
-        return self.field.on_lattice(values)
+        values = self.field.on_lattice(values)
+        known = ~np.isnan(values)
+        return np.where(known, values, 0.0), known.astype(np.float64)
 
 
 @dataclass(frozen=True)
