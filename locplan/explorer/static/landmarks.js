@@ -28,8 +28,7 @@ export function paintLandmarks(pen) {
 	});
 }
 
-/** Take the ghosts away. */
-export function dropLandmarks(text) {
+function dropLandmarks(text) {
 	model.landmarks = null;
 	byId("landmarks-take").hidden = true;
 	write("landmarks-verdict", text);

@@ -2,8 +2,8 @@
 
 const lengths = new WeakMap();
 
-/** Length of a path from its start to each of its points [m]. */
-export function alongPath(xy) {
+// Length of a path from its start to each of its points [m].
+function alongPath(xy) {
 	let found = lengths.get(xy);
 	if (!found) {
 		found = [0];

@@ -95,7 +95,13 @@ export function cancel(kind) {
 	const lane = laneOf(kind);
 	lane.waiting?.resolve({ cancelled: true });
 	lane.waiting = null;
-	if (lane.current) transmit({ do: "cancel", id: ++lastId, of: lane.current.id });
+	interrupt(kind);
+}
+
+/** Cancel the question of a kind that is under way, if its content is such; the one waiting comes next. */
+export function interrupt(kind, isSuch = () => true) {
+	const { current } = laneOf(kind);
+	if (current && isSuch(current.content)) transmit({ do: "cancel", id: ++lastId, of: current.id });
 }
 
 /** Whether the server can be asked now. */

@@ -22,11 +22,6 @@ export function placeMarkers() {
 	for (const name of names) placeMarker(shown.get(name) ?? madeMarker(name), name);
 }
 
-/** Give the keyboard to a marker. */
-export function focusMarker(name) {
-	shown.get(name)?.focus();
-}
-
 function forgetMarker(name, button) {
 	if (document.activeElement === button) byId("overlay").focus();
 	button.remove();
@@ -115,5 +110,5 @@ function keyOnMarker(event, name) {
 /** Add a waypoint where the map was double-clicked or pressed long, and hold the keyboard there. */
 export function waypointAt(point) {
 	const index = addWaypoint(point);
-	if (index !== null) focusMarker(`via:${index}`);
+	if (index !== null) shown.get(`via:${index}`).focus();
 }

@@ -37,7 +37,7 @@ export function clearProbe() {
 }
 
 /** By how much ellipses are enlarged at this zoom: the greatest on the map stay readable. */
-export function ellipseFactor() {
+function ellipseFactor() {
 	return factorWithin(REACH / (greatestOf("sigma", 1) * perMetre()));
 }
 
@@ -108,7 +108,8 @@ function linesOf(probe) {
 		[`degeneracy ${probe.u.toFixed(2)}   e ${short(probe.e)} m² rad`, "quiet"],
 		[place + (Number.isFinite(probe.clearance) ? `   ${metres(probe.clearance, 2)} from an obstacle` : ""), "quiet"],
 	];
-	lines.push([`ellipse enlarged ${ellipseFactor()} ×, wedge ${wedgeFactor()} ×`, "quiet"]);
+	const enlarged = [["ellipse", ellipseFactor()], ["wedge", wedgeFactor()]].filter(([, factor]) => factor > 1);
+	if (enlarged.length) lines.push([enlarged.map(([what, factor]) => `${what} enlarged ${factor} ×`).join(", "), "quiet"]);
 	return lines;
 }
 

@@ -2,7 +2,7 @@
 import { byId, hear, write } from "./dom.js";
 import { afterPaint, repaint } from "./frames.js";
 import { nearestAlong, pointAlong } from "./lines.js";
-import { ask, cancel, isLinked } from "./link.js";
+import { ask, cancel, interrupt, isLinked } from "./link.js";
 import { announce, complain } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { comparison, metres } from "./text.js";
@@ -20,7 +20,6 @@ export function startRoute() {
 		setWeight(weightOfSlider(), false);
 		planSoon(null);
 	});
-	hear("weight", "change", () => planNow());
 	hear("swap", "click", reverseRoute);
 	hear("add-waypoint", "click", () => addWaypoint(null));
 	on("plan", showPlan);
@@ -101,9 +100,11 @@ async function requestPlan(held, draft, moment = null) {
 	try {
 		clearTimeout(idleTimer);
 		cancel("idle");
+		if (draft) interrupt("plan", (content) => !content.draft);
 		const answer = await ask("plan", { ...routeAsked(), hold: held, draft });
-		if (answer) takePlan(answer, moment);
-		if (answer && !model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), IDLE);
+		if (!answer || answer.cancelled) return;
+		takePlan(answer, moment);
+		if (!model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), IDLE);
 	} catch (error) {
 		complain(error);
 	}

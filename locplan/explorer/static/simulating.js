@@ -46,8 +46,7 @@ export function paintCandidates(pen) {
 	});
 }
 
-/** Take the candidates away. */
-export function clearSimulated() {
+function clearSimulated() {
 	if (!model.simulated) return;
 	model.simulated = null;
 	byId("simulated").hidden = true;

@@ -33,8 +33,8 @@ export function layerValue(layer, value) {
 	return withUnit(number, layer.unit);
 }
 
-/** A number with its unit; degrees stand close. */
-export function withUnit(number, unit) {
+// Degrees stand close to their number.
+function withUnit(number, unit) {
 	if (!unit || unit === "1") return String(number);
 	if (unit === "deg" || unit === "°") return `${number}°`;
 	return `${number}${GAP}${unit}`;

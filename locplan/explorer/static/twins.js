@@ -22,8 +22,8 @@ export function showTwinsOf([x, y]) {
 	if (canShowTwins()) work("twins", "Looking for look-alike places", { x, y }, (answer) => takeTwins(answer, [x, y]));
 }
 
-/** Let the next click choose the place, or no longer. */
-export function awaitPlace(waits) {
+// The next click chooses the place, or no longer.
+function awaitPlace(waits) {
 	model.picking = waits;
 	byId("twins-find").setAttribute("aria-pressed", String(waits));
 	byId("stage").classList.toggle("picking", waits);
