@@ -5,24 +5,22 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
 from locplan.costs._path import joined
+from locplan.explorer._floor import Floor
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, index_of
 from locplan.explorer._session import Session
-from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.planners import Position
 from locplan.planners._any_angle import any_angle_path
 from locplan.planners._grid import Bordered
 
-FACTOR = 4
-"""Number of cells of the map along a side of a coarse one."""
 NEAR = 2
 """Distance in coarse cells within which a stop finds a free one."""
 
@@ -37,22 +35,10 @@ class Coarse:
     """The same as the searches take it."""
 
     @classmethod
-    def of(cls, fine: Costmap, factor: int = FACTOR) -> Coarse:
-        """Coarsen a costmap: the mean density of blocks of which at least half is free."""
-        rows, cols = (-(-size // factor) for size in fine.grid.shape)
-        total, free = np.zeros((rows, cols)), np.zeros((rows, cols), np.uint8)
-        for row, col in itertools.product(range(factor), repeat=2):  # no copy of the whole map
-            some = fine.density[row::factor, col::factor]
-            known = np.isfinite(some)
-            at = slice(0, some.shape[0]), slice(0, some.shape[1])
-            total[at] += np.where(known, some, 0.0)
-            free[at] += known
-        half = factor * factor / 2
-        density = np.where(free >= half, total / np.maximum(free, 1), np.inf)
-        x, y, yaw = fine.grid.origin
-        cells = np.where(np.isfinite(density), FREE, UNKNOWN).astype(np.uint8)
-        grid = OccupancyGrid(cells, min(10.0, fine.grid.resolution * factor), (x, y, yaw))
-        costs = Costmap.from_density(grid, np.maximum(density, 1.0))
+    def of(cls, floor: Floor, weight: float) -> Coarse:
+        """Make the costmap of a coarse floor at a weight."""
+        density = np.where(floor.grid.free, 1 + weight * floor.u, np.inf)
+        costs = Costmap.from_density(floor.grid, density)
         return cls(costs, Bordered.of(costs))
 
     @property
@@ -82,12 +68,10 @@ def drafted(
     weights: tuple[float, float],
     held: int | None,
     check: Callable[[], None],
-    halved: Costmap,
 ) -> tuple[PathAnswer, PathAnswer | None] | None:
     """Drafts of the shortest and the aware path at two weights; None where there are none.
 
-    The aware one is None before there is a field. They are measured on the costmap at the second
-    weight, of half the cost.
+    The aware one is None before there is a field.
     """
     answers: list[PathAnswer] = []
     for weight in weights if scene.field is not None else weights[:1]:
@@ -95,7 +79,8 @@ def drafted(
         path = _over(session, scene, stops, weight, held)
         if path is None:
             return None
-        answers.append(path_answer(halved, scene, path))
+        made = path_answer(scene.costs, scene, path)
+        answers.append(replace(made, cost=made.length + weights[1] * made.degenerate))
     return answers[0], (answers[1] if len(answers) > 1 else None)
 
 
@@ -106,8 +91,7 @@ def _over(
     key = ("coarse", scene.serial, weight)
 
     def make() -> Coarse:
-        costs = scene.costs
-        return Coarse.of(costs if scene.field is None else costs.with_weight(weight))
+        return Coarse.of(scene.floor, weight)
 
     coarse = session.kept.made(key, make, lambda made: made.bytes)
     legs: list[Path] = []

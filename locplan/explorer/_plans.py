@@ -7,16 +7,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from locplan._util.checks import RESOLUTIONS
 from locplan.costs import Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
 from locplan.explorer._drafts import drafted
+from locplan.explorer._floor import FACTOR
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, Halved, index_of
 from locplan.explorer._session import KEPT_BYTES, Session
 from locplan.explorer._snap import snapped
 from locplan.explorer._wire import Ask
+from locplan.maps import OccupancyGrid
 from locplan.planners import AnyAngle, Position
 from locplan.planners._any_angle import any_angle_path
 
@@ -98,10 +101,8 @@ def planned(
     """
     scene = session.scene
     placed = snapped(session.parts(scene), stops, held)
-    if draft and max(scene.costs.grid.shape) > DRAFT_CELLS:
-        weights = SHORTEST_WEIGHT, weight
-        halved = _halved(session, scene, weight if scene.field else SHORTEST_WEIGHT).costs
-        found = drafted(session, scene, placed, weights, held, check, halved)
+    if draft and _has_drafts(scene.costs.grid):
+        found = drafted(session, scene, placed, (SHORTEST_WEIGHT, weight), held, check)
         if found is not None:
             return PlanAnswer(tuple(placed), True, *found)
     shortest = _over(session, scene, placed, SHORTEST_WEIGHT, held, check)
@@ -140,7 +141,13 @@ def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
 
 def is_slow(session: Session, ask: Ask) -> bool:
     """Whether a plan takes so long that drafts must not wait for it."""
-    return max(session.grid.shape) > DRAFT_CELLS and ask.values.get("draft") is not True
+    return _has_drafts(session.grid) and ask.values.get("draft") is not True
+
+
+def _has_drafts(grid: OccupancyGrid) -> bool:
+    """Whether drafts are planned on larger cells: those of a map may have 10 m at most."""
+    large = max(grid.shape) > DRAFT_CELLS
+    return large and grid.resolution * FACTOR <= RESOLUTIONS[1]
 
 
 def held_stop(ask: Ask, count: int) -> int | None:
@@ -214,7 +221,8 @@ def _halved(session: Session, scene: Scene, weight: float) -> Halved:
         return Halved.of(costs if scene.field is None else costs.with_weight(weight))
 
     key = ("halved", scene.serial, weight)
-    return session.kept.made(key, make, lambda made: made.bordered.half.nbytes)
+    expected = 2 * scene.costs.density.nbytes
+    return session.kept.made(key, make, lambda made: made.bordered.half.nbytes, expected)
 
 
 def _flood_key(scene: Scene, weight: float, source: int) -> tuple[object, ...]:
@@ -227,5 +235,8 @@ def _flood(session: Session, scene: Scene, weight: float, end: Position) -> Floo
     source = index_of(halved.costs, end)
     key = _flood_key(scene, weight, source)
     return session.kept.made(
-        key, lambda: Flood.of(halved.bordered, source), lambda made: made.cost.nbytes
+        key,
+        lambda: Flood.of(halved.bordered, source),
+        lambda made: made.cost.nbytes,
+        halved.bordered.half.nbytes,
     )

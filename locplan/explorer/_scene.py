@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.explorer._floor import Floor
 from locplan.explorer._snap import Parts
 from locplan.field import CovarianceField, FieldConfig, Lidar
 from locplan.planners import Position
@@ -81,6 +82,11 @@ class Scene:
     def parts(self) -> Parts:
         """The connected parts of the free space."""
         return Parts.of(self.costs)
+
+    @cached_property
+    def floor(self) -> Floor:
+        """The floor in larger cells, for drafts."""
+        return Floor.of(self.costs)
 
     @cached_property
     def log_deviation(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

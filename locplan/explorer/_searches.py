@@ -48,16 +48,28 @@ class Kept:
                 self._bytes -= self._results.pop(key)[1]
             self._results[key] = result, size
             self._bytes += size
-            while self._bytes > self.limit and len(self._results) > 1:
-                _, (_, gone) = self._results.popitem(last=False)
-                self._bytes -= gone
+            self._shrink(self.limit, 1)
         return result
 
-    def made(self, key: Hashable, make: Callable[[], T], size: Callable[[T], int]) -> T:
-        """The result of a key, made if it is not kept."""
+    def _shrink(self, limit: float, least: int) -> None:
+        """Drop the least recently used results beyond a limit, but keep the last ones."""
+        while self._bytes > limit and len(self._results) > least:
+            _, (_, gone) = self._results.popitem(last=False)
+            self._bytes -= gone
+
+    def made(
+        self, key: Hashable, make: Callable[[], T], size: Callable[[T], int], expected: int = 0
+    ) -> T:
+        """The result of a key, made if it is not kept.
+
+        Room for the bytes that are expected is made before, so that they do not come on top. The
+        two results that were used last stay: others may be made of them.
+        """
         found: T | None = self.get(key)
         if found is not None:
             return found
+        with self._lock:
+            self._shrink(self.limit - expected, 2)
         result = make()
         return self.put(key, result, size(result))
 

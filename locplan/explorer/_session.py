@@ -23,7 +23,7 @@ from locplan.field import CovarianceField, Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import Position
 
-KEPT_BYTES = 540e6
+KEPT_BYTES = 520e6
 """Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two of each."""
 KEPT_FILES = 80e6
 """Bytes of textures and files to download that are kept."""

@@ -25,13 +25,15 @@ class Parts:
 
     grid: OccupancyGrid
     """The map."""
-    labels: NDArray[np.int32]
+    labels: NDArray[np.int32] | NDArray[np.uint16]
     """Number of the connected part that a cell belongs to, (H, W); 0 where it is blocked."""
 
     @classmethod
     def of(cls, costs: Costmap) -> Parts:
         """The parts where no corner may be cut."""
-        return cls(costs.grid, connected(costs)[1])
+        count, labels = connected(costs)
+        fits = count <= np.iinfo(np.uint16).max
+        return cls(costs.grid, labels.astype(np.uint16) if fits else labels)
 
     def label(self, xy: Position) -> int:
         """Number of the part at a world position [m], 0 in blocked cells and outside the map."""

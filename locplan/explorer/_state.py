@@ -99,14 +99,15 @@ def _far_apart(session: Session) -> tuple[Any, Any]:
     from locplan.planners._suggestions import farthest_pairs
 
     parts = session.parts()
-    sizes = np.bincount(parts.labels.ravel())[1:]
+    labels = parts.labels.astype(np.int32)
+    sizes = np.bincount(labels.ravel())[1:]
     if not sizes.size:
         return None, None
     largest = int(sizes.argmax()) + 1
-    pairs = farthest_pairs(parts.grid, parts.labels, largest, "AB", 0.0)
+    pairs = farthest_pairs(parts.grid, labels, largest, "AB", 0.0)
     if pairs:
         return (pairs[0].start.x, pairs[0].start.y), (pairs[0].goal.x, pairs[0].goal.y)
-    row, col = np.argwhere(parts.labels == largest)[0].tolist()
+    row, col = np.argwhere(labels == largest)[0].tolist()
     place = parts.grid.cell_to_world(row, col)
     return place, place
 
