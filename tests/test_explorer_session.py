@@ -293,6 +293,31 @@ def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypat
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
 
 
+def test_before_there_is_a_field_the_paths_follow_edits(monkeypatch):
+    session = Session(rooms(), Opening(SAD, robot_radius=0.15))
+    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    start, goal = free_places(session, 2, seed=3)
+    before = planned(session, [start, goal], 4.0).shortest
+    x, y = np.mean([start, goal], axis=0).tolist()
+    strokes = [{"tool": "pole", "points": [before.xy[len(before.xy) // 2].tolist()], "width": 0.6}]
+    strokes += [{"tool": "pole", "points": [[x, y]], "width": 0.6}]
+    answer(session, "edit", strokes=strokes)
+    session.upkeep.latest.result()
+    assert session.scene.costs.grid.digest == session.grid.digest != session.original.digest
+    assert planned(session, [start, goal], 4.0).shortest.length > before.length
+
+
+def test_an_old_field_follows_the_map_while_another_is_computed(monkeypatch):
+    session = session_of(rooms())
+    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    session.config = FieldConfig(locplan.Sad(range=1.0), stride=0.4)
+    (x, y), *_ = free_places(session, 1)
+    answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
+    session.upkeep.latest.result()
+    expected = locplan.covariance_field(session.grid, SAD)
+    np.testing.assert_array_equal(session.field.covariance, expected.covariance)
+
+
 def test_the_points_nearest_to_an_edit_come_first():
     due, first = np.ones((6, 8), bool), np.zeros((6, 8), bool)
     due[2, 2], first[5, 0] = False, True

@@ -130,7 +130,11 @@ def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         for file in (target, target.with_suffix(".pgm")):
             if os.path.lexists(file) and not session.force and target not in session.written:
                 raise ConfigError(f"{file.name} is there already; choose another name")
-        session.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            session.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = error.strerror or error
+            raise ConfigError(f"{session.folder} cannot be made ({reason})") from None
         grid = session.grid
         save_map(grid, target)
         session.saved, session.saved_as = grid, str(target)

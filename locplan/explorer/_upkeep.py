@@ -15,7 +15,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap
 from locplan.errors import one_line
 from locplan.explorer._cancelling import Cancel, Cancelled
-from locplan.explorer._scene import Busy, Opening
+from locplan.explorer._scene import Busy, Opening, Scene
 from locplan.field import CovarianceField, FieldConfig, _tiles as tiles, load_or_compute
 from locplan.maps import OccupancyGrid
 
@@ -49,6 +49,7 @@ class Host(Protocol):
     grid: OccupancyGrid
     config: FieldConfig
     busy: Busy | None
+    scene: Scene
 
     def costmap_of(self, field: CovarianceField) -> Costmap:
         """The costmap of a field."""
@@ -89,15 +90,12 @@ class Upkeep:
         grid, config, known = session.grid, session.config, self._known
         session.busy = Busy("field")
         try:
+            if known is None:
+                self._show_floor(grid)
+            elif known.field.config == config or known.field.grid.digest != grid.digest:
+                self._repaint(known, grid, cancel)  # an old field follows the map, too
             if known is None or known.field.config != config:
                 self._whole(grid, config, cancel, given)
-            else:
-                for now, done in self._repainted(known, grid, cancel):
-                    costs = now.base.updated(now.field)
-                    self._known = Patchwork(now.field, now.fresh, costs) if done else now
-                    if done:
-                        session.busy = None
-                    session.show(costs, now.field, whole=done)
         except Cancelled:
             raise
         except Exception as error:
@@ -107,6 +105,23 @@ class Upkeep:
             if not cancel.cancelled:
                 session.busy = None
                 session.tell({"event": "state"})
+
+    def _show_floor(self, grid: OccupancyGrid) -> None:
+        """Show an edited map before there is a field."""
+        session = self.session
+        if session.scene.costs.grid.digest != grid.digest:
+            radius = session.opening.robot_radius
+            session.show(Costmap.blank(grid, robot_radius=radius), None, whole=True)
+
+    def _repaint(self, known: Patchwork, grid: OccupancyGrid, cancel: Cancel) -> None:
+        """Bring a field up to date with an edited map, and show it again and again."""
+        session = self.session
+        for now, done in self._repainted(known, grid, cancel):
+            costs = now.base.updated(now.field)
+            self._known = Patchwork(now.field, now.fresh, costs) if done else now
+            if done and now.field.config == session.config:
+                session.busy = None
+            session.show(costs, now.field, whole=done)
 
     def _whole(
         self,
