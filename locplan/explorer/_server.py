@@ -107,7 +107,7 @@ class Server:
                 Route("/about", self._about),
                 Route("/data/cells/{digest}", self._cells),
                 Route("/data/layer/{digest}/{name}", self._layer),
-                Route("/data/drive/{number:int}", self._drive),
+                Route("/data/drive/{number}", self._drive),
                 Route("/download/{key}", self._download),
                 WebSocketRoute("/socket", self._socket),
             ]
@@ -160,9 +160,10 @@ class Server:
         return _data(found)
 
     def _drive(self, request: Request) -> Response:
-        number = request.path_params["number"]
-        if number >= len(self.session.drives):
+        numbers = [str(number) for number in range(len(self.session.drives))]
+        if request.path_params["number"] not in numbers:
             return _missing()
+        number = int(request.path_params["number"])
         from locplan.explorer._drives import drive_json
 
         try:
