@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 
@@ -335,6 +336,40 @@ def test_another_estimator_takes_the_place_of_the_field(visit):
     seen.page.locator("#tasks").get_by_role("button").click()
     seen.page.locator("#toast", has_text="stays as it was").wait_for()
     assert seen.value("field") == before
+
+
+def test_look_alikes_are_joined_to_their_place(visit, browser, server):
+    context = browser.new_context(viewport={"width": 1200, "height": 800})
+    seen = Seen(context.new_page())
+
+    def about(route):
+        told = route.fetch().json()
+        route.fulfill(json=told | {"can": told["can"] | {"twins": True}})
+
+    def sockets(socket):
+        behind = socket.connect_to_server()
+
+        def asked(text):
+            ask = json.loads(text)
+            if ask["do"] != "twins":
+                behind.send(text)
+                return
+            twins = [{"x": 20.0, "y": 1.0, "heading": 0.5}, {"x": 30.0, "y": 1.0, "heading": 2.0}]
+            socket.send(json.dumps({"re": ask["id"], "twins": twins, "excess": 1.0}))
+
+        socket.on_message(asked)
+
+    seen.page.route("**/about", about)
+    seen.page.route_web_socket(re.compile("/socket$"), sockets)
+    seen.open(server.address)
+    x, y = seen.middle(".marker.start")
+    seen.page.mouse.move(x + 60, y)
+    seen.page.keyboard.press("t")
+    seen.page.locator("#twins-note", has_text="2 places look the same").wait_for()
+    seen.page.keyboard.press("Escape")
+    seen.wait("#twins-clear", "hidden")
+    assert seen.faults == []
+    context.close()
 
 
 def test_help_lists_the_keys_and_every_control_has_a_name(visit):

@@ -1,4 +1,4 @@
-"""The explorer in a real browser: from a pointer's move to the painted path, and what else people wait for.
+"""The explorer in a real browser: from a move of the pointer to the painted path, and other waits.
 
 pytest tests/benchmarks/bench_explorer.py --benchmark-only -s
 

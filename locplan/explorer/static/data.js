@@ -49,7 +49,7 @@ export function mapName() {
 
 async function got(address) {
 	const answer = await fetch(address);
-	if (!answer.ok) throw new Error(`The server answered ${answer.status} for ${address}.`);
+	if (!answer.ok) throw Object.assign(new Error(`The server answered ${answer.status} for ${address}.`), { status: answer.status });
 	return answer;
 }
 

@@ -1,5 +1,8 @@
 // Small helpers for elements. Styles go through CSSOM only: the page's policy forbids style attributes.
 
+/** The html element, which bears the page's state. */
+export const root = document.documentElement;
+
 /** The element of an id. */
 export function byId(id) {
 	return document.getElementById(id);

@@ -112,7 +112,7 @@ function drawCursor(pen) {
 	haloedStroke(pen, palette.ink, 1.2);
 }
 
-// A box goes from corner to corner along the map's axes; a click alone gives a square of half a metre.
+// A box lies along the map's axes; a click alone gives a square of half a metre.
 function boxStroke({ points }) {
 	const heading = model.about.map.origin[2];
 	if (points.length < 2 || distance(points[0], points[1]) < model.about.map.resolution) return { tool: "box", points: [points[0]], width: [0.5, 0.5], heading };

@@ -21,7 +21,7 @@ export function showFront(front) {
 	drawChart(model.front.points);
 	byId("front-chart").hidden = false;
 	const count = model.front.points.length;
-	write("front-note", count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose one by click or arrow keys. They go in eight directions, so they are a little longer than those on the map.`);
+	write("front-note", count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose one by click or arrow keys. They go in eight directions, so they are a little longer.`);
 	announce(byId("front-note").textContent);
 }
 

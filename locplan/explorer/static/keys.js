@@ -40,7 +40,7 @@ function onKey(event) {
 
 // Fields for text and lists use letters themselves.
 function isTyping(target) {
-	return target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement || (target instanceof HTMLInputElement && !["range", "checkbox"].includes(target.type));
+	return target.matches?.("textarea, select, input:not([type=range], [type=checkbox])");
 }
 
 function onMap(event) {

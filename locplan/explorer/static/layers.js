@@ -1,5 +1,5 @@
 // The field's layers: fetched as they change, chosen, coloured, with a colour bar in the units of people.
-import { byId, hear, make, remember, remembered, setOptions } from "./dom.js";
+import { byId, hear, make, remember, remembered, root, setOptions } from "./dom.js";
 import { fetchCells, fetchLayer } from "./data.js";
 import { paints, repaint } from "./frames.js";
 import { complain } from "./say.js";
@@ -25,7 +25,7 @@ export function startLayers() {
 	on("probe", markValue);
 	on("event:layer", () => {
 		textureHere = null;
-		loadTexture();
+		loadField();
 	});
 	on("theme", () => {
 		dropTiles();
@@ -39,13 +39,15 @@ export async function loadField() {
 	setOptions(byId("layer"), layers.map(({ name, title, unit }) => ({ value: name, label: unit && unit !== "1" ? `${title} [${unit}]` : title })), shownLayer()?.name);
 	try {
 		if (map.digest !== cellsHere) {
-			setCells(await fetchCells(map.digest), model.about.map.rows, model.about.map.cols);
+			const cells = await fetchCells(map.digest);
+			if (map.digest !== model.state.map.digest) return;
+			setCells(cells, model.about.map.rows, model.about.map.cols);
 			if (!cellsHere) tell("cells");
-			cellsHere = map.digest;
+			cellsHere = root.dataset.map = map.digest;
 		}
 		await loadTexture();
 	} catch (error) {
-		complain(error);
+		if (error.status !== 404) complain(error); // else it is out of date, and a newer state is on its way
 	}
 	repaint("base", "overlay");
 }
@@ -55,7 +57,7 @@ export function chooseLayer(name) {
 	const names = model.state.layers.map((layer) => layer.name);
 	model.layer = name ?? names[(names.indexOf(model.layer) + 1) % names.length];
 	byId("layer").value = model.layer;
-	loadTexture().catch(complain);
+	loadField();
 }
 
 /** Change how the field is coloured and show it. */
@@ -93,7 +95,7 @@ export function barTicks(most) {
 	const span = colourSpan(layer, model.stretch);
 	const factor = layer.factor ?? 1;
 	const found = ticks(span[0] * factor, span[1] * factor, layer.scale === "log", most);
-	return found.map((tick) => ({ share: shareOf(layer, tick / factor, span), text: String(Number(tick.toPrecision(3))).replace(/e-(\d+)$/, "e−$1") })).filter(({ share }) => share > -0.001 && share < 1.001);
+	return found.map((tick) => ({ share: shareOf(layer, tick / factor, span), text: String(Number(tick.toPrecision(3))) })).filter(({ share }) => share > -0.001 && share < 1.001);
 }
 
 async function loadTexture() {
@@ -111,6 +113,7 @@ async function loadTexture() {
 		if (wanted !== `${model.state.field?.digest}/${shownLayer()?.name}`) return undefined;
 		setTexture(bytes, model.state.lattice);
 		textureHere = wanted;
+		root.dataset.field = digest;
 	}
 	byId("ramp-bar").hidden = false;
 	colourTexture();

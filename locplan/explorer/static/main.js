@@ -1,5 +1,5 @@
 // The explorer's page: starts every part, then follows the server's state.
-import { byId, write } from "./dom.js";
+import { byId, root, write } from "./dom.js";
 import { carried, fetchAbout, mapName } from "./data.js";
 import { startDrives } from "./drives.js";
 import { startEditing } from "./editing.js";
@@ -70,12 +70,10 @@ async function followState(state) {
 	const isNew = !before || before.map.digest !== state.map.digest || before.field?.digest !== state.field?.digest;
 	setStatus("ready");
 	if (isNew || !model.plan) await planNow();
-	document.documentElement.dataset.map = state.map.digest;
-	document.documentElement.dataset.field = state.field?.digest ?? "";
 }
 
 async function openShared(page) {
-	document.documentElement.dataset.shared = "";
+	root.dataset.shared = "";
 	model.state = page.state;
 	const { answer, front, view: look } = page;
 	if (look?.theme) setTheme(look.theme);

@@ -11,7 +11,6 @@ import { paintAlong } from "./profile.js";
 import { paintCandidates } from "./simulating.js";
 import { model } from "./store.js";
 import { haloedDot, haloedPath, haloedStroke } from "./strokes.js";
-import { metres } from "./text.js";
 import { palette } from "./theme.js";
 import { paintTwins } from "./twins.js";
 import { scaleBar, screenOf, view } from "./view.js";
@@ -73,5 +72,5 @@ function paintCross(pen) {
 function paintScale() {
 	const bar = scaleBar(view.width < 700 ? 90 : 130);
 	byId("scale-bar").style.width = `${bar.pixels.toFixed(1)}px`;
-	byId("scale-bar").firstElementChild.textContent = bar.metres < 1 ? `${Math.round(100 * bar.metres)} cm` : metres(bar.metres, 0);
+	byId("scale-bar").firstElementChild.textContent = bar.words;
 }

@@ -64,15 +64,19 @@ function longest() {
 	return Math.max(0.1, ...lengths);
 }
 
+function kindShown() {
+	return byId("profile-kind").value;
+}
+
 function showsErrors() {
-	return byId("profile-kind").value === "error" && model.simulated !== null;
+	return kindShown() === "error" && model.simulated !== null;
 }
 
 // The lines of the chart: {s, values, colour, dash, band?}.
 function series() {
 	if (showsErrors())
 		return model.simulated.candidates.filter(({ profile }) => profile?.s?.length).map((candidate, index) => ({ s: candidate.profile.s, values: candidate.profile.median_cm, band: candidate.profile.p95_cm, colour: errorColour(candidate), dash: candidateDash(index), end: candidate.length }));
-	const key = byId("profile-kind").value === "sigma" ? "sigma_cm" : "u";
+	const key = kindShown() === "sigma" ? "sigma_cm" : "u";
 	return shownPaths().map(({ name, path, colour }) => ({ s: path.profile.s, values: path.profile[key], colour, dash: name === "shortest" ? [6, 4] : [], steps: true, soft: name === "aware" ? palette["teal-soft"] : palette["ink-soft"], end: path.length }));
 }
 
@@ -82,9 +86,9 @@ function paintProfile() {
 	const pen = fittedContext(chart);
 	pen.clearRect(0, 0, chart.clientWidth, chart.clientHeight);
 	byId("profile-kind").options[2].disabled = !model.simulated;
-	write("profile-title", { u: "Degeneracy along the path", sigma: "Predicted deviation along the path [cm]", error: "Simulated error along the path [cm]: median, band to 95 %" }[byId("profile-kind").value]);
+	write("profile-title", { u: "Degeneracy along the path", sigma: "Predicted deviation along the path [cm]", error: "Simulated error along the path [cm]: median, band to 95 %" }[kindShown()]);
 	const lines = series();
-	const top = byId("profile-kind").value === "u" ? 1 : Math.max(1, ...lines.flatMap(({ values, band }) => [...values, ...(band ?? [])]).filter(Number.isFinite));
+	const top = kindShown() === "u" ? 1 : Math.max(1, ...lines.flatMap(({ values, band }) => [...values, ...(band ?? [])]).filter(Number.isFinite));
 	const frame = { width: chart.clientWidth, height: chart.clientHeight, top, end: longest() };
 	drawAxes(pen, frame);
 	for (const line of lines) drawFill(pen, frame, line);

@@ -1,5 +1,5 @@
 // The route: start, goal, waypoints and weight; it asks for both paths while they are dragged and once more at rest.
-import { byId, hear, write } from "./dom.js";
+import { byId, hear, root, write } from "./dom.js";
 import { afterPaint, repaint } from "./frames.js";
 import { nearestAlong, pointAlong } from "./lines.js";
 import { ask, cancel, interrupt, isLinked } from "./link.js";
@@ -123,9 +123,9 @@ export function takePlan(answer, moment = null) {
 	afterPaint(() => markPainted(moment));
 }
 
-// The benchmark reads these: how many answers were painted, and the time from a pointer's move to the painted path.
+// For the benchmark: the answers painted, and the times from a pointer's move to the painted path.
 function markPainted(moment) {
-	document.documentElement.dataset.painted = String(++painted);
+	root.dataset.painted = String(++painted);
 	if (moment === null) return;
 	if (painted % 1000 === 0) performance.clearMeasures("locplan:drag");
 	performance.measure("locplan:drag", { start: moment, end: performance.now() });

@@ -1,5 +1,5 @@
 // What the page says: a line for the eyes that goes away, a polite line for screen readers, and the connection's status.
-import { byId, write } from "./dom.js";
+import { byId, root, write } from "./dom.js";
 
 let toastTimer = 0;
 
@@ -26,7 +26,7 @@ export function announce(text) {
 
 /** Set html[data-state]: loading, ready or offline, with words. */
 export function setStatus(state, text = "") {
-	document.documentElement.dataset.state = state;
+	root.dataset.state = state;
 	write("status", text);
 	byId("status").hidden = !text;
 	byId("retry").hidden = state !== "offline";

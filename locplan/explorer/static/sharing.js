@@ -14,7 +14,7 @@ import { metres } from "./text.js";
 import { palette } from "./theme.js";
 import { scaleBar, screenOf, view } from "./view.js";
 
-const FOOT = 92; // pixels of the legend under the picture
+const WIDE = 760; // pixels from which on the legend takes one row
 
 /** Connect the buttons. */
 export function startSharing() {
@@ -67,28 +67,34 @@ function exportCostmap() {
 	});
 }
 
+// The picture shows what no card covers, with a legend below.
 function savePicture() {
 	const ratio = 2;
+	const { left, top, right, bottom } = model.insets;
+	const [x, y] = [Math.max(0, left - 12), Math.max(0, top - 12)];
+	const size = { width: Math.max(view.width - right + 12 - x, 300), height: view.height - bottom + 12 - y };
 	const canvas = document.createElement("canvas");
-	canvas.width = view.width * ratio;
-	canvas.height = (view.height + FOOT) * ratio;
+	canvas.width = size.width * ratio;
+	canvas.height = (size.height + footOf(size)) * ratio;
 	const pen = canvas.getContext("2d");
 	pen.scale(ratio, ratio);
 	pen.save();
-	pen.beginPath();
-	pen.rect(0, 0, view.width, view.height);
-	pen.clip();
+	pen.translate(-x, -y);
 	drawBase(pen, ratio);
 	drawOverlay(pen, true);
 	drawPins(pen);
 	pen.restore();
-	drawLegend(pen);
+	drawLegend(pen, size);
 	canvas.toBlob((blob) => {
 		const address = URL.createObjectURL(blob);
 		saveAddress(address, `${mapName()}.png`);
 		setTimeout(() => URL.revokeObjectURL(address), 30000);
 		toast("The picture is being saved.");
-	}, "image/png");
+	});
+}
+
+function footOf({ width }) {
+	return width < WIDE ? 190 : 92;
 }
 
 function drawPins(pen) {
@@ -98,19 +104,19 @@ function drawPins(pen) {
 	numberedDot(pen, ...screenOf(...model.goal), "B", palette.goal);
 }
 
-function drawLegend(pen) {
-	const top = view.height;
+function drawLegend(pen, size) {
+	const [top, isWide] = [size.height, size.width >= WIDE];
 	pen.fillStyle = palette.halo;
-	pen.fillRect(0, top, view.width, FOOT);
+	pen.fillRect(0, top, size.width, footOf(size));
 	pen.fillStyle = palette.ink;
 	pen.textBaseline = "middle";
 	drawScale(pen, 20, top + 34);
-	drawKeys(pen, 190, top + 26);
-	if (model.state.field) drawBar(pen, Math.max(view.width - 300, 200), top + 26, Math.min(280, view.width - 220));
+	drawKeys(pen, isWide ? 190 : 20, top + (isWide ? 26 : 64));
+	if (model.state.field) drawBar(pen, isWide ? size.width - 280 : 20, top + (isWide ? 26 : 122), 256);
 	pen.font = "12px system-ui, sans-serif";
 	pen.fillStyle = palette.quiet;
 	pen.textAlign = "left";
-	pen.fillText(`${mapName()}   ${byId("field-note").textContent}   locplan ${model.about.version}`, 20, top + FOOT - 14);
+	pen.fillText(`${mapName()}   ${byId("field-note").textContent}   locplan ${model.about.version}`, 20, top + footOf(size) - 14);
 }
 
 function drawScale(pen, x, y) {
@@ -120,7 +126,7 @@ function drawScale(pen, x, y) {
 	pen.fillRect(x + bar.pixels - 2, y - 6, 2, 8);
 	pen.font = "13px system-ui, sans-serif";
 	pen.textAlign = "left";
-	pen.fillText(bar.metres < 1 ? `${Math.round(100 * bar.metres)} cm` : metres(bar.metres, 0), x, y - 16);
+	pen.fillText(bar.words, x, y - 16);
 }
 
 function drawKeys(pen, x, y) {

@@ -70,7 +70,7 @@ export function latticeValue(values, layer, column, down) {
 	return byte ? valueOfByte(layer, byte) : null;
 }
 
-// [column, row from the top, width, height] in cells; a texel's centre is a lattice point's cell centre.
+// [column, row from the top, width, height] in cells; a texel's centre is its lattice point's cell centre.
 function textureBox() {
 	const { rows, cols, stride_cells: stride, row0 = 0, col0 = 0 } = model.state.lattice;
 	const left = col0 + 0.5 - stride / 2;

@@ -1,5 +1,5 @@
 // Light and dark: follows the system until a person chooses, and hands the canvases their colours.
-import { hear, remember, remembered } from "./dom.js";
+import { hear, remember, remembered, root } from "./dom.js";
 import { tell } from "./store.js";
 
 /** Colours that the canvases use, read from the style sheet. */
@@ -24,8 +24,8 @@ export function toggleTheme() {
 
 /** Show a theme. */
 export function setTheme(theme) {
-	document.documentElement.dataset.theme = theme;
-	const style = getComputedStyle(document.documentElement);
+	root.dataset.theme = theme;
+	const style = getComputedStyle(root);
 	palette.theme = theme;
 	for (const name of NAMES) palette[name] = style.getPropertyValue(`--${name}`).trim();
 	tell("theme");

@@ -72,10 +72,10 @@ export function fitMap(insets, part) {
 	view.y = insets.top + (high - rows * view.scale) / 2 - down * view.scale;
 }
 
-/** A length of 1, 2 or 5 times a power of ten that takes at most `most` pixels: {metres, pixels}. */
+/** A length of 1, 2 or 5 times a power of ten that takes at most `most` pixels: {words, pixels}. */
 export function scaleBar(most) {
 	const room = most / perMetre();
 	const power = 10 ** Math.floor(Math.log10(room));
 	const length = power * [5, 2, 1].find((factor) => factor * power <= room);
-	return { metres: length, pixels: length * perMetre() };
+	return { words: length < 1 ? `${Math.round(100 * length)} cm` : `${length} m`, pixels: length * perMetre() };
 }
