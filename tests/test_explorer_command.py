@@ -62,7 +62,18 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     monkeypatch.setattr(_explore.Explorer, "wait", lambda self: seen.update(page=self))
     monkeypatch.setattr(_explore.Explorer, "open", lambda self: seen.update(open=True))
     code, out, err = run(
-        *("explore", map_file, "--range", "1.5", "--start", "1,2", "--goal", "3,2", "--via", "2,2"),
+        *(
+            "explore",
+            map_file,
+            "--range",
+            "1.5",
+            "--start",
+            "1,2",
+            "--goal",
+            "3,2",
+            "--via",
+            "-2,2",
+        ),
         *("--weight", "7", "--robot-radius", "0.1", "-o", tmp_path / "out", "--threads", "1"),
         *("--set", "alpha1=0.05", "--criterion", "heading_std", "--force"),
     )
@@ -74,7 +85,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     assert session.default_weight == 7
     assert session.robot_radius == 0.1
     assert (session.opening.start, session.opening.goal) == ((1.0, 2.0), (3.0, 2.0))
-    assert session.opening.via == ((2.0, 2.0),)
+    assert session.opening.via == ((-2.0, 2.0),)
     assert session.opening.criterion == "heading_std"
     assert session.opening.amcl.alpha1 == 0.05
     assert session.map_file == str(map_file)

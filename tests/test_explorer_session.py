@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
@@ -17,7 +18,8 @@ from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._edits import Stroke, drawn as patch_of
 from locplan.explorer._plans import planned
 from locplan.explorer._points import clearance_at
-from locplan.explorer._scene import Opening
+from locplan.explorer._profiles import path_answer
+from locplan.explorer._scene import Opening, Scene
 from locplan.explorer._searches import Kept
 from locplan.explorer._session import Session
 from locplan.explorer._snap import REACH, Parts, snapped
@@ -152,6 +154,12 @@ def test_many_steps_are_joined_by_their_greatest():
     path = planned(session, [(0.05, 0.15), (149.9, 0.15)], 4.0).shortest
     assert len(path.s) == 400
     assert path.s[-1] == pytest.approx(149.85)
+    u = np.zeros(grid.shape)
+    u[1, 7:1500:50] = 0.9  # one cell in many
+    costs = dataclasses.replace(session.scene.costs, u=u)
+    scene = Scene(costs, None, True, 1)
+    route = locplan.Path([(0.05, 0.15), (149.9, 0.15)])
+    assert (path_answer(costs, scene, route).u == 0.9).sum() == 30
 
 
 def test_coarse_drafts_join_the_same_stops(session, monkeypatch):
@@ -273,6 +281,7 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
     assert changed
     assert session.scene.whole
     assert any(not scene.whole for scene in scenes)
+    assert not any(scene.field.lacking.any() for scene in scenes)
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
     costs = locplan.Costmap.from_field(session.grid, expected, robot_radius=0.15)

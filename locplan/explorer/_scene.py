@@ -79,6 +79,11 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     @cached_property
+    def saturated_share(self) -> float:
+        """Share of the places whose matches count as perfect, 0..1; 0 without a field."""
+        return 0.0 if self.field is None else self.field.saturated_share
+
+    @cached_property
     def parts(self) -> Parts:
         """The connected parts of the free space."""
         return Parts.of(self.costs)

@@ -123,7 +123,7 @@ def _field(scene: Scene) -> dict[str, Any] | None:
         "lidar": model if model in PRESETS else None,
         "range": config.estimator.reach,
         "headings": config.headings,
-        "saturated": scene.field.saturated_share,
+        "saturated": scene.saturated_share,
         "whole": scene.whole,
         "summary": config.estimator.summary,
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,17 +47,21 @@ class Texture:
         """Steps from 1 to 255 between the anchors, 0 where there is no value, row 0 on top."""
         return steps_between(self.values, self.anchors, self.logarithmic)[::-1]
 
+    @cached_property
+    def present(self) -> list[float]:
+        """Values that nearly all on this map lie between; the anchors where there are none."""
+        known = self.values[np.isfinite(self.values)]
+        return np.quantile(known, USUAL).tolist() if known.size else list(self.anchors)
+
     def to_json(self) -> dict[str, object]:
         """All but the values, fit for JSON."""
-        known = self.values[np.isfinite(self.values)]
-        present = np.quantile(known, USUAL).tolist() if known.size else list(self.anchors)
         return {
             "name": self.name,
             "title": self.title,
             "unit": self.unit,
             "scale": "log" if self.logarithmic else "linear",
             "anchors": list(self.anchors),
-            "present": present,
+            "present": self.present,
             "decimals": self.decimals,
             "factor": self.factor,
         }
