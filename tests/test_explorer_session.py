@@ -275,7 +275,9 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
     (x, y), *_ = free_places(session, 1)
     scenes = []
     session.listeners.append(lambda event: scenes.append(session.scene))
-    stroke = {"tool": tool, "points": [[x, y], [x + 1, y + 1]], "width": 0.6, "heading": 0.3}
+    points = [[x - 3, y - 3], [x + 3, y + 3]] if tool == "erase" else [[x, y], [x + 1, y + 1]]
+    width = 4.0 if tool == "erase" else 0.6
+    stroke = {"tool": tool, "points": points, "width": width, "heading": 0.3}
     changed = answer(session, "edit", strokes=[stroke])["changed"]
     session.upkeep.latest.result()
     assert changed

@@ -118,7 +118,8 @@ def explore(
         page = opened(grid, opening, port=port)
     with page:
         print(page.address, flush=True)
-        print("locplan: the page is served until Ctrl-C", file=sys.stderr)
+        if sys.stderr.isatty():
+            print("locplan: the page is served until Ctrl-C", file=sys.stderr)
         if not no_browser:
             page.open()
         page.wait()
