@@ -2,8 +2,8 @@
 
 const GAP = "\u202f";
 
-/** Metres, with one decimal. */
-export function metres(value, decimals = 1) {
+/** Metres, with one decimal up to 100. */
+export function metres(value, decimals = value < 100 ? 1 : 0) {
 	return `${value.toFixed(decimals)}${GAP}m`;
 }
 
