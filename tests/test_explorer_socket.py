@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 import threading
@@ -206,6 +207,28 @@ def test_other_settings_tell_of_their_progress(page):
     state = page.state_when(lambda state: state["field"]["range"] == 0.7)
     assert [layer["name"] for layer in state["layers"]] == ["sigma", "heading", "degeneracy", "e"]
     assert page.ask("configure", range=1.0)["ok"]
+
+
+def test_states_come_in_their_order(page, server, monkeypatch):
+    numbers, last_came = itertools.count(1), threading.Event()
+
+    def numbered(session):
+        number = next(numbers)
+        if number == 1:  # it takes long, unless it is the only one under way
+            last_came.wait(0.5)
+        else:
+            last_came.set()
+        return {"number": number}
+
+    monkeypatch.setattr("locplan.explorer._socket.state", numbered)
+    seen = []
+    for _ in range(3):
+        server.session.tell({"event": "state"})
+        page.ask("at", x=0.0, y=0.0)
+    while not seen or seen[-1] < 2:
+        seen = [e["number"] for e in page.events if "number" in e]
+        page.ask("at", x=0.0, y=0.0)
+    assert seen == sorted(seen)
 
 
 def test_a_page_that_comes_back_finds_the_session_as_it_is(server):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
@@ -53,13 +54,15 @@ class Link:
         self._newest: dict[str, int] = {}
         self._under_way: dict[int, Cancel] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._changed = asyncio.Event()
 
     async def run(self) -> None:
         """Answer until the page goes."""
         await self._socket.accept()
         self._session.listeners.append(self._hear)
+        self._changed.set()
+        self._begin(self._tell_states())
         try:
-            await self._send(await self._state())
             while True:
                 message = await self._socket.receive()
                 if message["type"] != "websocket.receive":
@@ -93,9 +96,7 @@ class Link:
         self._under_way[ask.id] = cancel
         if not ASKS[ask.do].each:
             self._newest[ask.do] = turn
-        task = self._loop.create_task(self._answer(ask, cancel, turn))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._begin(self._answer(ask, cancel, turn))
 
     def _cancelled(self, ask: Ask) -> dict[str, Any]:
         """Take a question back, and answer that."""
@@ -146,17 +147,27 @@ class Link:
             self._loop.call_soon_threadsafe(self._post, event)
 
     def _post(self, told: dict[str, Any]) -> None:
-        task = self._loop.create_task(self._post_later(told))
+        if told.get("event") == "state":
+            self._changed.set()
+        else:
+            self._begin(self._send(told))
+
+    async def _tell_states(self) -> None:
+        """Send the session's state whenever it has changed, one after the other.
+
+        It is put together outside the loop, which answers meanwhile.
+        """
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            told = await self._loop.run_in_executor(None, state, self._session)
+            await self._send({"event": "state", **told})
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        """Begin a task of this page, which ends with it."""
+        task = self._loop.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-    async def _post_later(self, told: dict[str, Any]) -> None:
-        await self._send(await self._state() if told.get("event") == "state" else told)
-
-    async def _state(self) -> dict[str, Any]:
-        """The session's state; it is put together outside the loop, which answers meanwhile."""
-        told = await self._loop.run_in_executor(None, state, self._session)
-        return {"event": "state", **told}
 
     async def _send(self, told: dict[str, Any]) -> None:
         text = _text(told)
