@@ -56,7 +56,7 @@ class Seen:
         """Go to an address and wait for the first paths."""
         self.page.goto(address)
         self.wait('html[data-state="ready"]')
-        self.wait("html[data-painted]")
+        self.page.locator("#aware-length", has_text="m").wait_for()
         return self
 
     def wait(self, selector: str, state: str = "attached") -> Any:

@@ -101,7 +101,9 @@ export function cancel(kind) {
 /** Cancel the question of a kind that is under way, if its content is such; the one waiting comes next. */
 export function interrupt(kind, isSuch = () => true) {
 	const { current } = laneOf(kind);
-	if (current && isSuch(current.content)) transmit({ do: "cancel", id: ++lastId, of: current.id });
+	if (!current || current.stopped || !isSuch(current.content)) return;
+	current.stopped = true;
+	transmit({ do: "cancel", id: ++lastId, of: current.id });
 }
 
 /** Whether the server can be asked now. */

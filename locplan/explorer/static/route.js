@@ -7,11 +7,12 @@ import { announce, complain } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { comparison, metres } from "./text.js";
 
-const REST = 120; // milliseconds after the last draft
-const IDLE = 500; // milliseconds after which the server may search ahead
+const REST = 120; // milliseconds after the last draft's answer
+const IDLE = 500; // milliseconds after which the server searches ahead
 const LARGE = 1500; // cells on a side above which drafts are worth it
 let restTimer = 0;
 let idleTimer = 0;
+let lastTurn = 0;
 let painted = 0;
 
 /** Connect the slider and the buttons. */
@@ -39,17 +40,18 @@ export function setWeight(weight, moveSlider = true) {
 	slider.setAttribute("aria-valuetext", `${weight.toFixed(1)} metres of detour per degenerate metre`);
 }
 
-/** Ask for the paths while something moves; once it rests they are asked for once more, in full. */
-export function planSoon(held, moment = performance.now()) {
+/** Ask for the paths while something moves; once it rests, in full. */
+export async function planSoon(held, moment = performance.now()) {
 	clearTimeout(restTimer);
-	const { rows, cols } = model.about.map;
-	requestPlan(held, Math.max(rows, cols) > LARGE, moment);
-	restTimer = setTimeout(() => requestPlan(null, false), REST);
+	const turn = ++lastTurn;
+	await requestPlan(held, isLarge(), moment);
+	if (turn === lastTurn && (held || isLarge())) restTimer = setTimeout(() => requestPlan(null, false), REST);
 }
 
 /** Ask for the paths in full. */
 export function planNow() {
 	clearTimeout(restTimer);
+	lastTurn++;
 	return requestPlan(null, false);
 }
 
@@ -86,6 +88,10 @@ function reverseRoute() {
 	planNow();
 }
 
+function isLarge() {
+	return Math.max(model.about.map.rows, model.about.map.cols) > LARGE;
+}
+
 function mostWeight() {
 	return Math.min(50, model.about.max_weight ?? 50);
 }
@@ -104,7 +110,7 @@ async function requestPlan(held, draft, moment = null) {
 		const answer = await ask("plan", { ...routeAsked(), hold: held, draft });
 		if (!answer || answer.cancelled) return;
 		takePlan(answer, moment);
-		if (!model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), IDLE);
+		if (!model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), isLarge() ? 5 * IDLE : IDLE);
 	} catch (error) {
 		complain(error);
 	}
