@@ -27,7 +27,7 @@ export function startSharing() {
 	setOptions(byId("distro"), distros.map((distro) => ({ value: distro, label: distro })), distros.includes("jazzy") ? "jazzy" : undefined);
 	byId("export-row").hidden = !can.export;
 	byId("save").hidden = !can.save;
-	write("export-note", can.export ? "" : "To export files for Nav2 or save maps, start locplan explore with a folder to write to.");
+	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --folder FOLDER.");
 }
 
 function copyText(kind, title) {

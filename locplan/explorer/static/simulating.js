@@ -25,7 +25,7 @@ export function errorColour(candidate) {
 	const errors = model.simulated.candidates.map(errorOf).filter(Number.isFinite);
 	const [low, high] = [Math.min(...errors), Math.max(...errors)];
 	const share = Number.isFinite(errorOf(candidate)) && high > low ? Math.log(errorOf(candidate) / low) / Math.log(high / low) : 0;
-	const stops = palette.theme === "dark" ? [[45, 212, 200], [250, 176, 60], [255, 96, 118]] : [[8, 122, 126], [196, 106, 0], [178, 20, 66]];
+	const stops = palette.theme === "dark" ? [[45, 212, 200], [250, 176, 60], [255, 96, 118]] : [[8, 122, 126], [168, 86, 0], [178, 20, 66]];
 	const [from, to] = share < 0.5 ? stops : stops.slice(1);
 	const part = share < 0.5 ? 2 * share : 2 * share - 1;
 	return `rgb(${from.map((value, k) => Math.round(value + part * (to[k] - value))).join(" ")})`;
