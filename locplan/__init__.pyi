@@ -1,6 +1,7 @@
 from . import (
     comparison as comparison,
     costs as costs,
+    explorer as explorer,
     export as export,
     field as field,
     landmarks as landmarks,
@@ -20,6 +21,7 @@ from .costs import (
     PathMetrics as PathMetrics,
 )
 from .errors import LocplanError as LocplanError
+from .explorer import Explorer as Explorer, explore as explore
 from .field import (
     CovarianceField as CovarianceField,
     FieldConfig as FieldConfig,

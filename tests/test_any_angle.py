@@ -87,7 +87,9 @@ def test_shortcuts_equal_the_plain_dynamic_programming(lookahead):
     rng = np.random.default_rng(1)
     density = rng.uniform(1, 5, (20, 20))
     positions = np.cumsum(rng.uniform(-0.5, 1.5, (15, 2)), axis=0) + 2
-    kept = kernels.shortcut(bordered_half(density, 1), 22, positions + 1, lookahead, False)
+    kept = kernels.shortcut(
+        bordered_half(density, 1), 22, positions + 1, lookahead, False, float(density.min())
+    )
     chosen = positions[kept]
     cost = sum(naive.line_integral(density, *a, *b) for a, b in itertools.pairwise(chosen))
     assert cost == pytest.approx(naive.shortcut(density, positions, lookahead))

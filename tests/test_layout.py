@@ -26,6 +26,7 @@ ORDER = (
     {"recordings"},
     {"landmarks", "twins"},
     {"comparison", "export", "paper"},
+    {"explorer"},
     {"cli"},
 )
 """The packages from the bottom to the top; those in one row do not know of each other."""
@@ -51,6 +52,8 @@ HOMES = {
     "resource": ("comparison._worker",),
     "filelock": ("field._cache", "field._store"),
     "distributed": ("field._cluster",),
+    "starlette": ("explorer._server", "explorer._socket"),
+    "uvicorn": ("explorer._server",),
 }
 """The modules, or the packages, that alone import a library; "_figures" ends a module's name."""
 

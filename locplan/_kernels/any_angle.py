@@ -26,18 +26,16 @@ def shortcut(
     positions: NDArray[np.float64],
     lookahead: int,
     corner_cutting: bool,
+    cheapest: float,
 ) -> NDArray[Any]:
     """Indices of the positions of a path, (n, 2), to keep so that it costs least.
 
     Each position is reached in a straight line from one of the `lookahead` before it; of lines of
     equal cost the longest is taken. The line from the one just before it is always allowed, so
-    that the result never costs more than the path.
+    that the result never costs more than the path. `cheapest` is the least density, or less: what
+    cannot pay at that is not measured.
     """
     # Loops and numbers instead of arrays and lists: numba compiles them in a third of the time.
-    cheapest = np.inf
-    for cell in range(half.size):
-        cheapest = min(cheapest, half[cell])
-    cheapest *= 2
     count = len(positions)
     best, before = np.empty(count), np.empty(count, np.int64)
     for j in range(count):

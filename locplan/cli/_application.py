@@ -15,6 +15,7 @@ COMMANDS = (
     "compare",
     "completion",
     "evaluate",
+    "explore",
     "export",
     "features",
     "field",

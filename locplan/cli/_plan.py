@@ -74,7 +74,7 @@ class Query:
     """The path starts here [m], with this heading [deg] where the space has one."""
     goal: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
     """The path ends here [m], with this heading [deg] where the space has one."""
-    via: Annotated[tuple[Text, ...], Parameter(metavar="X,Y[,DEG]")] = ()
+    via: Annotated[tuple[Text, ...], Parameter(metavar="X,Y[,DEG]", allow_leading_hyphen=True)] = ()
     """The path visits this on its way [m]; repeatable."""
     max_e: float | None = None
     """The path enters no cell with e above this [m² rad]."""

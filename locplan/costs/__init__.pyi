@@ -6,6 +6,7 @@ from ._lidars import LidarShare as LidarShare, compare_lidars as compare_lidars
 from ._metrics import (
     DEGENERATE as DEGENERATE,
     PathMetrics as PathMetrics,
+    path_cost as path_cost,
     path_metrics as path_metrics,
     profile as profile,
 )

@@ -80,6 +80,16 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
     )
 
 
+def path_cost(costs: Costmap, path: Path) -> float:
+    """J of a path [m], as `path_metrics` has it, without the other metrics."""
+    density: Any = costs.density[None]
+    if path.heading is not None and costs.u_of_heading is not None:
+        density = costs.density_of_heading
+    *at, lengths = _crossed(costs.grid, path, len(density))
+    along = _along(density, at, np.inf)
+    return float(along @ lengths) if np.isfinite(along).all() else np.inf
+
+
 def profile(
     costs: Costmap, path: Path, layer: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -209,9 +209,20 @@ def read_at(
     The rows and columns of the cells are broadcast together, and may lie between cells.
     """
     known = ~np.isnan(values)
+    return read_known_at(np.where(known, values, 0.0), known.astype(float), rows, cols, stride)
+
+
+def read_known_at(
+    values: NDArray[np.float64],
+    known: NDArray[np.float64],
+    rows: NDArray[Any],
+    cols: NDArray[Any],
+    stride: int,
+) -> NDArray[np.float64]:
+    """Read as `read_at` does, where `values` are 0 and `known` is 0 for NaN, else 1, (h, w)."""
     at = *_sides(cols, stride, values.shape[1]), *_sides(rows, stride, values.shape[0])
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-        return _between(np.where(known, values, 0.0), *at) / _between(known.astype(float), *at)
+        return _between(values, *at) / _between(known, *at)
 
 
 def _sides(

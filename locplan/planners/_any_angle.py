@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import one_of
-from locplan.costs import Costmap, Path, path_metrics
+from locplan.costs import Costmap, Path, path_cost
 from locplan.planners._grid import (
+    Bordered,
     GridPlanner,
     blank_costs,
     bordered_ends,
@@ -66,40 +67,68 @@ class AnyAngle:
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan between two world positions [m] in free cells; the path has exactly these ends."""
+        return self.solve_prepared(costs, Bordered.of(costs), start, goal)
+
+    def solve_prepared(
+        self, costs: Costmap, bordered: Bordered, start: Position, goal: Position
+    ) -> Found:
+        """Plan as `solve` does, on a costmap that was prepared for several plans."""
         cutting = self.allow_corner_cutting
-        cells, _ = cheapest_cells(costs, start, goal, cutting)
+        cells, _ = cheapest_cells(costs, start, goal, cutting, bordered=bordered)
         if cells is None:
             return Found()
-        on_grid = through_centres(costs, cells, start, goal, trim=True)
+        wider = None
         if self.accuracy == "high":
             wider = _cells_of_32_moves(costs, start, goal, cutting)
-            cells = cells if wider is None else wider
-        ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
-        positions = np.vstack([ends[:1], cells + 0.5, ends[1:]])
-        straight = _improved(costs, positions, start, goal, cutting)
-        # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
-        return Found(min(straight, on_grid, key=lambda path: path_metrics(costs, path).cost))
+        return Found(any_angle_path(costs, bordered, cells, start, goal, cutting, wider))
+
+
+def any_angle_path(
+    costs: Costmap,
+    bordered: Bordered,
+    cells: NDArray[np.int64],
+    start: Position,
+    goal: Position,
+    allow_corner_cutting: bool = False,
+    wider: NDArray[np.int64] | None = None,
+) -> Path:
+    """The path that cells (n, 2) of (row, col) from start to goal become; it never costs more.
+
+    `wider` are the cells to straighten in place of those, if they were searched over more moves.
+    """
+    on_grid = through_centres(costs, cells, start, goal, trim=True)
+    ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
+    inner = (cells if wider is None else wider) + 0.5
+    positions = np.vstack([ends[:1], inner, ends[1:]])
+    straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
+    # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
+    return min(straight, on_grid, key=lambda path: path_cost(costs, path))
 
 
 def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
     """Straighten and shift a path between its ends until it costs least; it never costs more."""
     start, goal = (tuple(map(float, path.xy[end])) for end in (0, -1))
     positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
-    straight = _improved(costs, positions, start, goal, allow_corner_cutting)
-    return min(straight, path, key=lambda path: path_metrics(costs, path).cost)
+    bordered = Bordered.of(costs)
+    straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
+    return min(straight, path, key=lambda path: path_cost(costs, path))
 
 
 def _improved(
-    costs: Costmap, positions: NDArray[np.float64], start: Position, goal: Position, cutting: bool
+    costs: Costmap,
+    bordered: Bordered,
+    positions: NDArray[np.float64],
+    start: Position,
+    goal: Position,
+    cutting: bool,
 ) -> Path:
     """Straighten positions (n, 2) of (row, col) at all scales and shift them; the ends stay."""
     from locplan._kernels.any_angle import shift, shortcut
-    from locplan._kernels.search import bordered_half
 
-    half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
+    half, columns, (cheapest, *_) = bordered
     positions, spacing = positions + 1, 1.0
     while True:
-        kept = shortcut(half, columns, positions, LOOKAHEAD, cutting)
+        kept = shortcut(half, columns, positions, LOOKAHEAD, cutting, cheapest)
         positions = positions[kept]
         length = np.hypot(*np.diff(positions, axis=0).T).sum()
         if LOOKAHEAD * spacing >= length:
@@ -109,7 +138,7 @@ def _improved(
     positions = subdivided(positions, SHIFT_SPACING)
     for step in SHIFTS:
         positions = shift(half, columns, positions, step, SWEEPS, cutting)
-    kept = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting)
+    kept = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
     xy = np.column_stack(costs.grid.grid_to_world(*(positions[kept] - 1).T))
     return distinct(costs, np.vstack([start, xy[1:-1], goal]))
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap, Path, path_metrics
+from locplan.costs import Costmap, Path, path_cost
 from locplan.planners._protocol import Found, Position
+
+if TYPE_CHECKING:
+    from locplan._kernels.scale import Scale
 
 GUIDED_CONTRAST = 12.0
 """Greatest contrast, the mean density of free cells over the least one, at which A* is taken.
@@ -20,6 +23,26 @@ rising with the distance from walls: 0.44 and 0.35 at contrast 1 (30 and 18 % of
 single maps up to 1.05. From corner to corner through rooms, where nearly all cells are expanded,
 it is 0.49 at contrast 1, 0.84 at 1.2, and 1.06 to 1.09 from 1.5 on.
 """
+
+
+class Bordered(NamedTuple):
+    """A costmap as the kernels of searches take it; it can serve for several of them."""
+
+    half: NDArray[np.float64]
+    """Half of each cell's density, flat, with a blocked border of one cell."""
+    columns: int
+    """Number of columns with the border."""
+    scale: Scale
+    """The scale of the costs."""
+
+    @classmethod
+    def of(cls, costs: Costmap) -> Bordered:
+        """Prepare a costmap."""
+        from locplan._kernels.scale import scale_of
+        from locplan._kernels.search import bordered_half
+
+        half = bordered_half(costs.density, 1)
+        return cls(half, costs.grid.shape[1] + 2, scale_of(half))
 
 
 @dataclass(frozen=True)
@@ -97,17 +120,17 @@ def cheapest_cells(
     allow_corner_cutting: bool,
     *,
     guided: bool | None = None,
+    bordered: Bordered | None = None,
 ) -> tuple[NDArray[np.int64] | None, int]:
     """The cells (n, 2) of (row, col) of the cheapest path, None if there is none.
 
-    With them comes the number of expansions. `guided` is that of `GridPlanner`.
+    With them comes the number of expansions. `guided` is that of `GridPlanner`; `bordered` is the
+    costmap prepared before.
     """
-    from locplan._kernels.scale import scale_of
-    from locplan._kernels.search import bordered_half, search, trace
+    from locplan._kernels.search import search, trace
 
-    half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
     source, target = bordered_ends(costs, start, goal)
-    scale = scale_of(half)
+    half, columns, scale = bordered or Bordered.of(costs)
     if guided is None:
         guided = scale.mean <= GUIDED_CONTRAST * scale.cheapest
     ways = half, columns, source, target, allow_corner_cutting
@@ -161,7 +184,7 @@ def through_centres(
         for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
             if len(xy) > 2:
                 direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
-                if path_metrics(costs, direct).cost <= path_metrics(costs, around).cost:
+                if path_cost(costs, direct) <= path_cost(costs, around):
                     xy = np.delete(xy, between, axis=0)
     return distinct(costs, xy)
 

@@ -1,0 +1,1 @@
+from ._explore import Explorer as Explorer, explore as explore

@@ -1,0 +1,76 @@
+"""What the page can ask for. A new question is a module with its answer, and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Literal
+
+from locplan.explorer._cancelling import Cancel
+from locplan.explorer._session import Session
+from locplan.explorer._wire import Ask
+
+
+@dataclass(frozen=True)
+class Work:
+    """What an answer that takes long hears and tells while it is made."""
+
+    progress: Callable[..., None]
+    """Function of (done, total) or (done, total, doing) that tells the page; it raises `Cancelled`
+    once the question was taken back."""
+    cancel: Cancel
+    """The token that says so."""
+
+
+Handler = Callable[[Session, Ask, Work], dict[str, Any]]
+"""Function that answers a question; what it returns is fit for JSON."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A kind of questions."""
+
+    handler: str
+    """Module and function of the answer; imported when it is first asked for."""
+    lane: Literal["look", "plan", "slow", "edit", "work", "long"]
+    """The lane that answers one question after the other, and never waits for another lane."""
+    each: bool = False
+    """True if each question is answered; otherwise the newest one waiting wins."""
+    slow: str = ""
+    """Module and function that tell whether a question is to be answered in a lane of its own."""
+
+    def load(self) -> Handler:
+        """The function that answers."""
+        found: Handler = _function(self.handler)
+        return found
+
+    def lane_of(self, session: Session, ask: Ask) -> str:
+        """The lane of a question."""
+        return "slow" if self.slow and _function(self.slow)(session, ask) else self.lane
+
+
+def _function(name: str) -> Any:
+    """The function of a name such as module:function."""
+    module, _, name = name.partition(":")
+    return getattr(import_module(module), name)
+
+
+ASKS: dict[str, Entry] = {
+    "plan": Entry("locplan.explorer._plans:plan", "plan", slow="locplan.explorer._plans:is_slow"),
+    "at": Entry("locplan.explorer._points:at", "look"),
+    "idle": Entry("locplan.explorer._plans:idle", "slow"),
+    "configure": Entry("locplan.explorer._configure:configure", "work"),
+    "edit": Entry("locplan.explorer._edits:edit", "edit", each=True),
+    "undo": Entry("locplan.explorer._edits:undo", "edit", each=True),
+    "redo": Entry("locplan.explorer._edits:redo", "edit", each=True),
+    "save": Entry("locplan.explorer._edits:save", "edit", each=True),
+    "front": Entry("locplan.explorer._front:front", "long"),
+    "simulate": Entry("locplan.explorer._simulating:simulate", "long"),
+    "landmarks": Entry("locplan.explorer._landmarks:landmarks", "long"),
+    "twins": Entry("locplan.explorer._twins:twins", "long"),
+    "export": Entry("locplan.explorer._exporting:export", "long"),
+    "share": Entry("locplan.explorer._sharing:share", "long"),
+    "reproduce": Entry("locplan.explorer._reproduce:reproduce", "look"),
+}
+"""All kinds of questions by name; "cancel" {of} is answered by the socket itself."""

@@ -1,0 +1,197 @@
+"""Opening the explorer from Python."""
+
+from __future__ import annotations
+
+import os
+import threading
+import webbrowser
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from locplan._util.checks import file_path, whole
+from locplan._util.extras import needed
+from locplan.costs import ROBOT_RADIUS
+from locplan.errors import LocplanError
+from locplan.explorer._notebook import frame_html, in_notebook
+from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar, Sad, Scan
+from locplan.field._config import config_of
+from locplan.maps import OccupancyGrid, check_grid
+
+if TYPE_CHECKING:
+    from locplan.explorer._scene import Opening
+    from locplan.explorer._server import Server
+    from locplan.explorer._session import Session
+
+LIBRARIES = ("starlette", "uvicorn", "websockets")
+"""Libraries of the extra "explore"."""
+
+
+class Explorer:
+    """A page that is served on this machine, until it is closed or the program ends.
+
+    It is made by `locplan.explore`.
+    """
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+
+    def __repr__(self) -> str:
+        return f"Explorer({self.address})"
+
+    def __enter__(self) -> Explorer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def address(self) -> str:
+        """Address of the page, with the secret that lets one in."""
+        return self._server.address
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map as it was edited on the page."""
+        return self._server.session.grid
+
+    @property
+    def field(self) -> CovarianceField | None:
+        """The field that the page shows; None before it is there."""
+        return self._server.session.field
+
+    def _repr_html_(self) -> str | None:
+        """The page itself, in a notebook."""
+        return frame_html(self.address) if self._server.framed else None
+
+    def open(self) -> None:
+        """Open the page in the browser."""
+        webbrowser.open(self.address)
+
+    def wait(self) -> None:
+        """Wait until the page is closed by `close`, or by Ctrl-C."""
+        self._server.wait()
+
+    def close(self) -> None:
+        """End the server."""
+        self._server.stop()
+
+
+def explore(
+    grid: OccupancyGrid,
+    field: CovarianceField | None = None,
+    *,
+    lidar: Lidar | None = None,
+    estimator: FieldConfig | Estimator | None = None,
+    robot_radius: float = ROBOT_RADIUS,
+    port: int = 0,
+    open_browser: bool = True,
+    folder: str | os.PathLike[str] | None = None,
+    drives: Sequence[Any] = (),
+) -> Explorer:
+    """Open a page on this machine where the map's weak spots and paths are explored.
+
+    A person drags start and goal, changes weight, estimator and lidar, draws walls, and sees what
+    follows. Nobody on another machine can open the page. The call returns at once; the page lives
+    until the explorer is closed or the program ends. A script ends with ``.wait()``.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    field : CovarianceField, optional
+        The map's field; by default it is read from the cache, or computed while the page is used.
+    lidar : Lidar, optional
+        The robot's lidar; by default the field's, if it has one.
+    estimator : FieldConfig or Estimator, optional
+        Settings of the field; by default `Scan` of the lidar, or `Sad` without one.
+    robot_radius : float
+        Radius of the robot [m].
+    port : int
+        Port of the server; any free one by default.
+    open_browser : bool
+        False opens no browser. In a notebook none is opened: the page is displayed there.
+    folder : path, optional
+        Folder that the page may write maps and exports to; without it, it writes none.
+    drives : sequence
+        Recorded drives to show: recordings or their files, see `locplan.recordings.read_drive`.
+
+    Returns
+    -------
+    Explorer
+        The page, which a notebook displays.
+
+    Raises
+    ------
+    LocplanError
+        If an argument is out of its range, the port is taken, or a library is missing.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> with locplan.explore(grid, open_browser=False) as page:
+    ...     page.address.startswith("http://127.0.0.1:")
+    True
+    """
+    from locplan.explorer._drives import RecordedDrive
+    from locplan.explorer._scene import Opening
+
+    check_grid(grid)
+    if field is not None and estimator is None:
+        config = field.config
+    elif estimator is None:
+        config = FieldConfig(Sad() if lidar is None else Scan(lidar))
+    else:
+        config = config_of(estimator)
+    opening = Opening(
+        config,
+        lidar=lidar or getattr(config.estimator, "lidar", None),
+        robot_radius=robot_radius,
+        folder=None if folder is None else Path(file_path("folder", folder)),
+        drives=tuple(RecordedDrive.of(each) for each in drives),
+    )
+    framed = in_notebook()
+    explorer = opened(grid, opening, port=port, field=field, framed=framed)
+    if open_browser and not framed:
+        explorer.open()
+    return explorer
+
+
+def check_installed() -> None:
+    """Raise a LocplanError unless the libraries of the server are installed."""
+    for library in LIBRARIES:
+        needed(library, "explore", "the explorer")
+
+
+def opened(
+    grid: OccupancyGrid,
+    opening: Opening,
+    *,
+    port: int = 0,
+    field: CovarianceField | None = None,
+    framed: bool = False,
+) -> Explorer:
+    """Serve a page, and begin to compute its field."""
+    check_installed()
+    from locplan.explorer._server import Server
+    from locplan.explorer._session import Session
+
+    whole("port", port, 0, 65535)
+    session = Session(grid, opening)
+    server = Server(session, port, framed=framed)
+    server.start()
+    session.upkeep.begin(field)
+    threading.Thread(target=_warm_up, args=(session,), daemon=True).start()
+    return Explorer(server)
+
+
+def _warm_up(session: Session) -> None:
+    """Find the first ends and load the kernels, while the browser loads the page."""
+    from locplan.explorer._state import ends
+    from locplan.planners import AnyAngle
+
+    with suppress(LocplanError):  # the page's own questions tell what is wrong
+        ends(session)
+    AnyAngle().prepare()

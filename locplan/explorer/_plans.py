@@ -1,0 +1,242 @@
+"""Paths that follow while a marker is dragged: the shortest one, and the aware one."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from locplan._util.checks import RESOLUTIONS
+from locplan.costs import Path
+from locplan.costs._path import joined
+from locplan.errors import ConfigError
+from locplan.explorer._drafts import drafted
+from locplan.explorer._floor import FACTOR
+from locplan.explorer._profiles import PathAnswer, path_answer
+from locplan.explorer._scene import Scene
+from locplan.explorer._searches import Flood, Halved, index_of
+from locplan.explorer._session import KEPT_BYTES, Session
+from locplan.explorer._snap import snapped
+from locplan.explorer._wire import Ask
+from locplan.maps import OccupancyGrid
+from locplan.planners import AnyAngle, Position
+from locplan.planners._any_angle import any_angle_path
+
+if TYPE_CHECKING:
+    from locplan.explorer._asks import Work
+
+SHORTEST_WEIGHT = 1e-6
+"""Weight of the shortest path: of the many on a grid it is the one that sees most."""
+DRAFT_CELLS = 1500
+"""Longest side of a map on which drafts are planned on its own cells [cells]."""
+PATH_BYTES = 20_000
+"""Bytes that a path may take, roughly."""
+Check: TypeAlias = Callable[[], None]
+"""Function that raises where a plan is not wanted any more."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanAnswer:
+    """Both paths over the stops, or the reason why there are none."""
+
+    stops: tuple[Position, ...]
+    """Start, waypoints and goal, where the robot can stand [m]."""
+    draft: bool
+    """Whether the paths are drafts, which finer ones are to follow."""
+    shortest: PathAnswer | None
+    """The shortest path."""
+    aware: PathAnswer | None
+    """The localizability-aware path."""
+    why: str = ""
+    """Reason why a path is missing."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The answer, fit for JSON."""
+        start, *via, goal = map(list, self.stops)
+        about: dict[str, Any] = {"start": start, "goal": goal, "via": via, "draft": self.draft}
+        about["aware"] = self.aware and self.aware.to_json()
+        about["shortest"] = self.shortest and self.shortest.to_json()
+        return {**about, "why": self.why} if self.why else about
+
+
+def plan(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Answer with both paths over start, waypoints and goal."""
+    stops = [ask.position("start"), *ask.positions("via"), ask.position("goal")]
+    weight, held = session.weight_of(ask), held_stop(ask, len(stops))
+    draft = ask.flag("draft")
+    check = work.cancel.check
+    return planned(session, stops, weight, held=held, draft=draft, check=check).to_json()
+
+
+def planned(
+    session: Session,
+    stops: Sequence[Position],
+    weight: float,
+    *,
+    held: int | None = None,
+    draft: bool = False,
+    check: Check = lambda: None,
+) -> PlanAnswer:
+    """Plan both paths.
+
+    Where no stop is held they are those of `locplan.planners.plan_beside_shortest`. While one is
+    dragged, they come from the searches that are kept from the stops beside it, and may be other
+    ones of the same cost on the grid.
+
+    Parameters
+    ----------
+    session : Session
+        The session, whose present scene is planned on.
+    stops : sequence of (x, y)
+        Start, waypoints and goal in the world [m].
+    weight : float
+        Metres of detour accepted per degenerate metre.
+    held : int, optional
+        Index of the stop that is dragged.
+    draft : bool
+        True takes a coarser map where the map is large.
+    check : callable
+        It is called between the paths, and raises to end the plan.
+    """
+    scene = session.scene
+    placed = snapped(session.parts(scene), stops, held)
+    if draft and _has_drafts(scene.costs.grid):
+        found = drafted(session, scene, placed, (SHORTEST_WEIGHT, weight), held, check)
+        if found is not None:
+            return PlanAnswer(tuple(placed), True, *found)
+    shortest = _over(session, scene, placed, SHORTEST_WEIGHT, held, check)
+    check()
+    if shortest is None:
+        why = f"no path joins them for a robot of radius {session.robot_radius:g} m"
+        return PlanAnswer(tuple(placed), False, None, None, why)
+    if scene.field is None:
+        why = "the field is still being computed"
+        answer = path_answer(_halved(session, scene, SHORTEST_WEIGHT).costs, scene, shortest)
+        return PlanAnswer(tuple(placed), False, answer, None, why)
+    aware = _over(session, scene, placed, weight, held, check)
+    check()
+    costs = _halved(session, scene, weight).costs
+    answers = [path_answer(costs, scene, path) for path in (shortest, aware) if path]
+    # Any-angle paths are improved from two beginnings, and the better one of the two counts.
+    best = min(answers, key=lambda one: one.length), min(answers, key=lambda one: one.cost)
+    return PlanAnswer(tuple(placed), False, *best)
+
+
+def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
+    """Search from both ends while nothing is asked, so that the next drag finds them done."""
+    scene, weight = session.scene, session.weight_of(ask)
+    stops = [ask.position("start"), *ask.positions("via"), ask.position("goal")]
+    placed = snapped(session.parts(scene), stops)
+    weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
+    halved = [_halved(session, scene, each) for each in weights]
+    for stop in (placed[0], placed[-1]):
+        if session.kept.bytes + sum(each.bordered.half.nbytes for each in halved) > KEPT_BYTES:
+            break  # one search would only push out another
+        for each in weights:
+            work.cancel.check()
+            _flood(session, scene, each, stop)
+    return {"ok": True}
+
+
+def is_slow(session: Session, ask: Ask) -> bool:
+    """Whether a plan takes so long that drafts must not wait for it."""
+    return _has_drafts(session.grid) and ask.values.get("draft") is not True
+
+
+def _has_drafts(grid: OccupancyGrid) -> bool:
+    """Whether drafts are planned on larger cells: those of a map may have 10 m at most."""
+    large = max(grid.shape) > DRAFT_CELLS
+    return large and grid.resolution * FACTOR <= RESOLUTIONS[1]
+
+
+def held_stop(ask: Ask, count: int) -> int | None:
+    """Index of the stop that is held: "start", "goal" or "via:K"; None without one."""
+    hold = ask.text("hold")
+    if hold in (None, ""):
+        return None
+    names = {"start": 0, "goal": count - 1} | {f"via:{k}": k + 1 for k in range(count - 2)}
+    if hold not in names:
+        raise ConfigError(f"hold must be one of {', '.join(names)}")
+    return names[hold]
+
+
+def _over(
+    session: Session,
+    scene: Scene,
+    stops: Sequence[Position],
+    weight: float,
+    held: int | None,
+    check: Check,
+) -> Path | None:
+    """The path over all stops, leg by leg; None if a leg has none."""
+    legs: list[Path] = []
+    for n, (start, goal) in enumerate(itertools.pairwise(stops)):
+        check()
+        moving = None if held is None else {n: "start", n + 1: "goal"}.get(held)
+        leg = _leg(session, scene, weight, start, goal, moving)
+        if leg is None:
+            return None
+        legs.append(leg)
+    return legs[0] if len(legs) == 1 else joined(legs)
+
+
+def _leg(
+    session: Session,
+    scene: Scene,
+    weight: float,
+    start: Position,
+    goal: Position,
+    moving: str | None,
+) -> Path | None:
+    """The any-angle path of a leg, of which one end may be moving; None if there is none."""
+    halved = _halved(session, scene, weight)
+    costs, bordered = halved.costs, halved.bordered
+    if moving == "start":
+        cells = _flood(session, scene, weight, goal).cells_to(index_of(costs, start))
+        if cells is None:
+            return None
+        return any_angle_path(costs, bordered, cells[::-1], start, goal)
+    key = ("leg", scene.serial, weight, start, goal)
+    if moving is None and (kept := session.kept.get(key)):
+        return kept  # type: ignore[no-any-return]
+    flood: Flood | None = session.kept.get(_flood_key(scene, weight, index_of(costs, start)))
+    if moving == "goal" and flood is None:
+        flood = _flood(session, scene, weight, start)
+    if flood is not None:
+        cells = flood.cells_to(index_of(costs, goal))
+        path = None if cells is None else any_angle_path(costs, bordered, cells, start, goal)
+    else:
+        path = AnyAngle().solve_prepared(costs, bordered, start, goal).path
+    if path is not None and moving is None:
+        session.kept.put(key, path, PATH_BYTES)
+    return path
+
+
+def _halved(session: Session, scene: Scene, weight: float) -> Halved:
+    """The costmap at a weight, or the blank one before there is a field."""
+
+    def make() -> Halved:
+        costs = scene.costs
+        return Halved.of(costs if scene.field is None else costs.with_weight(weight))
+
+    key = ("halved", scene.serial, weight)
+    expected = 2 * scene.costs.density.nbytes
+    return session.kept.made(key, make, lambda made: made.bordered.half.nbytes, expected)
+
+
+def _flood_key(scene: Scene, weight: float, source: int) -> tuple[object, ...]:
+    return "flood", scene.serial, weight, source
+
+
+def _flood(session: Session, scene: Scene, weight: float, end: Position) -> Flood:
+    """The search from an end of a leg, which is kept."""
+    halved = _halved(session, scene, weight)
+    source = index_of(halved.costs, end)
+    key = _flood_key(scene, weight, source)
+    return session.kept.made(
+        key,
+        lambda: Flood.of(halved.bordered, source),
+        lambda made: made.cost.nbytes,
+        halved.bordered.half.nbytes,
+    )

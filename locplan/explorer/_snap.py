@@ -1,0 +1,99 @@
+"""Moving a position to where the robot can stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.costs import Costmap
+from locplan.errors import PoseError
+from locplan.maps import OccupancyGrid
+from locplan.planners import Position
+from locplan.planners._grid import connected
+
+REACH = 3.0
+"""Greatest distance by which a position is moved [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The free cells of a costmap, and which of them are connected."""
+
+    grid: OccupancyGrid
+    """The map."""
+    labels: NDArray[np.int32] | NDArray[np.uint16]
+    """Number of the connected part that a cell belongs to, (H, W); 0 where it is blocked."""
+
+    @classmethod
+    def of(cls, costs: Costmap) -> Parts:
+        """The parts where no corner may be cut."""
+        count, labels = connected(costs)
+        fits = count <= np.iinfo(np.uint16).max
+        return cls(costs.grid, labels.astype(np.uint16) if fits else labels)
+
+    def label(self, xy: Position) -> int:
+        """Number of the part at a world position [m], 0 in blocked cells and outside the map."""
+        cell = self.grid.world_to_cell(*xy[:2])
+        return int(self.labels[cell]) if self.grid.contains(*cell) else 0
+
+    def nearest(self, xy: Position, label: int = 0) -> Position | None:
+        """Centre of the nearest free cell within `REACH`, of one part or of any [m]."""
+        grid = self.grid
+        row, col = (float(v) for v in grid.world_to_grid(*xy[:2]))
+        reach, sizes = REACH / grid.resolution, grid.shape
+        first = [max(0, math.floor(at - reach)) for at in (row, col)]
+        last = [
+            min(size, math.floor(at + reach) + 1)
+            for at, size in zip((row, col), sizes, strict=True)
+        ]
+        if first[0] >= last[0] or first[1] >= last[1]:
+            return None
+        window = self.labels[first[0] : last[0], first[1] : last[1]]
+        rows, cols = np.nonzero(window == label if label else window > 0)
+        if not rows.size:
+            return None
+        rows, cols = rows + first[0], cols + first[1]
+        squared = (rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2
+        at = int(np.argmin(squared))
+        if squared[at] > reach**2:
+            return None
+        return grid.cell_to_world(int(rows[at]), int(cols[at]))
+
+
+def snapped(parts: Parts, stops: Sequence[Position], held: int | None = None) -> list[Position]:
+    """The stops of a path, each of them moved into a free cell where it is in none.
+
+    Cells of the part that the other stops are in are preferred: the first of them that is free
+    decides, and the one that is held last of all.
+
+    Raises
+    ------
+    PoseError
+        If there is no free cell near a stop.
+    """
+    order = [n for n in range(len(stops)) if n != held] + ([] if held is None else [held])
+    part = next((label for n in order if (label := parts.label(stops[n]))), 0)
+    found = list(stops)
+    for n in order:
+        xy = stops[n]
+        if parts.label(xy):
+            continue
+        near = (parts.nearest(xy, part) if part else None) or parts.nearest(xy)
+        if near is None:
+            raise PoseError(
+                f"{_role(n, len(stops))} {xy[0]:.2f},{xy[1]:.2f} has no free cell within"
+                f" {REACH:g} m; put it where the robot can stand"
+            )
+        found[n] = near
+        part = part or parts.label(near)
+    return found
+
+
+def _role(number: int, count: int) -> str:
+    if number == 0:
+        return "the start"
+    return "the goal" if number == count - 1 else f"waypoint {number}"

@@ -1,0 +1,146 @@
+"""What the page is told of a session: what it is about, and how it stands."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from locplan import __version__
+from locplan._util.tables import finite
+from locplan.explorer._scene import Scene
+from locplan.explorer._session import GREATEST_WEIGHT, Session
+from locplan.field import ESTIMATORS, PRESETS
+from locplan.field._lidar_presets import Preset
+from locplan.field._registry import estimator_class
+
+TITLES = {
+    "sad": "SAD, the paper's",
+    "fisher": "Fisher information",
+    "scan": "simulated scan",
+    "fused": "Fisher and scan fused",
+}
+"""Titles of estimators for people; others are shown by their names."""
+ROBOTS = ("turtlebot3", "turtlebot4")
+"""Presets that are named after the robot that carries the lidar."""
+
+
+def about(session: Session) -> dict[str, Any]:
+    """The map, and what can be chosen and done."""
+    from locplan.explorer._twins import available
+    from locplan.export._distros import DISTRIBUTIONS
+
+    grid = session.original
+    writes = session.folder is not None
+    return {
+        "version": __version__,
+        "map": {
+            "name": grid.name,
+            "rows": grid.shape[0],
+            "cols": grid.shape[1],
+            "resolution": grid.resolution,
+            "origin": list(grid.origin),
+        },
+        "estimators": [_estimator(name) for name in ESTIMATORS],
+        "lidars": [_lidar(name, preset) for name, preset in PRESETS.items()],
+        "distros": list(DISTRIBUTIONS),
+        "can": {"export": writes, "save": writes, "twins": available(), "landmarks": True},
+        "drives": [each.about() for each in session.drives],
+        "max_weight": GREATEST_WEIGHT,
+        "robot_radius": session.robot_radius,
+    }
+
+
+def state(session: Session) -> dict[str, Any]:
+    """How the session stands."""
+    scene, busy = session.scene, session.busy
+    opening, field = session.opening, scene.field
+    start, goal = ends(session)
+    layers: list[dict[str, object]] = []
+    lattice = None
+    if field is not None:
+        layers = [each.to_json() for each in (session.textures(scene.digest) or {}).values()]
+        rows, cols = field.covariance.shape[:2]
+        lattice = {"rows": rows, "cols": cols, "stride_cells": field.stride, "row0": 0, "col0": 0}
+    return finite(
+        {
+            "map": {
+                "digest": session.grid.digest,
+                "edited": session.edited,
+                "can_undo": bool(session.history.before),
+                "can_redo": bool(session.history.undone),
+            },
+            "field": _field(scene),
+            "lattice": lattice,
+            "layers": layers,
+            "weight": session.default_weight,
+            "default_weight": session.default_weight,
+            "start": start,
+            "goal": goal,
+            "via": [list(xy[:2]) for xy in opening.via],
+            "busy": busy and {"id": None, "do": busy.do, "done": busy.done, "total": busy.total},
+        }
+    )
+
+
+def ends(session: Session) -> tuple[list[float] | None, list[float] | None]:
+    """Start and goal that the page begins with: those given, or two places far apart."""
+    opening = session.opening
+    if opening.start and opening.goal:
+        return list(opening.start[:2]), list(opening.goal[:2])
+    with session.opening_ends:  # the pages that open at once wait for one search
+        found = session.files.made(("ends",), lambda: _far_apart(session), lambda _: 100)
+    start, goal = opening.start or found[0], opening.goal or found[1]
+    return (start and list(start[:2])), (goal and list(goal[:2]))
+
+
+def _far_apart(session: Session) -> tuple[Any, Any]:
+    """Two places of the largest part of the free space, far apart; None where there is none."""
+    import numpy as np
+
+    from locplan.planners._suggestions import farthest_pairs
+
+    parts = session.parts()
+    labels = parts.labels.astype(np.int32)
+    sizes = np.bincount(labels.ravel())[1:]
+    if not sizes.size:
+        return None, None
+    largest = int(sizes.argmax()) + 1
+    pairs = farthest_pairs(parts.grid, labels, largest, "AB", 0.0)
+    if pairs:
+        return (pairs[0].start.x, pairs[0].start.y), (pairs[0].goal.x, pairs[0].goal.y)
+    row, col = np.argwhere(labels == largest)[0].tolist()
+    place = parts.grid.cell_to_world(row, col)
+    return place, place
+
+
+def _field(scene: Scene) -> dict[str, Any] | None:
+    if scene.field is None:
+        return None
+    config = scene.field.config
+    model = getattr(getattr(config.estimator, "lidar", None), "model", "")
+    return {
+        "digest": scene.digest,
+        "estimator": config.estimator.name,
+        "lidar": model if model in PRESETS else None,
+        "range": config.estimator.reach,
+        "headings": config.headings,
+        "saturated": scene.saturated_share,
+        "whole": scene.whole,
+        "summary": config.estimator.summary,
+    }
+
+
+def _estimator(name: str) -> dict[str, Any]:
+    kind = estimator_class(name)
+    title = TITLES.get(name, name)
+    return {"name": name, "title": title, "needs_lidar": kind.casts_rays, "weight": kind.weight}
+
+
+def _lidar(name: str, preset: Preset) -> dict[str, Any]:
+    title = f"{name}, {preset.range:g} m, {preset.field_of_view_deg:g}°"
+    return {
+        "name": name,
+        "title": title,
+        "range": preset.range,
+        "field_of_view_deg": preset.field_of_view_deg,
+        "robot": name in ROBOTS,
+    }

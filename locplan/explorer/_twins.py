@@ -1,0 +1,151 @@
+"""Look-alikes of one place: where a scan taken there would match as well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from locplan._util.checks import FARTHEST
+from locplan._util.progress import ProgressCallback
+from locplan._util.tables import finite
+from locplan.costs import ROBOT_RADIUS
+from locplan.errors import ConfigError
+from locplan.explorer._snap import snapped
+from locplan.field import Lidar
+from locplan.maps import OccupancyGrid
+from locplan.simulation._settings import lidar_of
+
+if TYPE_CHECKING:
+    from locplan.explorer._asks import Work
+    from locplan.explorer._session import Session
+    from locplan.explorer._wire import Ask
+
+TWINS = "locplan.twins"
+"""The package that finds them."""
+ALIKE = 3.0
+"""Excess up to which a pose counts as a look-alike [nats]; a likelihood of a twentieth."""
+
+
+@dataclass(frozen=True)
+class LookAlike:
+    """A pose that the robot can be mistaken for."""
+
+    x: float
+    """World x [m]."""
+    y: float
+    """World y [m]."""
+    heading: float
+    """Heading there [rad]."""
+    excess: float
+    """By how much it explains the scan worse [nats]; below 0 it explains it better."""
+
+
+@dataclass(frozen=True)
+class LookAlikes:
+    """What one place can be mistaken for by a single scan."""
+
+    place: tuple[float, float]
+    """World x and y of the place [m]."""
+    excess: float
+    """Least excess of any pose more than 2 m away [nats]; infinite if there is none."""
+    share: float
+    """Share of the posterior more than 2 m away."""
+    modes: int
+    """Number of look-alike poses more than 2 m away."""
+    stretch: float
+    """Distance that a match can slide along the place, as in a corridor [m]."""
+    twins: tuple[LookAlike, ...]
+    """The best of the look-alikes, the one with the least excess first."""
+
+    def summary(self) -> dict[str, object]:
+        """The look-alikes, fit for JSON."""
+        about: dict[str, object] = {
+            "x": self.place[0],
+            "y": self.place[1],
+            "excess": self.excess,
+            "share": self.share,
+            "modes": self.modes,
+            "stretch": self.stretch,
+            "twins": [
+                {**vars(each), "likelihood": math.exp(-max(each.excess, 0.0))}
+                for each in self.twins
+            ],
+        }
+        return finite(about)
+
+
+def available() -> bool:
+    """Whether this version of the library finds look-alikes."""
+    return find_spec(TWINS) is not None
+
+
+def twins_of(
+    grid: OccupancyGrid,
+    lidar: Lidar,
+    place: Sequence[float],
+    *,
+    robot_radius: float = ROBOT_RADIUS,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> LookAlikes:
+    """Find the look-alikes of one place.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    lidar : Lidar
+        The robot's lidar.
+    place : (x, y)
+        The place in the world [m].
+    robot_radius : float
+        Radius of the robot [m].
+    threads : int, optional
+        Number of threads; all cores by default.
+    progress : callable, optional
+        Called with (done, total) headings at the place. What is made of the whole map before them
+        has no progress, and runs out.
+
+    Raises
+    ------
+    LocplanError
+        If the robot cannot stand there, or this version finds no look-alikes.
+    """
+    if not available():
+        raise ConfigError("look-alike places are not available in this version of locplan")
+    package: Any = import_module(TWINS)
+    found = package.find_twins(
+        grid,
+        lidar=lidar,
+        places=[tuple(place[:2])],
+        robot_radius=robot_radius,
+        threads=threads,
+        progress=progress,
+    )
+    alike = [each for each in found.of(0) if each.excess <= ALIKE]
+    x, y = found.places[0].tolist()
+    return LookAlikes(
+        (x, y),
+        float(found.excess[0]),
+        float(found.elsewhere[0]),
+        int(found.modes[0]),
+        float(found.stretch[0]),
+        tuple(LookAlike(each.x, each.y, each.heading, float(each.excess)) for each in alike),
+    )
+
+
+def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the look-alikes of a place."""
+    x, y = (ask.number(name, -FARTHEST, FARTHEST) for name in ("x", "y"))
+    if x is None or y is None:
+        raise ConfigError("look-alikes need a place: x and y in metres")
+    (place,) = snapped(session.parts(), [(x, y)])
+    work.progress(0, 1, "comparing places")
+    lidar = session.lidar or lidar_of(session.config)
+    radius = session.robot_radius
+    found = twins_of(session.grid, lidar, place, robot_radius=radius, progress=work.progress)
+    return found.summary()

@@ -1,0 +1,225 @@
+"""Keeping the field of a session up to date in the background: nearest to an edit first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.machine import check_threads
+from locplan._util.progress import ProgressCallback
+from locplan.costs import Costmap
+from locplan.errors import one_line
+from locplan.explorer._cancelling import Cancel, Cancelled
+from locplan.explorer._scene import Busy, Opening, Scene
+from locplan.field import CovarianceField, FieldConfig, _tiles as tiles, load_or_compute
+from locplan.maps import OccupancyGrid
+
+FIRST_SECONDS = 0.15
+"""Time that the points nearest to an edit may take by the estimator's own estimate [s]."""
+GROWTH = 4
+"""Ratio of the numbers of points from one repainting to the next."""
+MIN_POINTS = 64
+"""Least number of points that are computed at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patchwork:
+    """A field of which some values may be those from before an edit."""
+
+    field: CovarianceField
+    """The field on the map of the last repainting."""
+    fresh: NDArray[np.bool_]
+    """Mask of the lattice points whose values are those of this map, (h, w)."""
+    base: Costmap
+    """The costmap of the last field that was whole."""
+
+
+class Host(Protocol):
+    """A session, as far as its upkeep knows it."""
+
+    @property
+    def opening(self) -> Opening:
+        """What the session began with."""
+
+    grid: OccupancyGrid
+    config: FieldConfig
+    busy: Busy | None
+    scene: Scene
+
+    def costmap_of(self, field: CovarianceField) -> Costmap:
+        """The costmap of a field."""
+
+    def show(self, costs: Costmap, field: CovarianceField | None, *, whole: bool) -> None:
+        """Replace what is shown."""
+
+    def tell(self, event: dict[str, Any]) -> None:
+        """Tell all pages of an event."""
+
+
+class Upkeep:
+    """A thread that computes what a session's map and settings ask for, the newest only."""
+
+    def __init__(self, session: Host) -> None:
+        self.session = session
+        self._lane = ThreadPoolExecutor(1, "field")
+        self._cancel = Cancel()
+        self._known: Patchwork | None = None
+        self.latest: Future[None] | None = None
+        self.listener: ProgressCallback | None = None
+
+    def begin(self, known: CovarianceField | None = None) -> Future[None]:
+        """Bring the field up to date; what is computed for an older state ends early."""
+        self._cancel.cancel()
+        self._cancel = cancel = Cancel()
+        self.latest = self._lane.submit(self._work, cancel, known)
+        return self.latest
+
+    def close(self) -> None:
+        """End the thread after its present step."""
+        self._cancel.cancel()
+        self._lane.shutdown(wait=False, cancel_futures=True)
+
+    def _work(self, cancel: Cancel, given: CovarianceField | None) -> None:
+        session = self.session
+        cancel.check()
+        grid, config, known = session.grid, session.config, self._known
+        session.busy = Busy("field")
+        try:
+            if known is None:
+                self._show_floor(grid)
+            elif known.field.config == config or known.field.grid.digest != grid.digest:
+                self._repaint(known, grid, cancel)  # an old field follows the map, too
+            if known is None or known.field.config != config:
+                self._whole(grid, config, cancel, given)
+        except Cancelled:
+            raise
+        except Exception as error:
+            session.tell({"event": "error", "error": _in_one_line(error)})
+            raise
+        finally:
+            if not cancel.cancelled:
+                session.busy = None
+                session.tell({"event": "state"})
+
+    def _show_floor(self, grid: OccupancyGrid) -> None:
+        """Show an edited map before there is a field."""
+        session = self.session
+        if session.scene.costs.grid.digest != grid.digest:
+            radius = session.opening.robot_radius
+            session.show(Costmap.blank(grid, robot_radius=radius), None, whole=True)
+
+    def _repaint(self, known: Patchwork, grid: OccupancyGrid, cancel: Cancel) -> None:
+        """Bring a field up to date with an edited map, and show it again and again."""
+        session = self.session
+        for now, done in self._repainted(known, grid, cancel):
+            costs = now.base.updated(now.field)
+            self._known = Patchwork(now.field, now.fresh, costs) if done else now
+            if done and now.field.config == session.config:
+                session.busy = None
+            session.show(costs, now.field, whole=done)
+
+    def _whole(
+        self,
+        grid: OccupancyGrid,
+        config: FieldConfig,
+        cancel: Cancel,
+        given: CovarianceField | None,
+    ) -> None:
+        session, opening = self.session, self.session.opening
+        field = given
+        if field is None:
+            progress = cancel.watching(self._tell)
+            field = load_or_compute(
+                grid,
+                config,
+                cache_dir=opening.cache_dir,
+                threads=opening.threads,
+                progress=progress,
+            )
+        costs = session.costmap_of(field)
+        cancel.check()
+        self._known = Patchwork(field, field.evaluated | field.lacking, costs)
+        session.busy = None
+        session.show(costs, field, whole=True)
+
+    def _repainted(
+        self, known: Patchwork, grid: OccupancyGrid, cancel: Cancel
+    ) -> Iterator[tuple[Patchwork, bool]]:
+        """The field on a new map, again and again while its values are computed."""
+        config, threads = known.field.config, check_threads(self.session.opening.threads)
+        before = known.field.grid
+        fresh = known.fresh & tiles.untouched_points(before, grid, config)
+        wanted = tiles.wanted_points(grid, config)
+        values = {name: array.copy() for name, array in known.field.values.items()}
+        for array in values.values():
+            array[~wanted] = np.nan
+        unknown = wanted & ~tiles.known_points(values)
+        due = wanted & ~fresh
+        if not due.any():
+            yield Patchwork(CovarianceField.of(values, grid, config), fresh, known.base), True
+            return
+        order = nearest_first(due, unknown, before.cells != grid.cells, known.field.stride)
+        seconds = config.headings * config.estimator.seconds(grid.resolution)
+        size, at = max(MIN_POINTS, int(FIRST_SECONDS * threads / seconds)), 0
+        size = max(size, int(unknown.sum()))
+        while at < len(order):
+            batch = np.zeros_like(due)
+            batch.flat[order[at : at + size]] = True
+            values = {name: array.copy() for name, array in values.items()}
+            for array in values.values():
+                array[batch] = np.nan
+            progress = cancel.watching(_shifted(self._tell, at, len(order)))
+            made = grid, config, threads, None, progress
+            for _ in tiles.finished_chunks(values, *made, batch):
+                cancel.check()
+            fresh, at, size = fresh | batch, at + size, size * GROWTH
+            field = CovarianceField.of(values, grid, config)
+            yield Patchwork(field, fresh, known.base), at >= len(order)
+
+    def _tell(self, done: int, total: int) -> None:
+        busy = self.session.busy
+        if busy is not None:
+            busy.done, busy.total = done, total
+        self.session.tell({"event": "progress", "do": "field", "done": done, "total": total})
+        listener = self.listener
+        if listener is not None:
+            listener(done, total)
+
+
+def nearest_first(
+    due: NDArray[np.bool_], first: NDArray[np.bool_], changed: NDArray[np.bool_], stride: int
+) -> NDArray[np.int64]:
+    """Flat indices of the due lattice points (h, w): some first, then by distance to an edit.
+
+    The edit is a mask of the map's cells (H, W).
+    """
+    import cv2
+
+    rows, cols = np.nonzero(changed)
+    apart = np.zeros(due.shape)
+    if rows.size:
+        far = np.ones(due.shape, np.uint8)
+        at = ((index + stride // 2) // stride for index in (rows, cols))
+        far[tuple(np.minimum(i, n - 1) for i, n in zip(at, due.shape, strict=True))] = 0
+        apart = np.asarray(cv2.distanceTransform(far, cv2.DIST_L2, cv2.DIST_MASK_5), float)
+    apart[first] = -1.0
+    flat = np.flatnonzero(due)
+    return flat[np.argsort(apart.flat[flat], kind="stable")]
+
+
+def _shifted(progress: ProgressCallback, before: int, total: int) -> ProgressCallback:
+    """A callback for a part of some work."""
+
+    def update(done: int, _: int) -> None:
+        progress(min(before + done, total), total)
+
+    return update
+
+
+def _in_one_line(error: Exception) -> str:
+    return one_line(" ".join(str(error).split()) or type(error).__name__)

@@ -1,0 +1,169 @@
+"""Questions of the page: messages of JSON, of which every value is checked when it is read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, NoReturn, overload
+
+from locplan._util.checks import is_number, number, one_of, position, printable, shown, whole
+from locplan.errors import ConfigError, LocplanError
+
+MAX_MESSAGE = 200_000
+"""Greatest length of a message [characters]."""
+MAX_TEXT = 200
+"""Greatest length of a text in a message [characters]."""
+MAX_STOPS = 50
+"""Greatest number of waypoints."""
+MAX_ID = 2**53
+"""Greatest number of a question, the greatest whole number of JavaScript."""
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A question: what to do, its number, and the values that it came with."""
+
+    do: str
+    """Name of what to do."""
+    id: int
+    """Number of the question, which its answer has, too."""
+    values: Mapping[str, Any]
+    """All values of the message."""
+
+    def has(self, name: str) -> bool:
+        """Whether there is a value other than null."""
+        return self.values.get(name) is not None
+
+    def position(self, name: str) -> tuple[float, float]:
+        """A position in the world, [x, y] [m]."""
+        value = self.values.get(name)
+        if not _is_pair(value):
+            raise ConfigError(f"{name} must be [x, y] in metres, not {shown(value)}")
+        return position(value, name=name)
+
+    def positions(self, name: str, most: int = MAX_STOPS) -> list[tuple[float, float]]:
+        """Positions in the world, [[x, y], ...] [m]; none without a value."""
+        values = self.values.get(name)
+        if values is None:
+            return []
+        if not isinstance(values, list) or len(values) > most or not all(map(_is_pair, values)):
+            raise ConfigError(f"{name} must be up to {most} positions [x, y], not {shown(values)}")
+        return [position(value, name=name) for value in values]
+
+    @overload
+    def number(self, name: str, low: float, high: float, default: float) -> float: ...
+
+    @overload
+    def number(self, name: str, low: float, high: float, default: None = None) -> float | None: ...
+
+    def number(
+        self, name: str, low: float, high: float, default: float | None = None
+    ) -> float | None:
+        """A number within limits, or the default."""
+        value = self.values.get(name)
+        return default if value is None else number(name, value, low, high)
+
+    @overload
+    def whole(self, name: str, low: int, high: int, default: int) -> int: ...
+
+    @overload
+    def whole(self, name: str, low: int, high: int, default: None = None) -> int | None: ...
+
+    def whole(self, name: str, low: int, high: int, default: int | None = None) -> int | None:
+        """A whole number within limits, or the default."""
+        value = self.values.get(name)
+        return default if value is None else whole(name, value, low, high)
+
+    @overload
+    def one_of(self, name: str, choices: Collection[str], default: str) -> str: ...
+
+    @overload
+    def one_of(self, name: str, choices: Collection[str], default: None = None) -> str | None: ...
+
+    def one_of(self, name: str, choices: Collection[str], default: str | None = None) -> str | None:
+        """One of some words, or the default."""
+        value = self.values.get(name)
+        if value is None:
+            return default
+        one_of(name, value, choices)
+        return str(value)
+
+    @overload
+    def text(self, name: str, default: str) -> str: ...
+
+    @overload
+    def text(self, name: str, default: None = None) -> str | None: ...
+
+    def text(self, name: str, default: str | None = None) -> str | None:
+        """A short text in one line, or the default."""
+        value = self.values.get(name)
+        if value is None:
+            return default
+        if not isinstance(value, str) or len(value) > MAX_TEXT or value != printable(value):
+            what = f"a text of at most {MAX_TEXT} characters in one line"
+            raise ConfigError(f"{name} must be {what}, not {shown(value)}")
+        return value
+
+    def flag(self, name: str) -> bool:
+        """True or false; false without a value."""
+        value = self.values.get(name)
+        if not isinstance(value, (bool, type(None))):
+            raise ConfigError(f"{name} must be true or false, not {shown(value)}")
+        return bool(value)
+
+    def mapping(self, name: str) -> dict[str, Any]:
+        """An object, whose values are yet to be checked; empty without a value."""
+        value = self.values.get(name)
+        if not isinstance(value, (dict, type(None))):
+            raise ConfigError(f"{name} must be an object, not {shown(value)}")
+        return dict(value or {})
+
+    def items(self, name: str, most: int) -> list[Ask]:
+        """Objects of a list, each to be read as a question is."""
+        values = self.values.get(name)
+        if not isinstance(values, list) or len(values) > most:
+            raise ConfigError(f"{name} must be a list of up to {most}, not {shown(values)}")
+        if not all(isinstance(value, dict) for value in values):
+            raise ConfigError(f"{name} must be a list of objects")
+        return [Ask(self.do, self.id, value) for value in values]
+
+
+class Unanswerable(LocplanError):
+    """A message that is no question, with its number where it has one."""
+
+    def __init__(self, message: str, number: int | None = None) -> None:
+        super().__init__(message)
+        self.number = number
+
+
+def read_ask(text: str, known: Collection[str]) -> Ask:
+    """Read a question from a message.
+
+    Raises
+    ------
+    Unanswerable
+        If it is none.
+    """
+    if len(text) > MAX_MESSAGE:
+        raise Unanswerable(f"a message has at most {MAX_MESSAGE:,} characters, not {len(text):,}")
+    try:
+        values = json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        raise Unanswerable("a message must be an object of JSON") from None
+    if not isinstance(values, dict):
+        raise Unanswerable("a message must be an object of JSON")
+    number, do = values.get("id"), values.get("do")
+    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= MAX_ID:
+        raise Unanswerable("a question needs an id, a whole number from 0 on")
+    if not isinstance(do, str) or do not in known:
+        raise Unanswerable(f"do must be one of {', '.join(known)}, not {shown(do)}", number)
+    return Ask(do, number, values)
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(constant)
+
+
+def _is_pair(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))

@@ -1,0 +1,111 @@
+// The Pareto front of length and degenerate metres as a small chart; its points choose paths.
+import { byId, hear, make, write } from "./dom.js";
+import { repaint } from "./frames.js";
+import { work } from "./link.js";
+import { planNow, routeAsked, setWeight } from "./route.js";
+import { announce } from "./say.js";
+import { model, on } from "./store.js";
+import { haloedPath } from "./strokes.js";
+import { metres, short, ticks } from "./text.js";
+import { palette } from "./theme.js";
+
+/** Connect the button. */
+export function startFront() {
+	hear("front-find", "click", findFront);
+	on("touched", dropFront);
+}
+
+/** Show a front that is here already, for instance in a shared page. */
+export function showFront(front) {
+	model.front = { ...front, points: [...front.points].sort((a, b) => a.length - b.length) };
+	drawChart(model.front.points);
+	byId("front-chart").hidden = false;
+	const count = model.front.points.length;
+	write("front-note", count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose one by click or arrow keys. They go in eight directions, so they are a little longer.`);
+	announce(byId("front-note").textContent);
+}
+
+/** Draw the chosen point's path. */
+export function paintPreview(pen) {
+	if (model.preview) haloedPath(pen, model.preview.xy, { colour: palette.via, width: 3.5, dash: [12, 4, 3, 4] });
+}
+
+function dropFront() {
+	if (!model.front) return;
+	model.front = model.preview = null;
+	byId("front-chart").hidden = true;
+	write("front-note", "");
+}
+
+function findFront() {
+	const { start, goal, via } = routeAsked();
+	return work("front", "Finding the Pareto front", { start, goal, via }, showFront, "Search for the front cancelled.");
+}
+
+function drawChart(points) {
+	const [lows, highs] = [Math.min, Math.max].map((pick) => ["length", "degenerate"].map((key) => pick(...points.map((point) => point[key]))));
+	const place = (value, axis) => (highs[axis] > lows[axis] ? (value - lows[axis]) / (highs[axis] - lows[axis]) : 0.5);
+	const plot = make("div", { className: "plot", role: "radiogroup", "aria-label": "Paths of the Pareto front" });
+	for (const [axis, key] of [[0, "length"], [1, "degenerate"]])
+		for (const tick of ticks(lows[axis], highs[axis], false, axis ? 3 : 4)) plot.append(gridLine(key, place(tick, axis), short(tick)));
+	points.forEach((point, k) => plot.append(pointButton(point, k, place(point.length, 0), place(point.degenerate, 1))));
+	plot.addEventListener("keydown", walkFront);
+	plot.addEventListener("click", (event) => event.detail && choosePoint(nearestPoint(event)));
+	byId("front-chart").replaceChildren(make("span", { className: "y-title", textContent: "degenerate [m]" }), plot, make("span", { className: "x-title", textContent: "length [m]" }));
+}
+
+function gridLine(key, share, text) {
+	const line = make("i", { className: `grid ${key}`, "aria-hidden": "true" }, make("b", { textContent: text }));
+	if (key === "length") line.style.left = `${100 * share}%`;
+	else line.style.bottom = `${100 * share}%`;
+	return line;
+}
+
+function pointButton(point, k, x, y) {
+	const title = `${metres(point.length)}, ${metres(point.degenerate)} degenerate`;
+	const button = make("button", { className: "point", title, role: "radio", "aria-checked": "false", "aria-label": title, tabIndex: k ? -1 : 0 });
+	button.style.left = `${100 * x}%`;
+	button.style.bottom = `${100 * y}%`;
+	button.addEventListener("click", (event) => event.detail || choosePoint(k)); // by keyboard
+	return button;
+}
+
+// Points may lie on top of each other: a click chooses the nearest one.
+function nearestPoint({ clientX, clientY }) {
+	const far = pointButtons().map((button) => {
+		const box = button.getBoundingClientRect();
+		return Math.hypot(clientX - box.x - box.width / 2, clientY - box.y - box.height / 2);
+	});
+	return far.indexOf(Math.min(...far));
+}
+
+function walkFront(event) {
+	const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+	if (!step) return;
+	event.preventDefault();
+	event.stopPropagation();
+	const buttons = pointButtons();
+	const k = Math.min(buttons.length - 1, Math.max(0, buttons.indexOf(document.activeElement) + step));
+	buttons[k].focus();
+	choosePoint(k);
+}
+
+function pointButtons() {
+	return [...byId("front-chart").querySelectorAll(".point")];
+}
+
+async function choosePoint(k) {
+	pointButtons().forEach((button, other) => {
+		button.setAttribute("aria-checked", String(other === k));
+		button.tabIndex = other === k ? 0 : -1;
+	});
+	const point = model.front.points[k];
+	if (Number.isFinite(point.weight) && !model.shared) {
+		setWeight(point.weight);
+		await planNow();
+	}
+	model.preview = point;
+	announce(`Path of ${metres(point.length)}, ${metres(point.degenerate)} degenerate.`);
+	write("front-note", Number.isFinite(point.weight) ? `This path is best at weight ${short(point.weight)}.` : "No weight makes this path the best; it lies between two that one does.");
+	repaint("overlay");
+}

@@ -1,0 +1,59 @@
+// Landmarks proposed for the route: numbered ghosts until they are accepted or dismissed.
+import { byId, hear, write } from "./dom.js";
+import { drawStroke, sendStrokes } from "./editing.js";
+import { repaint } from "./frames.js";
+import { work } from "./link.js";
+import { routeAsked } from "./route.js";
+import { announce } from "./say.js";
+import { model } from "./store.js";
+import { haloedStroke, numberedDot, traceDisc } from "./strokes.js";
+import { palette } from "./theme.js";
+import { screenOf } from "./view.js";
+
+/** Connect the buttons. */
+export function startLandmarks() {
+	hear("landmarks-find", "click", proposeLandmarks);
+	hear("landmarks-accept", "click", acceptLandmarks);
+	hear("landmarks-drop", "click", () => dropLandmarks(""));
+}
+
+/** Draw the ghosts. */
+export function paintLandmarks(pen) {
+	model.landmarks?.strokes.forEach((stroke, k) => {
+		drawStroke(pen, stroke, 0.75);
+		const [px, py] = screenOf(...stroke.points[0]);
+		traceDisc(pen, px, py, 9);
+		haloedStroke(pen, palette.ghost, 2, [3, 3]);
+		numberedDot(pen, px + 15, py - 15, String(k + 1), palette.ghost);
+	});
+}
+
+function dropLandmarks(text) {
+	model.landmarks = null;
+	byId("landmarks-take").hidden = true;
+	write("landmarks-verdict", text);
+	repaint("overlay");
+}
+
+function proposeLandmarks() {
+	const object = byId("object").value;
+	const count = Math.min(20, Math.max(1, Math.round(byId("landmark-count").valueAsNumber || 3)));
+	const content = { ...routeAsked(), object, count };
+	return work("landmarks", "Looking for places of landmarks", content, showLandmarks, "Search for landmarks cancelled.");
+}
+
+function showLandmarks(answer) {
+	const { tool, size } = answer;
+	const width = tool === "pole" || size.length < 2 ? size[0] : size;
+	model.landmarks = { ...answer, strokes: answer.poses.map(([x, y, heading]) => ({ tool, points: [[x, y]], width, heading })) };
+	write("landmarks-verdict", answer.verdict);
+	byId("landmarks-take").hidden = !answer.poses.length;
+	announce(answer.verdict);
+	repaint("overlay");
+}
+
+function acceptLandmarks() {
+	const strokes = model.landmarks?.strokes ?? [];
+	dropLandmarks("");
+	if (strokes.length) sendStrokes(strokes.map(({ tool, points, width, heading }) => (tool === "pole" ? { tool, points, width } : { tool, points, width, heading })));
+}

@@ -1,0 +1,162 @@
+// Taking results away: the command, the Python, a picture, a shareable page, costmaps for Nav2.
+import { byId, hear, setOptions, write } from "./dom.js";
+import { mapName, saveAddress, saveDownload } from "./data.js";
+import { barTicks, drawBase } from "./layers.js";
+import { tryAsking, work } from "./link.js";
+import { drawOverlay } from "./overlay.js";
+import { rampColour } from "./ramps.js";
+import { routeAsked } from "./route.js";
+import { announce, toast } from "./say.js";
+import { model } from "./store.js";
+import { numberedDot } from "./strokes.js";
+import { shownLayer } from "./texture.js";
+import { metres } from "./text.js";
+import { palette } from "./theme.js";
+import { scaleBar, screenOf, view } from "./view.js";
+
+const WIDE = 760; // pixels from which on the legend takes one row
+
+/** Connect the buttons. */
+export function startSharing() {
+	const { can = {}, distros = [] } = model.about;
+	hear("copy-shell", "click", () => copyText("shell", "Command"));
+	hear("copy-python", "click", () => copyText("python", "Python"));
+	hear("picture", "click", savePicture);
+	hear("share", "click", sharePage);
+	hear("export", "click", exportCostmap);
+	setOptions(byId("distro"), distros.map((distro) => ({ value: distro, label: distro })), distros.includes("jazzy") ? "jazzy" : undefined);
+	byId("export-row").hidden = !can.export;
+	byId("save").hidden = !can.save;
+	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --folder FOLDER.");
+}
+
+function copyText(kind, title) {
+	return tryAsking("reproduce", routeAsked(), async (answer) => {
+		try {
+			await navigator.clipboard.writeText(answer[kind]);
+			toast(`${title} copied.`);
+			announce(`${title} copied.`);
+		} catch {
+			showText(title, answer[kind]);
+		}
+	});
+}
+
+// Where the browser forbids the clipboard, the text is shown selected.
+function showText(title, text) {
+	write("text-title", title);
+	byId("text-area").value = text;
+	byId("text-box").showModal();
+	byId("text-area").select();
+}
+
+function sharePage() {
+	const look = { layer: model.layer, ramp: model.ramp, stretch: model.stretch, opacity: model.opacity, theme: palette.theme, ...routeAsked() };
+	return work("share", "Making a page to share", { view: look }, (answer) => {
+		saveDownload(answer.download);
+		toast("The page is being downloaded.");
+	});
+}
+
+function exportCostmap() {
+	const content = { to: byId("export-to").value, distro: byId("distro").value, ...routeAsked() };
+	return work("export", "Exporting for Nav2", content, ({ files, folder, warnings = [] }) => {
+		const which = files.length === 1 ? `${files[0]} is` : `${files.length} files are`;
+		write("export-note", [`${which} in ${folder}.`, ...warnings].join(" "));
+		toast(`${which} in ${folder}.`);
+	});
+}
+
+// The picture shows what no card covers, with a legend below.
+function savePicture() {
+	const ratio = 2;
+	const { left, top, right, bottom } = model.insets;
+	const [x, y] = [Math.max(0, left - 12), Math.max(0, top - 12)];
+	const size = { width: Math.max(view.width - right + 12 - x, 300), height: view.height - bottom + 12 - y };
+	const canvas = document.createElement("canvas");
+	canvas.width = size.width * ratio;
+	canvas.height = (size.height + footOf(size)) * ratio;
+	const pen = canvas.getContext("2d");
+	pen.scale(ratio, ratio);
+	pen.save();
+	pen.translate(-x, -y);
+	drawBase(pen, ratio);
+	drawOverlay(pen, true);
+	drawPins(pen);
+	pen.restore();
+	drawLegend(pen, size);
+	canvas.toBlob((blob) => {
+		const address = URL.createObjectURL(blob);
+		saveAddress(address, `${mapName()}.png`);
+		setTimeout(() => URL.revokeObjectURL(address), 30000);
+		toast("The picture is being saved.");
+	});
+}
+
+function footOf({ width }) {
+	return width < WIDE ? 190 : 92;
+}
+
+function drawPins(pen) {
+	if (!model.start) return;
+	model.via.forEach((via, k) => numberedDot(pen, ...screenOf(...via), String(k + 1), palette.via));
+	numberedDot(pen, ...screenOf(...model.start), "A", palette.teal);
+	numberedDot(pen, ...screenOf(...model.goal), "B", palette.goal);
+}
+
+function drawLegend(pen, size) {
+	const [top, isWide] = [size.height, size.width >= WIDE];
+	pen.fillStyle = palette.halo;
+	pen.fillRect(0, top, size.width, footOf(size));
+	pen.fillStyle = palette.ink;
+	pen.textBaseline = "middle";
+	drawScale(pen, 20, top + 34);
+	drawKeys(pen, isWide ? 190 : 20, top + (isWide ? 26 : 64));
+	if (model.state.field) drawBar(pen, isWide ? size.width - 280 : 20, top + (isWide ? 26 : 122), 256);
+	pen.font = "12px system-ui, sans-serif";
+	pen.fillStyle = palette.quiet;
+	pen.textAlign = "left";
+	pen.fillText(`${mapName()}   ${byId("field-note").textContent}   locplan ${model.about.version}`, 20, top + footOf(size) - 14);
+}
+
+function drawScale(pen, x, y) {
+	const bar = scaleBar(130);
+	pen.fillRect(x, y, bar.pixels, 2);
+	pen.fillRect(x, y - 6, 2, 8);
+	pen.fillRect(x + bar.pixels - 2, y - 6, 2, 8);
+	pen.font = "13px system-ui, sans-serif";
+	pen.textAlign = "left";
+	pen.fillText(bar.words, x, y - 16);
+}
+
+function drawKeys(pen, x, y) {
+	const { aware, shortest } = model.plan ?? {};
+	const rows = [["aware", aware, palette.teal, []], ["shortest", shortest, palette.ink, [8, 5]]].filter(([, path]) => path);
+	rows.forEach(([name, path, colour, dash], k) => {
+		pen.beginPath();
+		pen.moveTo(x, y + 20 * k);
+		pen.lineTo(x + 34, y + 20 * k);
+		pen.setLineDash(dash);
+		pen.lineWidth = 3.5;
+		pen.strokeStyle = colour;
+		pen.stroke();
+		pen.setLineDash([]);
+		pen.textAlign = "left";
+		pen.fillStyle = palette.ink;
+		pen.fillText(`${name}: ${metres(path.length)}, ${metres(path.degenerate)} degenerate`, x + 44, y + 20 * k);
+	});
+}
+
+function drawBar(pen, x, y, width) {
+	const layer = shownLayer();
+	for (let k = 0; k < width; k++) {
+		pen.fillStyle = `rgb(${rampColour(model.ramp, palette.theme, k / (width - 1)).join(" ")})`;
+		pen.fillRect(x + k, y, 1.5, 10);
+	}
+	pen.fillStyle = palette.ink;
+	pen.font = "12px system-ui, sans-serif";
+	pen.textAlign = "left";
+	pen.fillText(`${layer.title}${layer.unit && layer.unit !== "1" ? ` [${layer.unit}]` : ""}`, x, y - 10);
+	pen.textAlign = "center";
+	for (const { share, text } of barTicks(5)) pen.fillText(text, x + share * width, y + 20);
+}

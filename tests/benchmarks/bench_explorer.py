@@ -1,0 +1,177 @@
+"""The explorer in a real browser: from a move of the pointer to the painted path, and other waits.
+
+pytest tests/benchmarks/bench_explorer.py --benchmark-only -s
+
+The map is a hall of 1000 x 1000 cells, alone or 4 x 4 times with passages. Times are those that the
+page measures itself; the least time of a round says little here, the figures beside it count.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from explorer_page import FLAGS, STATIC, Seen, browser_file
+
+from locplan.explorer._explore import opened
+from locplan.explorer._scene import Opening
+from locplan.field import FieldConfig, Fisher, Lidar, covariance_field
+from locplan.maps import FREE, UNKNOWN, OccupancyGrid
+from locplan.maps.environments import make
+from locplan.planners import plan_beside_shortest
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
+SIZES = (1000, 4000)
+MOVES = 60
+FRAMES = """() => {
+    window.frames_seen = [];
+    const seen = (now) => { window.frames_seen.push(now); requestAnimationFrame(seen); };
+    requestAnimationFrame(seen);
+}"""
+DRAGS = "() => performance.getEntriesByName('locplan:drag').map((each) => each.duration)"
+
+
+def halls(size: int) -> OccupancyGrid:
+    """A map of halls of 1000 x 1000 cells each, joined by passages."""
+    hall = make("hall")
+    cells = np.full((1000, 1000), UNKNOWN, np.uint8)
+    cells[49 : 49 + hall.shape[0], 56 : 56 + hall.shape[1]] = hall.cells
+    count = size // 1000
+    cells = np.tile(cells, (count, count))
+    for passage in range(490, size, 1000) if count > 1 else ():
+        cells[passage : passage + 20, 100:-100] = FREE
+        cells[100:-100, passage : passage + 20] = FREE
+    return OccupancyGrid(cells, hall.resolution, name=f"halls {size}")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=browser_file(), args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module", params=SIZES)
+def server(request):
+    grid = halls(request.param)
+    config = FieldConfig(Fisher(Lidar(range=6.0)), stride=0.2)
+    far = request.param * grid.resolution
+    opening = Opening(config, start=(8.0, 10.0), goal=(far - 12.0, far - 12.0))
+    with opened(grid, opening, field=covariance_field(grid, config)) as explorer:
+        yield explorer
+
+
+@pytest.fixture
+def seen(browser, server):
+    context = browser.new_context(viewport={"width": 1400, "height": 900})
+    page = Seen(context.new_page())
+    page.page.set_default_timeout(120_000)
+    yield page.open(server.address)
+    assert page.faults == []
+    context.close()
+
+
+def kept(benchmark, milliseconds, seconds=None, **figures):
+    """Leave the median and the 95 % quantile beside a benchmark."""
+    assert milliseconds
+    middle, high = np.quantile(milliseconds, (0.5, 0.95))
+    told = {"median_ms": round(float(middle), 1), "at_95_percent_ms": round(float(high), 1)}
+    if seconds:
+        told["paths_a_second"] = round(len(milliseconds) / seconds, 1)
+    benchmark.extra_info.update(told, no_peer="figures of the page", **figures)
+    print(benchmark.name, told, figures)
+
+
+def test_drag(benchmark, seen, server):
+    """A goal that is dragged on a circle."""
+    x, y = seen.middle(".marker.goal")
+    seen.page.mouse.move(x, y)
+    seen.page.mouse.down()
+    painted = seen.value("painted")
+    seen.page.mouse.move(x - 5, y)  # what follows finds the searches of this end done
+    seen.await_change("painted", painted)
+    seen.page.evaluate("() => performance.clearMeasures()")
+
+    def dragged():
+        for k in range(MOVES):
+            angle = 2 * math.pi * k / MOVES
+            seen.page.mouse.move(x - 40 + 40 * math.cos(angle), y + 40 * math.sin(angle))
+        return seen.page.evaluate(DRAGS)
+
+    found = benchmark.pedantic(dragged, rounds=1)
+    painted = seen.value("painted")
+    seen.page.mouse.up()
+    seen.await_change("painted", painted)
+    seen.page.locator("#live", has_text="Aware path").wait_for(state="attached")
+    costs = server._server.session.scene.costs
+    start, goal = seen.place("start"), seen.place("goal")
+    length = float(seen.text("#shortest-length").split()[0])
+    plain = plan_beside_shortest(costs, start, goal)["shortest"]
+    assert length == pytest.approx(plain.path.length, rel=0.02)
+    kept(benchmark, found, benchmark.stats.stats.total)
+
+
+def test_weight(benchmark, seen):
+    """The weight's slider, pushed by its keys."""
+    seen.page.locator("#weight").focus()
+
+    def pushed():
+        for _ in range(MOVES // 3):
+            painted = seen.value("painted")
+            seen.page.keyboard.press("ArrowRight")
+            seen.await_change("painted", painted)
+        return seen.page.evaluate(DRAGS)
+
+    kept(benchmark, benchmark.pedantic(pushed, rounds=1), benchmark.stats.stats.total)
+
+
+def test_edit(benchmark, seen):
+    """A pole put in, until the map that holds it is painted; and until its field is whole."""
+    seen.page.locator("#overlay").focus()
+    seen.page.keyboard.press("p")
+    before = seen.value("map")
+
+    def put():
+        seen.page.keyboard.press("Enter")
+        seen.await_change("map", before)
+
+    benchmark.pedantic(put, rounds=1)
+    seen.page.keyboard.press("Control+z")
+    seen.wait(f'html[data-map="{before}"]')
+    kept(benchmark, [1000 * benchmark.stats.stats.total])
+
+
+def test_ready(benchmark, browser, server):
+    """From the address to the first painted paths."""
+    contexts = []
+
+    def opened_page():
+        contexts.append(browser.new_context(viewport={"width": 1400, "height": 900}))
+        Seen(contexts[-1].new_page()).open(server.address)
+
+    benchmark.pedantic(opened_page, rounds=3)
+    for context in contexts:
+        context.close()
+    size = sum(file.stat().st_size for file in STATIC.iterdir())
+    kept(benchmark, [1000 * each for each in benchmark.stats.stats.data], page_kB=size / 1000)
+
+
+@pytest.mark.parametrize("zoom", ["whole", "near"])
+def test_frames_while_panning(benchmark, seen, zoom):
+    """The time between frames while the map is dragged."""
+    x, y = 560, 400
+    seen.page.mouse.move(x, y)
+    for _ in range(12 if zoom == "near" else 0):
+        seen.page.mouse.wheel(0, -200)
+    seen.page.evaluate(FRAMES)
+    seen.page.mouse.down()
+
+    def panned():
+        for k in range(3 * MOVES):
+            seen.page.mouse.move(x + 60 * math.sin(k / 10), y + 60 * math.cos(k / 10))
+        return seen.page.evaluate("() => window.frames_seen")
+
+    found = np.diff(benchmark.pedantic(panned, rounds=1))
+    seen.page.mouse.up()
+    kept(benchmark, found.tolist(), frames_a_second=round(1000 / float(np.mean(found)), 1))

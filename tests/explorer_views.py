@@ -1,0 +1,28 @@
+"""Views of small maps, for tests of the explorer's long answers."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from locplan.costs import Costmap
+from locplan.explorer._view import View
+from locplan.field import CovarianceField, FieldConfig, Fisher, Lidar, load_or_compute
+from locplan.maps import OccupancyGrid
+from locplan.maps.environments import make
+
+START, MIDDLE, GOAL = (2.0, 3.0), (20.0, 3.0), (38.0, 3.0)
+LIDAR = Lidar(range=6.0)
+
+
+@cache
+def corridors() -> tuple[OccupancyGrid, CovarianceField]:
+    """Two corridors, of which the shorter one is degenerate, and their field."""
+    grid = make("two_corridors", resolution=0.1)
+    return grid, load_or_compute(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
+
+
+def view(*, via=(), weight: float = 3.0, lidar: Lidar | None = LIDAR, **options) -> View:
+    """The way through both corridors, at a weight that is not the default."""
+    grid, field = corridors()
+    costs = Costmap.from_field(grid, field, weight=weight, **options)
+    return View(grid, field, costs, lidar, START, GOAL, tuple(via))

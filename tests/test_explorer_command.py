@@ -1,0 +1,161 @@
+"""`locplan explore` and `locplan.explore`: how the page is opened, and how it ends."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import signal
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import random_rooms, refused
+
+import locplan
+from locplan.errors import LocplanError
+from locplan.explorer import _explore
+from locplan.maps import OCCUPIED, OccupancyGrid
+
+ARGUMENTS = ("--range", "1", "--stride", "0.4", "--no-browser")
+
+
+def room() -> OccupancyGrid:
+    cells = random_rooms((40, 50), 2)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(cells, 0.1, (0.0, 0.0, 0.0), "room")
+
+
+@pytest.fixture
+def map_file(tmp_path):
+    locplan.save_map(room(), tmp_path / "room.yaml")
+    return tmp_path / "room.yaml"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT")
+def test_the_command_serves_until_ctrl_c(map_file):
+    command = [sys.executable, "-m", "locplan", "explore", str(map_file), *ARGUMENTS]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ}
+    ) as process:
+        address = process.stdout.readline().strip()
+        begin, _, token = address.partition("/?token=")
+        port = int(begin.rpartition(":")[2])
+        assert begin == f"http://127.0.0.1:{port}"
+        link = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+        link.request("GET", "/about", headers={"Cookie": f"locplan-{port}={token}"})
+        response = link.getresponse()
+        assert response.read()
+        assert response.status == 200
+        link.close()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err.splitlines()[-1] == "locplan: interrupted"
+    assert "Traceback" not in err
+
+
+def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_path):
+    seen = {}
+    monkeypatch.setattr(_explore.Explorer, "wait", lambda self: seen.update(page=self))
+    monkeypatch.setattr(_explore.Explorer, "open", lambda self: seen.update(open=True))
+    code, out, err = run(
+        *(
+            "explore",
+            map_file,
+            "--range",
+            "1.5",
+            "--start",
+            "1,2",
+            "--goal",
+            "3,2",
+            "--via",
+            "-2,2",
+        ),
+        *("--weight", "7", "--robot-radius", "0.1", "-o", tmp_path / "out", "--threads", "1"),
+        *("--set", "alpha1=0.05", "--criterion", "heading_std", "--force"),
+    )
+    assert (code, err) == (0, "")
+    session = seen["page"]._server.session
+    assert out == f"{seen['page'].address}\n"
+    assert seen["open"]
+    assert session.config.estimator.range == 1.5
+    assert session.default_weight == 7
+    assert session.robot_radius == 0.1
+    assert (session.opening.start, session.opening.goal) == ((1.0, 2.0), (3.0, 2.0))
+    assert session.opening.via == ((-2.0, 2.0),)
+    assert session.opening.criterion == "heading_std"
+    assert session.opening.amcl.alpha1 == 0.05
+    assert session.map_file == str(map_file)
+    assert session.folder == tmp_path / "out"
+    assert session.force
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault"),
+    [
+        (("--port", "70000"), "port must be"),
+        (("--start", "1"), "--start must be"),
+        (("--weight", "-1"), "weight must be"),
+        (("--criterion", "x"), "criterion must be"),
+        (("--lidar", "x"), "--lidar must be one of"),
+        (("--drive", "nowhere.csv"), "nowhere.csv"),
+    ],
+)
+def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):
+    assert fault in refused(run("explore", map_file, *ARGUMENTS, *arguments))
+
+
+def test_without_the_extra_one_line_tells_what_to_install(run, map_file, monkeypatch):
+    found = "locplan._util.extras.find_spec"
+    monkeypatch.setattr(found, lambda name: None if name == "uvicorn" else True)
+    err = refused(run("explore", map_file, *ARGUMENTS))
+    assert "the explorer needs uvicorn: pip install 'locplan[explore]'" in err
+    with pytest.raises(LocplanError, match=r"locplan\[explore\]"):
+        locplan.explore(room(), open_browser=False)
+
+
+def test_from_python_a_field_that_is_there_is_shown():
+    field = locplan.covariance_field(
+        room(), locplan.FieldConfig(locplan.Sad(range=1.0), stride=0.4)
+    )
+    with locplan.explore(room(), field, open_browser=False, robot_radius=0.1) as page:
+        page._server.session.upkeep.latest.result()
+        assert page.field is field
+        assert page.grid == room()
+        assert page.address in repr(page)
+        assert page._repr_html_() is None
+        with pytest.raises(LocplanError, match="port"):
+            locplan.explore(room(), port=page._server.port, open_browser=False)
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", page._server.port))
+
+
+def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
+    opened = []
+    monkeypatch.setattr(_explore.webbrowser, "open", opened.append)
+    monkeypatch.setattr(_explore, "_warm_up", lambda session: None)
+    begun = "locplan.explorer._upkeep.Upkeep.begin"
+    monkeypatch.setattr(begun, lambda *_: None)
+    lidar = locplan.Lidar(range=3.0, beams=20)
+    with locplan.explore(room(), lidar=lidar) as page:
+        assert page._server.session.config.estimator == locplan.Scan(lidar)
+        assert page._server.session.lidar == lidar
+        assert opened == [page.address]
+    with locplan.explore(room(), open_browser=False) as page:
+        assert page._server.session.config.estimator == locplan.Sad()
+        assert page._server.session.lidar is None
+    with pytest.raises(LocplanError, match="grid must be"):
+        locplan.explore(np.zeros((3, 3)))
+
+
+def test_in_a_notebook_the_page_is_a_frame(monkeypatch):
+    monkeypatch.setattr(_explore, "in_notebook", lambda: True)
+    monkeypatch.setattr(_explore, "_warm_up", lambda session: None)
+    monkeypatch.setattr(_explore.webbrowser, "open", lambda _: pytest.fail("a browser was opened"))
+    monkeypatch.setattr("locplan.explorer._upkeep.Upkeep.begin", lambda *_: None)
+    with locplan.explore(room()) as page:
+        assert f'src="{page.address}"' in page._repr_html_()

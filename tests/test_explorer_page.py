@@ -1,0 +1,435 @@
+"""The explorer's page, as people use it: in a real browser, on a real server."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import pytest
+from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served
+
+pytest.importorskip("starlette", reason="the explorer's server is not installed")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=browser_file(), args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LOCPLAN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+        with served(*corridors(), folder=tmp_path_factory.mktemp("written")) as explorer:
+            yield explorer
+
+
+@pytest.fixture
+def visit(browser, server):
+    """Open the page in a window of its own; at the end nothing may have gone wrong."""
+    contexts, pages = [], []
+
+    def opened(address=None, permissions=(), **options) -> Seen:
+        options = {"viewport": {"width": 1200, "height": 800}} | options
+        contexts.append(browser.new_context(**options))
+        contexts[-1].grant_permissions(list(permissions))
+        pages.append(Seen(contexts[-1].new_page()))
+        return pages[-1].open(address or server.address)
+
+    yield opened
+    faults = [fault for seen in pages for fault in seen.faults]
+    foreign = [url for seen in pages for url in seen.addresses if not is_ours(url)]
+    for context in contexts:
+        context.close()
+    assert faults == []
+    assert foreign == []
+
+
+def is_ours(url: str) -> bool:
+    return re.match(r"(http|ws)://127\.0\.0\.1:|file:|blob:|data:", url) is not None
+
+
+def test_the_paths_follow_while_the_goal_is_dragged(visit):
+    seen = visit()
+    painted, length = seen.value("painted"), seen.text("#shortest-length")
+    seen.drag(".marker.goal", -160, 0, release=False)
+    seen.await_change("painted", painted)
+    assert seen.text("#shortest-length") != length
+    assert seen.page.locator(".marker.goal.held").count() == 1
+    seen.page.mouse.up()
+    seen.page.locator("#live", has_text="Aware path").wait_for(state="attached")
+    x, y = seen.place("goal")
+    assert seen.text("#shortest-length").endswith("m")
+    assert seen.page.locator(".marker.held").count() == 0
+    assert 0 < x < 42
+    assert -2 < y < 16
+
+
+def test_arrows_move_a_marker_by_4_cells_and_with_shift_by_20(visit):
+    seen = visit()
+    seen.page.locator(".marker.start").focus()
+    painted, (x, y) = seen.value("painted"), seen.place("start")
+    seen.page.keyboard.press("ArrowRight")
+    seen.await_change("painted", painted)
+    assert seen.place("start") == pytest.approx((x + 0.4, y), abs=0.11)
+    seen.page.keyboard.press("Shift+ArrowRight")
+    assert seen.place("start") == pytest.approx((x + 2.4, y), abs=0.21)
+
+
+def test_a_greater_weight_buys_fewer_degenerate_metres(visit):
+    seen = visit()
+    seen.page.locator("#weight").fill("0")
+    seen.page.locator("#aware-degenerate", has_text=seen.text("#shortest-degenerate")).wait_for()
+    without = metres_of(seen.text("#aware-degenerate"))
+    painted = seen.value("painted")
+    seen.page.locator("#weight").fill("600")
+    seen.await_change("painted", painted)
+    seen.page.locator("#verdict", has_text="longer").wait_for()
+    assert metres_of(seen.text("#aware-degenerate")) < without
+    assert "metres of detour" in seen.page.locator("#weight").get_attribute("aria-valuetext")
+
+
+def test_a_double_click_adds_a_waypoint_and_delete_removes_it(visit):
+    seen = visit()
+    x, y = seen.middle(".marker.start")
+    painted = seen.value("painted")
+    seen.page.mouse.dblclick(x + 80, y)
+    seen.wait('.marker[data-name="via:0"]:focus')
+    painted = seen.await_change("painted", painted)
+    seen.page.keyboard.press("Delete")
+    seen.wait(".marker.via", "detached")
+    seen.await_change("painted", painted)
+
+
+def test_hovering_reads_the_place_out_and_marks_the_profile(visit):
+    seen = visit()
+    x, y = seen.middle(".marker.start")
+    seen.page.mouse.move(x + 60, y)
+    seen.wait("#readout", "visible")
+    assert re.search(
+        r"position ± .* cm.*heading ± .*°.*degeneracy [01]\.\d\d", seen.text("#readout")
+    )
+    chart = seen.page.locator("#profile-chart")
+    chart.hover(position={"x": 300, "y": 40})
+    seen.wait('#profile-chart[aria-valuetext*="along: degeneracy shortest"]')
+    chart.focus()
+    seen.page.keyboard.press("Home")
+    seen.wait('#profile-chart[aria-valuenow="0.0"]')
+
+
+def test_the_front_is_walked_by_arrow_keys(visit):
+    seen = visit()
+    seen.unfold("front-group")
+    seen.page.locator("#front-find").click()
+    points = seen.wait("#front-chart .point")
+    assert points.count() >= 2
+    points.first.focus()
+    seen.page.keyboard.press("ArrowRight")
+    seen.wait('#front-chart .point:nth-child(n)[aria-checked="true"]:focus')
+    assert "path" in seen.text("#front-note")
+    seen.drag(".marker.goal", -30, 0)
+    seen.wait("#front-chart", "hidden")
+
+
+def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
+    seen = visit()
+    seen.unfold("simulate-group")
+    seen.page.locator("#drives-each").select_option("100")
+    seen.page.locator("#simulate").click()
+    task = seen.wait('#tasks [data-kind="simulate"]')
+    painted = seen.value("painted")
+    seen.drag(".marker.goal", -60, 0)
+    seen.await_change("painted", painted)
+    task.get_by_role("button").click()
+    seen.page.locator("#toast", has_text="Simulation cancelled").wait_for()
+    assert task.count() == 0
+
+
+@pytest.mark.long
+def test_a_simulation_tells_its_verdict_and_draws_bands(visit):
+    seen = visit()
+    seen.unfold("simulate-group")
+    seen.page.locator("#drives-each").select_option("10")
+    seen.page.locator("#simulate").click()
+    seen.page.locator("#simulated-verdict", has_text="drives").wait_for(timeout=60_000)
+    assert seen.page.locator("#candidates tbody tr, #candidates > tr").count() >= 2
+    assert seen.page.locator("#profile-kind").input_value() == "error"
+
+
+def test_a_wall_is_drawn_undone_and_drawn_again_in_every_tab(visit, server):
+    seen, other = visit(), visit()
+    before, place = seen.value("map"), other.place("start")
+    seen.page.keyboard.press("w")
+    seen.wait('#edit-tools [data-tool="wall"][aria-pressed="true"]')
+    x, y = seen.middle(".marker.start")
+    seen.page.mouse.move(x + 70, y - 25)
+    seen.page.mouse.down()
+    seen.page.mouse.move(x + 110, y - 25)
+    seen.page.mouse.up()
+    drawn = seen.await_change("map", before)
+    other.wait(f'html[data-map="{drawn}"]')
+    assert other.place("start") == place
+    seen.page.keyboard.press("Control+z")
+    seen.wait(f'html[data-map="{before}"]')
+    other.wait("#redo:enabled")
+    other.page.keyboard.press("Control+Shift+Z")
+    seen.wait(f'html[data-map="{drawn}"]')
+    other.page.keyboard.press("Control+z")
+    other.wait(f'html[data-map="{before}"]')
+    assert server.grid.digest == before
+
+
+def test_a_box_and_a_pole_are_put_by_keys(visit):
+    seen = visit()
+    before = seen.value("map")
+    seen.page.locator("#overlay").focus()
+    seen.page.keyboard.press("p")
+    seen.page.keyboard.press("Enter")
+    seen.await_change("map", before)
+    seen.page.keyboard.press("Control+z")
+    seen.wait(f'html[data-map="{before}"]')
+
+
+def test_the_page_comes_back_after_a_break(visit, browser, server):
+    context = browser.new_context()
+    seen = Seen(context.new_page())
+    sockets = []
+
+    def passed_on(socket):
+        sockets.append(socket)
+        socket.connect_to_server()
+
+    seen.page.route_web_socket(re.compile("/socket$"), passed_on)
+    seen.open(server.address)
+    seen.page.locator(".marker.goal").focus()
+    place = seen.place("goal")
+    sockets[-1].close()
+    seen.wait('html[data-state="offline"]')
+    assert "does not answer" in seen.text("#status")
+    seen.wait('html[data-state="ready"]')
+    assert seen.place("goal") == place
+    painted = seen.value("painted")
+    seen.page.keyboard.press("ArrowLeft")
+    seen.await_change("painted", painted)
+    assert len(sockets) >= 2
+    assert seen.faults == []
+    context.close()
+
+
+def test_dark_follows_the_system_until_someone_chooses(visit):
+    seen = visit(color_scheme="dark")
+    seen.wait('html[data-theme="dark"]')
+    seen.page.keyboard.press("d")
+    seen.wait('html[data-theme="light"]')
+    seen.page.reload()
+    seen.wait('html[data-theme="light"]')
+
+
+def test_two_fingers_zoom_and_a_long_press_adds_a_waypoint(visit):
+    seen = visit(viewport={"width": 390, "height": 780}, has_touch=True, is_mobile=True)
+    fingers = seen.page.context.new_cdp_session(seen.page)
+
+    def touch(kind, *points):
+        places = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    x, y = seen.middle(".marker.start")
+    before = seen.page.locator("#scale-bar").bounding_box()["width"], seen.text("#scale-bar")
+    touch("touchStart", (150, 240), (250, 240))
+    touch("touchMove", (100, 240), (300, 240))
+    touch("touchMove", (60, 240), (340, 240))
+    touch("touchEnd")
+    seen.page.locator("#scale-bar").evaluate("() => new Promise(requestAnimationFrame)")
+    after = seen.page.locator("#scale-bar").bounding_box()["width"], seen.text("#scale-bar")
+    assert after != before
+    seen.page.locator("#zoom-fit").click()
+    touch("touchStart", (x + 80, y - 20))
+    seen.wait(".marker.via")
+    touch("touchEnd")
+
+
+def test_a_turned_map_is_drawn_along_its_own_axes(visit, tmp_path):
+    yaw = 0.5
+    with served(*corridors(yaw)) as turned:
+        seen = visit(turned.address)
+        seen.page.locator(".marker.start").focus()
+        x, y = seen.place("start")
+        painted = seen.value("painted")
+        seen.page.keyboard.press("Shift+ArrowRight")
+        seen.await_change("painted", painted)
+        step = 2.0 * math.cos(yaw), 2.0 * math.sin(yaw)
+        assert seen.place("start") == pytest.approx((x + step[0], y + step[1]), abs=0.15)
+        x, y = seen.middle(".marker.start")
+        seen.page.mouse.move(x + 30, y)
+        seen.page.locator("#readout", has_text="degeneracy").wait_for()
+
+
+def test_the_command_and_the_python_are_copied(visit, server):
+    seen = visit(permissions=["clipboard-read", "clipboard-write"])
+    seen.unfold("share-group")
+    seen.page.locator("#copy-python").click()
+    seen.page.locator("#toast", has_text="copied").wait_for()
+    told = seen.page.evaluate("() => navigator.clipboard.readText()")
+    assert "import locplan" in told
+    compile(told, "copied", "exec")
+    seen.page.locator("#copy-shell").click()
+    seen.page.locator("#toast", has_text="Command copied").wait_for()
+    told = seen.page.evaluate("() => navigator.clipboard.readText()")
+    assert "\nlocplan plan " in told
+    assert "--start 3,1 --goal 39,1" in told
+
+
+def test_a_picture_is_saved(visit):
+    seen = visit()
+    seen.unfold("share-group")
+    with seen.page.expect_download() as download:
+        seen.page.locator("#picture").click()
+    content = download.value.path().read_bytes()
+    assert content.startswith(b"\x89PNG")
+    assert len(content) > 10_000
+
+
+def test_a_shared_page_works_from_the_disk(visit, tmp_path):
+    seen = visit()
+    seen.unfold("share-group")
+    with seen.page.expect_download() as download:
+        seen.page.locator("#share").click()
+    file = tmp_path / "shared.html"
+    download.value.save_as(file)
+    shared = visit(file.as_uri())
+    assert shared.text("#aware-length") == seen.text("#aware-length")
+    assert shared.page.locator("#simulate").is_hidden()
+    x, y = shared.middle(".marker.start")
+    shared.page.mouse.move(x + 60, y)
+    shared.page.locator("#readout", has_text="degeneracy").wait_for()
+    shared.page.locator("#layer").select_option("sigma")
+    shared.page.locator("#ramp").select_option("viridis")
+    assert [url for url in shared.addresses if not url.startswith("file:")] == []
+
+
+def test_a_narrow_window_needs_no_sideways_scrolling(visit):
+    seen = visit(viewport={"width": 320, "height": 640})
+    wide = seen.page.evaluate("() => document.documentElement.scrollWidth")
+    seen.page.locator("#sheet-handle").click()
+    seen.wait('#sheet-handle[aria-expanded="true"]')
+    for group in ("sensor-group", "front-group", "simulate-group", "share-group", "edit-group"):
+        seen.unfold(group)
+    inside = seen.page.locator("#panel").evaluate("(panel) => panel.scrollWidth")
+    assert wide == 320
+    assert inside <= 320
+
+
+def test_another_estimator_takes_the_place_of_the_field(visit):
+    seen = visit()
+    before = seen.value("field")
+    seen.unfold("sensor-group")
+    seen.page.locator("#estimator").select_option("sad")
+    seen.page.locator("#range").fill("3")
+    seen.page.locator("#configure button").click()
+    seen.wait('#tasks [data-kind="configure"]')
+    seen.page.locator("#tasks").get_by_role("button").click()
+    seen.page.locator("#toast", has_text="stays as it was").wait_for()
+    assert seen.value("field") == before
+
+
+def test_look_alikes_are_joined_to_their_place(visit, browser, server):
+    context = browser.new_context(viewport={"width": 1200, "height": 800})
+    seen = Seen(context.new_page())
+
+    def about(route):
+        told = route.fetch().json()
+        route.fulfill(json=told | {"can": told["can"] | {"twins": True}})
+
+    def sockets(socket):
+        behind = socket.connect_to_server()
+
+        def asked(text):
+            ask = json.loads(text)
+            if ask["do"] != "twins":
+                behind.send(text)
+                return
+            twins = [{"x": 20.0, "y": 1.0, "heading": 0.5}, {"x": 30.0, "y": 1.0, "heading": 2.0}]
+            socket.send(json.dumps({"re": ask["id"], "twins": twins, "excess": 1.0}))
+
+        socket.on_message(asked)
+
+    seen.page.route("**/about", about)
+    seen.page.route_web_socket(re.compile("/socket$"), sockets)
+    seen.open(server.address)
+    x, y = seen.middle(".marker.start")
+    seen.page.mouse.move(x + 60, y)
+    seen.page.keyboard.press("t")
+    seen.page.locator("#twins-note", has_text="2 places look the same").wait_for()
+    seen.page.keyboard.press("Escape")
+    seen.wait("#twins-clear", "hidden")
+    assert seen.faults == []
+    context.close()
+
+
+def test_help_lists_the_keys_and_every_control_has_a_name(visit):
+    seen = visit()
+    seen.page.keyboard.press("?")
+    seen.wait("dialog#help[open]")
+    seen.page.keyboard.press("Escape")
+    unnamed = seen.page.evaluate(
+        "() => [...document.querySelectorAll('button, input, select')].filter((each) =>"
+        " !each.labels?.length && !each.getAttribute('aria-label') && !each.textContent.trim())"
+        ".map((each) => each.outerHTML)"
+    )
+    assert unnamed == []
+
+
+def test_a_save_is_refused_or_made_in_one_line(visit, server):
+    seen = visit()
+    seen.unfold("edit-group")
+    seen.page.locator("#save-name").fill("corridors_again")
+    seen.page.locator("#save button").click()
+    seen.page.locator("#toast", has_text="Saved as corridors_again").wait_for()
+
+
+def metres_of(text: str) -> float:
+    return float(re.match(r"[\d.]+", text).group())
+
+
+def test_the_pages_files_are_small_and_fit_one_scope():
+    sizes = {file.name: file.stat().st_size for file in STATIC.iterdir()}
+    assert sum(sizes.values()) <= 150_000, sizes
+    names: dict[str, str] = {}
+    exported: dict[str, str] = {}
+    imported: dict[str, set[str]] = {}
+    for file in sorted(STATIC.glob("*.js")):
+        text = file.read_text()
+        assert text.startswith("// "), f"{file.name} says what it is"
+        assert "default" not in re.findall(r"^export (\w+)", text, re.M)
+        for name in re.findall(r"^(?:export )?(?:async )?(?:function|const|let) (\w+)", text, re.M):
+            assert names.setdefault(name, file.name) == file.name, f"{name} stands twice"
+        used = re.findall(r'^import \{([^}]*)\} from "\./([\w-]+\.js)";$', text, re.M)
+        assert len(used) == len(re.findall(r"^import", text, re.M))
+        rest = re.sub(r"^import.*\n", "", text, flags=re.M)
+        imported[file.name] = {name.strip() for group, _ in used for name in group.split(",")}
+        for name in imported[file.name]:
+            assert re.search(rf"\b{name}\b", rest), f"{file.name} imports {name} in vain"
+        found = re.findall(r"^export (?:async )?(?:function|const) (\w+)", text, re.M)
+        exported |= dict.fromkeys(found, file.name)
+    for file in STATIC.glob("*.js"):
+        called = set(
+            re.findall(r"(?<![.\w])(\w+)\(", re.sub(r'"[^"\n]*"|//.*', "", file.read_text()))
+        )
+        others = {name for name in called & exported.keys() if exported[name] != file.name}
+        assert others <= imported[file.name], f"{file.name} lacks imports"
+
+
+def test_the_page_has_no_inline_style_and_no_foreign_address():
+    page = (STATIC / "index.html").read_text()
+    assert " style=" not in page
+    assert "<style" not in page
+    assert re.findall(r" on\w+=", page) == []
+    for file in STATIC.iterdir():
+        text = file.read_text().replace("http://www.w3.org/2000/svg", "")
+        assert not re.search(r"https?://|//[\w.-]+\.(com|org|net)\b", text), file.name

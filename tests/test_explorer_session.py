@@ -1,0 +1,500 @@
+"""The explorer's session: plans, snapping, edits and what is kept, without the web."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+
+import locplan
+from locplan.errors import LocplanError
+from locplan.explorer._asks import ASKS, Work
+from locplan.explorer._cancelling import Cancel, Cancelled
+from locplan.explorer._edits import Stroke, drawn as patch_of
+from locplan.explorer._plans import planned
+from locplan.explorer._points import clearance_at
+from locplan.explorer._profiles import path_answer
+from locplan.explorer._scene import Opening, Scene
+from locplan.explorer._searches import Kept
+from locplan.explorer._session import Session
+from locplan.explorer._snap import REACH, Parts, snapped
+from locplan.explorer._state import about, state
+from locplan.explorer._upkeep import nearest_first
+from locplan.explorer._wire import Ask
+from locplan.field import FieldConfig
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.planners import plan_beside_shortest
+from locplan.planners._plan import AWARE, SHORTEST
+
+SAD = FieldConfig(locplan.Sad(range=1.5), stride=0.4)
+
+
+def rooms(seed: int = 3, yaw: float = 0.0) -> OccupancyGrid:
+    cells = random_rooms((60, 90), seed)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(cells, 0.1, (1.0, -2.0, yaw), "rooms")
+
+
+def session_of(grid: OccupancyGrid, config: FieldConfig = SAD, **opening) -> Session:
+    session = Session(grid, Opening(config, **{"robot_radius": 0.15, **opening}))
+    session.upkeep.begin().result()
+    return session
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory) -> Session:
+    return session_of(rooms(), cache_dir=tmp_path_factory.mktemp("cache"))
+
+
+def ask(do: str, **values) -> Ask:
+    return Ask(do, 1, values)
+
+
+def answer(session: Session, do: str, **values):
+    cancel = Cancel()
+    question = ask(do, **json.loads(json.dumps(values)))
+    told = ASKS[do].load()(session, question, Work(cancel.watching(), cancel))
+    return json.loads(json.dumps(told, allow_nan=False))
+
+
+def free_places(session: Session, count: int, seed: int = 1) -> list[tuple[float, float]]:
+    """Random places, off the cells' centres, of the largest part of the free space."""
+    parts, rng = session.parts(), np.random.default_rng(seed)
+    largest = 1 + np.bincount(parts.labels.ravel())[1:].argmax()
+    cells = np.argwhere(parts.labels == largest)
+    chosen = cells[rng.integers(0, len(cells), count)] + rng.uniform(0.2, 0.8, (count, 2))
+    return [tuple(map(float, xy)) for xy in zip(*parts.grid.grid_to_world(*chosen.T), strict=True)]
+
+
+@pytest.mark.parametrize("weight", [4.0, 11.0])
+@pytest.mark.parametrize("over", [0, 2])
+def test_released_plans_are_those_of_the_library(session, weight, over):
+    places = free_places(session, 4 + 2 * over, seed=over)
+    for stops in (places[: 2 + over], places[2 + over :]):
+        found = planned(session, stops, weight)
+        start, *via, goal = stops
+        expected = plan_beside_shortest(session.costs(weight), start, goal, via=via)
+        for name, path in ((SHORTEST, found.shortest), (AWARE, found.aware)):
+            assert path.xy.tolist() == expected[name].path.xy.tolist()
+            metrics = expected[name].metrics
+            assert (path.length, path.cost) == (metrics.length, metrics.cost)
+            assert path.degenerate == metrics.integrated_u
+            assert path.integrated_e == metrics.integrated_e
+
+
+def test_plans_after_a_drag_of_the_goal_are_those_of_the_library(session):
+    start, goal, other = free_places(session, 3, seed=5)
+    for held in (1, 1, None):
+        planned(session, [start, other if held else goal], 4.0, held=held)
+    planned(session, [start, goal], 4.0, held=1)
+    found = planned(session, [start, goal], 4.0)
+    expected = plan_beside_shortest(session.costs(4.0), start, goal)
+    assert found.aware.xy.tolist() == expected[AWARE].path.xy.tolist()
+    assert found.shortest.xy.tolist() == expected[SHORTEST].path.xy.tolist()
+
+
+@pytest.mark.parametrize("held", [0, 1, 2])
+def test_while_a_stop_is_held_the_cells_cost_the_same(session, held):
+    stops = free_places(session, 3, seed=7)
+    dragged, released = (planned(session, stops, 4.0, held=h) for h in (held, None))
+    for name in ("aware", "shortest"):
+        one, other = getattr(dragged, name), getattr(released, name)
+        assert one.cost <= 1.2 * other.cost
+        assert one.xy[[0, -1]].tolist() == other.xy[[0, -1]].tolist()
+
+
+def test_only_the_legs_beside_the_held_stop_are_planned_again(session, monkeypatch):
+    from locplan.explorer import _plans
+
+    stops, planned_legs = free_places(session, 4, seed=9), []
+    planned(session, stops, 4.0)
+    whole = _plans.any_angle_path
+
+    def counted(costs, bordered, cells, start, goal):
+        planned_legs.append((start, goal))
+        return whole(costs, bordered, cells, start, goal)
+
+    monkeypatch.setattr(_plans, "any_angle_path", counted)
+    planned(session, stops, 4.0, held=0)
+    assert set(planned_legs) == {(stops[0], stops[1])}
+
+
+def test_before_there_is_a_field_the_shortest_path_is_there():
+    session = Session(rooms(), Opening(SAD, robot_radius=0.15))
+    start, goal = free_places(session, 2)
+    found = planned(session, [start, goal], 4.0)
+    assert found.shortest is not None
+    assert found.aware is None
+    assert "computed" in found.why
+    told = found.to_json()["shortest"]
+    assert told["degenerate"] is None
+    assert set(told["profile"]["u"]) == {None}
+
+
+def test_profiles_are_short_and_keep_the_greatest_value(session):
+    start, goal = free_places(session, 2, seed=11)
+    path = planned(session, [start, goal], 4.0).aware
+    assert len(path.s) == len(path.u) == len(path.sigma_cm) <= 400
+    assert path.s[-1] == pytest.approx(path.length)
+    assert (np.diff(path.s) >= 0).all()
+    costs, route = session.costs(4.0), locplan.Path(path.xy)
+    _, values = locplan.costs.profile(costs, route, costs.u)
+    assert path.u.max() == values.max()
+    assert path.worst_sigma_cm >= path.mean_sigma_cm > 0
+
+
+def test_many_steps_are_joined_by_their_greatest():
+    grid = OccupancyGrid(np.full((3, 1500), FREE, np.uint8), 0.1)
+    session = Session(grid, Opening(SAD, robot_radius=0.0))
+    path = planned(session, [(0.05, 0.15), (149.9, 0.15)], 4.0).shortest
+    assert len(path.s) == 400
+    assert path.s[-1] == pytest.approx(149.85)
+    u = np.zeros(grid.shape)
+    u[1, 7:1500:50] = 0.9  # one cell in many
+    costs = dataclasses.replace(session.scene.costs, u=u)
+    scene = Scene(costs, None, True, 1)
+    route = locplan.Path([(0.05, 0.15), (149.9, 0.15)])
+    assert (path_answer(costs, scene, route).u == 0.9).sum() == 30
+
+
+def test_coarse_drafts_join_the_same_stops(session, monkeypatch):
+    from locplan.explorer import _plans
+
+    monkeypatch.setattr(_plans, "DRAFT_CELLS", 50)
+    start, goal = free_places(session, 2, seed=13)
+    for held in (0, 1, None):
+        found = planned(session, [start, goal], 4.0, held=held, draft=True)
+        fine = planned(session, [start, goal], 4.0)
+        if found.draft:
+            assert found.aware.xy[[0, -1]].tolist() == [list(start), list(goal)]
+            assert found.shortest.length < 1.3 * fine.shortest.length
+        assert not fine.draft
+
+
+def test_positions_in_walls_move_to_the_nearest_cell_of_the_same_part():
+    grid = drawn(
+        "..........",
+        "##########",
+        "##########",
+        "#........#",
+        "##########",
+    )
+    parts = Parts.of(locplan.Costmap.blank(grid, robot_radius=0.0))
+    lower, upper = (1.5, 1.5), (1.5, 4.5)
+    in_wall = (5.2, 3.4)  # nearer to the upper part
+    assert snapped(parts, [upper, in_wall]) == [upper, (5.5, 4.5)]
+    assert snapped(parts, [lower, in_wall]) == [lower, (5.5, 1.5)]
+    assert snapped(parts, [in_wall, lower], held=0) == [(5.5, 1.5), lower]
+    assert snapped(parts, [in_wall, in_wall])[0] == (5.5, 4.5)
+    assert snapped(parts, [lower, upper]) == [lower, upper]  # free ones stay, whatever joins them
+
+
+def test_positions_far_from_free_cells_are_refused():
+    grid = drawn(".....###########")
+    parts = Parts.of(locplan.Costmap.blank(grid, robot_radius=0.0))
+    assert snapped(parts, [(0.5, 0.5), (4.5 + REACH, 0.5)])[1] == (4.5, 0.5)
+    with pytest.raises(LocplanError, match=r"the goal .* no free cell within 3 m"):
+        snapped(parts, [(0.5, 0.5), (4.6 + REACH, 0.5)])
+    with pytest.raises(LocplanError, match="the start"):
+        snapped(parts, [(-1e7, 1e7), (0.5, 0.5)])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_snapping_finds_what_a_search_of_all_cells_finds(seed):
+    grid, rng = rooms(seed, yaw=0.4), np.random.default_rng(seed)
+    parts = Parts.of(locplan.Costmap.blank(grid, robot_radius=0.2))
+    x, y = grid.grid_to_world(*rng.uniform(0, (60, 90), (30, 2)).T)
+    for xy in zip(x.tolist(), y.tolist(), strict=True):
+        for label in (0, 1, int(parts.labels.max())):
+            wanted = parts.labels == label if label else parts.labels > 0
+            centres = np.column_stack(grid.grid_to_world(*(np.argwhere(wanted) + 0.5).T))
+            apart = np.hypot(*(centres - xy).T)
+            found = parts.nearest(xy, label)
+            if found is None:
+                assert apart.min() > REACH
+            else:
+                assert math.dist(found, xy) == pytest.approx(apart.min())
+
+
+def test_unreachable_goals_have_no_path_and_a_reason():
+    grid = drawn("......#......", "......#......", resolution=0.5)
+    session = session_of(grid)
+    found = planned(session, [(0.3, 0.3), (5.0, 0.3)], 4.0)
+    assert found.aware is found.shortest is None
+    assert "no path" in found.why
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (9, 1), (3, 3)])
+@pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
+def test_tiny_and_unknown_maps_have_a_state(shape, level):
+    session = session_of(OccupancyGrid(np.full(shape, level), 0.1), robot_radius=0.0)
+    told = state(session)
+    assert (told["start"] is None) == (level != FREE)
+    assert told["field"]["whole"]
+    if level == FREE:
+        found = answer(session, "plan", start=told["start"], goal=told["goal"])
+        assert found["shortest"]["length"] is not None
+    else:
+        with pytest.raises(LocplanError, match="no free cell"):
+            answer(session, "plan", start=[0.0, 0.0], goal=[0.1, 0.1])
+    assert about(session)["map"]["rows"] == shape[0]
+
+
+def test_edits_are_undone_and_redone_to_the_digest(session):
+    session = session_of(rooms(4))
+    start, goal = free_places(session, 2)
+    digests = [(session.grid.digest, session.scene.digest)]
+    fields = [session.field]
+    for k in range(3):
+        stroke = {"tool": "wall", "points": [start, goal], "width": 0.2 + 0.2 * k}
+        answer(session, "edit", strokes=[stroke])
+        session.upkeep.latest.result()
+        digests.append((session.grid.digest, session.scene.digest))
+        fields.append(session.field)
+    assert len(set(digests)) == 4
+    for do, order in (("undo", [2, 1, 0]), ("redo", [1, 2, 3])):
+        for k in order:
+            answer(session, do)
+            session.upkeep.latest.result()
+            assert (session.grid.digest, session.scene.digest) == digests[k]
+            np.testing.assert_array_equal(session.field.covariance, fields[k].covariance)
+        with pytest.raises(LocplanError, match=f"no edit to {do}"):
+            answer(session, do)
+
+
+@pytest.mark.parametrize("tool", ["wall", "erase", "pole", "box"])
+def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypatch):
+    monkeypatch.setattr("locplan.explorer._upkeep.MIN_POINTS", 5)
+    monkeypatch.setattr("locplan.explorer._upkeep.FIRST_SECONDS", 0.0)
+    session = session_of(rooms(5))
+    (x, y), *_ = free_places(session, 1)
+    scenes = []
+    session.listeners.append(lambda event: scenes.append(session.scene))
+    points = [[x - 3, y - 3], [x + 3, y + 3]] if tool == "erase" else [[x, y], [x + 1, y + 1]]
+    width = 4.0 if tool == "erase" else 0.6
+    stroke = {"tool": tool, "points": points, "width": width, "heading": 0.3}
+    changed = answer(session, "edit", strokes=[stroke])["changed"]
+    session.upkeep.latest.result()
+    assert changed
+    assert session.scene.whole
+    assert any(not scene.whole for scene in scenes)
+    assert not any(scene.field.lacking.any() for scene in scenes)
+    expected = locplan.covariance_field(session.grid, SAD)
+    np.testing.assert_array_equal(session.field.covariance, expected.covariance)
+    costs = locplan.Costmap.from_field(session.grid, expected, robot_radius=0.15)
+    np.testing.assert_array_equal(session.scene.costs.density, costs.density)
+    assert session.scene.costs.grid.digest == session.grid.digest
+
+
+def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypatch):
+    monkeypatch.setattr("locplan.explorer._upkeep.MIN_POINTS", 5)
+    monkeypatch.setattr("locplan.explorer._upkeep.FIRST_SECONDS", 0.0)
+    session = session_of(rooms(6))
+    for n, (x, y) in enumerate(free_places(session, 6)):
+        answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
+        if n % 3 == 2:
+            answer(session, "undo")
+    session.upkeep.latest.result()
+    expected = locplan.covariance_field(session.grid, SAD)
+    np.testing.assert_array_equal(session.field.covariance, expected.covariance)
+
+
+def test_before_there_is_a_field_the_paths_follow_edits(monkeypatch):
+    session = Session(rooms(), Opening(SAD, robot_radius=0.15))
+    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    start, goal = free_places(session, 2, seed=3)
+    before = planned(session, [start, goal], 4.0).shortest
+    x, y = np.mean([start, goal], axis=0).tolist()
+    strokes = [{"tool": "pole", "points": [before.xy[len(before.xy) // 2].tolist()], "width": 0.6}]
+    strokes += [{"tool": "pole", "points": [[x, y]], "width": 0.6}]
+    answer(session, "edit", strokes=strokes)
+    session.upkeep.latest.result()
+    assert session.scene.costs.grid.digest == session.grid.digest != session.original.digest
+    assert planned(session, [start, goal], 4.0).shortest.length > before.length
+
+
+def test_an_old_field_follows_the_map_while_another_is_computed(monkeypatch):
+    session = session_of(rooms())
+    monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
+    session.config = FieldConfig(locplan.Sad(range=1.0), stride=0.4)
+    (x, y), *_ = free_places(session, 1)
+    answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
+    session.upkeep.latest.result()
+    expected = locplan.covariance_field(session.grid, SAD)
+    np.testing.assert_array_equal(session.field.covariance, expected.covariance)
+
+
+def test_the_points_nearest_to_an_edit_come_first():
+    due, first = np.ones((6, 8), bool), np.zeros((6, 8), bool)
+    due[2, 2], first[5, 0] = False, True
+    changed = np.zeros((24, 32), bool)
+    changed[12, 20] = True  # the lattice point (3, 5)
+    order = nearest_first(due, first, changed, 4)
+    rows, cols = np.unravel_index(order, due.shape)
+    assert (rows[0], cols[0]) == (5, 0)
+    apart = np.hypot(rows[1:] - 3, cols[1:] - 5)
+    assert (np.diff(apart) > -0.3).all()  # distances are within a few per cent
+    assert len(order) == due.sum()
+
+
+def test_a_stroke_fills_the_cells_whose_centres_it_covers():
+    grid = OccupancyGrid(np.full((20, 30), FREE), 0.1, (0.5, 0.5, 0.7))
+    stroke = Stroke("wall", ((1.0, 1.5), (1.6, 2.0), (1.2, 2.4)), (0.3, 0.3))
+    patch = patch_of(grid, [stroke])
+    cells = grid.cells.copy()
+    cells[patch.rows, patch.cols] = patch.after
+    for row, col in itertools.product(range(20), range(30)):
+        at = np.array(grid.cell_to_world(row, col))
+        near = min(
+            math.dist(at, np.array(a) + np.clip((at - a) @ d / (d @ d), 0, 1) * d)
+            for a, b in itertools.pairwise(stroke.points)
+            if (d := np.subtract(b, a)) is not None
+        )
+        assert (cells[row, col] == OCCUPIED) == (near <= 0.15), (row, col)
+
+
+def test_thin_walls_have_no_gaps():
+    grid = OccupancyGrid(np.full((40, 40), FREE), 0.1)
+    patch = patch_of(grid, [Stroke("wall", ((0.0, 0.31), (4.0, 3.67)), (0.01, 0.01))])
+    cells = grid.cells.copy()
+    cells[patch.rows, patch.cols] = patch.after
+    parts = Parts.of(locplan.Costmap.blank(OccupancyGrid(cells, 0.1), robot_radius=0.0))
+    assert parts.label((2.0, 0.2)) != parts.label((2.0, 3.8)) > 0
+
+
+def test_an_edit_outside_the_map_changes_nothing(session):
+    stroke = {"tool": "pole", "points": [[500.0, 500.0]], "width": 0.3}
+    before = session.grid.digest
+    assert answer(session, "edit", strokes=[stroke]) == {"changed": []}
+    assert session.grid.digest == before
+    assert not session.history.before
+
+
+def test_maps_are_saved_under_the_folder_only(tmp_path):
+    session = session_of(rooms(), folder=tmp_path / "out")
+    (x, y), *_ = free_places(session, 1)
+    answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
+    assert session.edited
+    for name in ("../x", "a/b", "/etc/x", "..", ".x", "", " ", "x\0", "a" * 300, "x\n", None, 3):
+        with pytest.raises(LocplanError):
+            answer(session, "save", name=name)
+    assert not (tmp_path / "out").exists()
+    answer(session, "save", name="new room")
+    answer(session, "save", name="new room.yaml")  # its own file is replaced
+    assert locplan.load_map(tmp_path / "out" / "new room.yaml") == session.grid
+    assert not session.edited
+    (tmp_path / "out" / "other.pgm").write_bytes(b"mine")
+    with pytest.raises(LocplanError, match="there already"):
+        answer(session, "save", name="other")
+    with pytest.raises(LocplanError, match="--folder"):
+        answer(session_of(rooms()), "save", name="room")
+
+
+def test_what_is_kept_stays_within_its_bytes():
+    kept = Kept(100)
+    for n in range(30):
+        kept.put(n, np.zeros(3), 24)
+        assert kept.bytes <= 100
+    assert [n for n in range(30) if kept.get(n) is not None] == [26, 27, 28, 29]
+    kept.get(26)
+    kept.put(30, "new", 24)
+    assert kept.get(26) is not None
+    assert kept.get(27) is None
+    kept.put(31, "larger than all", 500)
+    assert kept.get(31) is not None
+    assert kept.bytes == 500
+    kept.put(31, "again", 10)
+    assert kept.bytes == 10
+    kept.forget(lambda key: False)
+    assert kept.bytes == 0
+
+
+def test_searches_of_many_drags_stay_within_their_bytes(monkeypatch):
+    monkeypatch.setattr("locplan.explorer._session.KEPT_BYTES", 1e6)
+    session = session_of(rooms())
+    places = free_places(session, 30)
+    for n, (start, goal) in enumerate(itertools.pairwise(places)):
+        planned(session, [start, goal], 4.0 + n, held=n % 2)
+        assert session.kept.bytes <= 1e6 + 100_000
+
+
+def test_a_place_has_the_covariance_of_the_field(session):
+    for x, y in free_places(session, 5):
+        told = answer(session, "at", x=x, y=y)
+        covariance = session.field.at(x, y)
+        major, minor, angle = locplan.field.position_axes(covariance)
+        assert told["axes"] == [pytest.approx(100 * major), pytest.approx(100 * minor)]
+        assert told["angle"] == pytest.approx(float(angle))
+        assert told["heading_deg"] == pytest.approx(math.degrees(math.sqrt(covariance[2, 2])))
+        cell = session.grid.world_to_cell(x, y)
+        assert told["u"] == session.scene.costs.u[cell]
+        assert told["clearance"] == session.grid.clearance[cell]
+    for x, y in free_places(session, 20, seed=3):
+        row, col = session.grid.world_to_cell(x, y)
+        plain = OccupancyGrid(session.grid.cells, 0.1)
+        assert "clearance" not in vars(plain)
+        assert (
+            clearance_at(plain, row, col)
+            == plain.clearance[row, col]
+            == clearance_at(plain, row, col)
+        )
+    nothing = OccupancyGrid(np.full((4, 4), FREE), 0.1)
+    assert math.isnan(clearance_at(nothing, 1, 1))
+    far = answer(session, "at", x=-1e6, y=5.0)
+    assert not far["known"]
+    assert far["u"] is None
+
+
+def test_other_settings_give_the_field_of_the_library():
+    session = session_of(rooms())
+    for given, expected in (
+        ({"range": 1.0}, locplan.Sad(range=1.0)),
+        (
+            {"estimator": "fisher", "lidar": "lds-01"},
+            locplan.Fisher(locplan.Lidar.preset("lds-01")),
+        ),
+        ({"range": 2.0}, None),
+        ({"estimator": "sad", "lidar": None, "range": 1.5}, locplan.Sad(range=1.5)),
+    ):
+        assert answer(session, "configure", **given) == {"ok": True}
+        assert session.field.config.stride == SAD.stride
+        if expected is not None:
+            config = FieldConfig(expected, stride=SAD.stride)
+            assert session.config == config
+            field = locplan.covariance_field(session.grid, config)
+            np.testing.assert_array_equal(session.field.covariance, field.covariance)
+    assert session.costs().weight == 4.0
+
+
+def test_cancelled_settings_leave_the_old_field():
+    session = session_of(rooms())
+    before, cancel = session.scene, Cancel()
+
+    def progress(done, total):
+        cancel.cancel()
+        cancel.check()
+
+    work = Work(progress, cancel)
+    with pytest.raises(Cancelled):
+        ASKS["configure"].load()(session, ask("configure", range=2.0), work)
+    session.upkeep.latest.result()
+    assert session.config == SAD
+    assert session.scene.digest == before.digest
+    assert session.scene.whole
+
+
+def test_drives_along_a_turned_map_are_in_the_world():
+    yaw = 0.9
+    session = session_of(rooms(3, yaw=yaw))
+    start, goal = free_places(session, 2, seed=11)
+    path = planned(session, [start, goal], 4.0).aware
+    expected = locplan.plan(session.costs(4.0), start, goal)
+    assert path.length <= expected.metrics.length * 1.2
+    np.testing.assert_allclose(path.xy[0], start)
+    told = about(session)["map"]
+    assert told["origin"] == [1.0, -2.0, yaw]

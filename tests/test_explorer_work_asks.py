@@ -1,0 +1,337 @@
+"""The explorer's long answers as the page asks for them, and the page that is handed on."""
+
+import dataclasses
+import json
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+from explorer_views import GOAL, MIDDLE, START, corridors, view
+
+from locplan.errors import ConfigError, LocplanError
+from locplan.explorer import _twins
+from locplan.explorer._asks import ASKS, Work
+from locplan.explorer._cancelling import Cancel, Cancelled
+from locplan.explorer._drives import RecordedDrive, drive_json
+from locplan.explorer._front import front_of
+from locplan.explorer._scene import Opening
+from locplan.explorer._session import Session
+from locplan.explorer._sharing import share
+from locplan.explorer._state import about
+from locplan.explorer._twins import twins_of
+from locplan.explorer._wire import Ask
+from locplan.field import Lidar
+from locplan.recordings import Recording
+from locplan.simulation import Amcl
+
+WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
+LONG = ("front", "simulate", "landmarks", "reproduce", "export")
+
+
+def session_of(with_field: bool = True, **opening) -> Session:
+    """A session with the corridors' field."""
+    grid, field = corridors()
+    session = Session(grid, Opening(field.config, lidar=view().lidar, **opening))
+    if with_field:
+        session.upkeep.begin(field).result(60)
+    return session
+
+
+@pytest.fixture(scope="module")
+def session():
+    made = session_of()
+    yield made
+    made.upkeep.close()
+
+
+def answered(session: Session, do: str, cancel: Cancel | None = None, calls=None, **values):
+    """The answer to an ask, through JSON as the page gets it."""
+    token = cancel or Cancel()
+
+    def progress(done, total, doing=""):
+        token.check()
+        if calls is not None:
+            calls.append((done, total))
+
+    asked = Ask(do, 1, json.loads(json.dumps(values)))
+    told = ASKS[do].load()(session, asked, Work(progress, token))
+    return json.loads(json.dumps(told, allow_nan=False))
+
+
+def test_the_front_is_answered(session):
+    told = answered(session, "front", **WAY)
+    own = front_of(view())
+    assert [each["length"] for each in told["points"]] == [each.length for each in own.points]
+    assert told["complete"] is True
+
+
+def test_a_front_without_paths_is_refused_with_the_reason(session, monkeypatch):
+    from locplan.explorer import _front
+
+    for status, why in (("timeout", "within 5"), ("unreachable", "no path joins")):
+        empty = _front.Front((), None, 0, np.inf, status)
+        monkeypatch.setattr(_front, "front_of", lambda *_, found=empty, **__: found)
+        with pytest.raises(ConfigError, match=why):
+            answered(session, "front", **WAY)
+
+
+def test_a_simulation_is_answered_with_intervals_and_profiles(session):
+    told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=3)
+    assert told["chosen"] in {each["name"] for each in told["candidates"]}
+    for each in told["candidates"]:
+        assert len(each["rmse_cm"]) == len(each["lost"]) == 3
+        profile = each["profile"]
+        assert len(profile["s"]) == len(profile["median_cm"]) == len(profile["p95_cm"])
+        assert profile["s"][-1] == pytest.approx(each["length"], abs=0.2)
+        assert all(np.subtract(profile["p95_cm"], profile["median_cm"]) >= 0)
+
+
+def test_the_robot_of_the_command_line_is_simulated():
+    session = session_of(amcl=Amcl(laser_model_type="likelihood_field_prob"))
+    told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=2)
+    assert "likelihood_field_prob" in told["verdict"]
+    session.upkeep.close()
+
+
+def test_landmarks_are_answered(session):
+    told = answered(session, "landmarks", **WAY, object="box:0.5,0.2", count=2, drives=0)
+    assert len(told["curve"]) == len(told["poses"]) + 1 == len(told["gains"]) + 1
+    assert told["tool"] == "box"
+
+
+def test_the_command_names_the_file_that_was_opened(session):
+    assert "save_map" in answered(session, "reproduce", **WAY)["shell"]
+    named = session_of(map_file="my maps/lab.yaml")
+    told = answered(named, "reproduce", **WAY)
+    assert "locplan plan 'my maps/lab.yaml' --start 2" in told["shell"]
+    stroke = {"tool": "pole", "points": [[20.0, 8.0]], "width": 0.3}
+    answered(named, "edit", strokes=[stroke])
+    named.upkeep.latest.result(60)
+    for text in answered(named, "reproduce", **WAY).values():
+        assert "not saved" in text.splitlines()[0]
+    named.upkeep.close()
+
+
+def test_exports_go_to_the_folder_of_the_command_line_only(session, tmp_path):
+    with pytest.raises(ConfigError, match="folder"):
+        answered(session, "export", **WAY)
+    with_folder = session_of(folder=tmp_path)
+    told = answered(with_folder, "export", **WAY, to="path")
+    assert [each.name for each in tmp_path.iterdir()] == told["files"]
+    with_folder.upkeep.close()
+
+
+@pytest.mark.parametrize("do", LONG)
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"start": None},
+        {"start": [1.0]},
+        {"start": ["2", 3]},
+        {"goal": [1e12, 0]},
+        {"goal": {"x": 1}},
+        {"via": [[1, 2, 3]]},
+        {"via": "all"},
+        {"via": [[2.0, 3.0]] * 51},
+        {"weight": -1},
+        {"weight": 1e9},
+        {"weight": "much"},
+        {"start": [-500.0, -500.0]},
+    ],
+)
+def test_malformed_ways_are_refused_in_one_line(session, do, wrong):
+    with pytest.raises(LocplanError) as error:
+        answered(session, do, **{**WAY, **wrong})
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("do", "wrong"),
+    [
+        ("front", {"time_limit": 0}),
+        ("front", {"time_limit": "1"}),
+        ("simulate", {"drives": 10**6}),
+        ("simulate", {"drives": 2.5}),
+        ("simulate", {"filter": [1]}),
+        ("simulate", {"filter": {"__class__": 1}}),
+        ("simulate", {"filter": {"sigma_hit": {"deep": []}}}),
+        ("landmarks", {"object": "pole:1e9"}),
+        ("landmarks", {"object": 3}),
+        ("landmarks", {"count": 0}),
+        ("landmarks", {"drives": 1}),
+        ("export", {"to": "../../x"}),
+        ("export", {"distro": "melodic"}),
+        ("twins", {"x": 1.0}),
+        ("twins", {"x": 1.0, "y": "2"}),
+        ("share", {"view": [1]}),
+        ("share", {"view": {"start": "here", "goal": [1, 2]}}),
+    ],
+)
+def test_malformed_settings_are_refused_in_one_line(tmp_path, session, do, wrong):
+    before = session.opening
+    session.opening = dataclasses.replace(before, folder=tmp_path)
+    try:
+        with pytest.raises(LocplanError) as error:
+            answered(session, do, **{**WAY, **wrong})
+        assert "\n" not in str(error.value)
+        assert not list(tmp_path.iterdir())
+    finally:
+        session.opening = before
+
+
+@pytest.mark.parametrize("do", [*LONG, "share"])
+def test_without_a_field_every_long_ask_says_so(do, tmp_path):
+    bare = session_of(with_field=False, folder=tmp_path)
+    with pytest.raises(ConfigError, match="field"):
+        answered(bare, do, **WAY, view=WAY)
+    bare.upkeep.close()
+
+
+@pytest.mark.parametrize("do", ["simulate", "landmarks", "share", "export"])
+def test_a_cancelled_ask_goes_no_further(session, do, tmp_path):
+    token, calls = Cancel(), []
+    token.cancel()
+    with pytest.raises(Cancelled):
+        answered(session, do, token, calls, **WAY, view=WAY)
+    assert calls == []
+
+
+# Recorded drives
+
+
+def test_a_recorded_drive_is_told_of_and_answered():
+    poses = np.column_stack([np.linspace(3, 30, 40), np.full(40, 3.0), np.zeros(40)])
+    ranges = np.full((40, 12), 1.0)
+    drive = RecordedDrive("tour.bag", Recording(ranges, Lidar(range=6.0, beams=12), poses))
+    session = session_of(drives=(drive,))
+    (told,) = about(session)["drives"]
+    assert (told["name"], told["scans"], told["duration"]) == ("tour.bag", 40, None)
+    shown = json.loads(json.dumps(drive_json(session, 0), allow_nan=False))
+    assert shown["timed"] is False
+    assert len(shown["t"]) == len(shown["unlike"]) == 40
+    session.upkeep.close()
+
+
+# Look-alikes
+
+
+def found_twins(excess):
+    """What `find_twins` gives, of three twins."""
+
+    def find_twins(grid, *, lidar, places, robot_radius, threads, progress):
+        progress and progress(1, 1)
+        return types.SimpleNamespace(
+            places=np.array(places),
+            excess=np.array([excess]),
+            elsewhere=np.array([0.4]),
+            modes=np.array([2.0]),
+            stretch=np.array([0.0]),
+            of=lambda number: [
+                types.SimpleNamespace(x=1.0, y=2.0, heading=0.5, excess=each, here=0.0)
+                for each in (-0.5, 1.0, 9.0)
+            ],
+        )
+
+    return types.SimpleNamespace(find_twins=find_twins)
+
+
+@pytest.fixture
+def twins_there(monkeypatch):
+    monkeypatch.setattr(_twins, "available", lambda: True)
+    monkeypatch.setitem(sys.modules, "locplan.twins", found_twins(-0.5))
+
+
+@pytest.mark.usefixtures("twins_there")
+def test_twins_that_explain_a_scan_much_worse_are_none(session):
+    told = answered(session, "twins", x=2.0, y=3.0)
+    assert [each["excess"] for each in told["twins"]] == [-0.5, 1.0]
+    assert told["twins"][0]["likelihood"] == 1.0
+    assert told["twins"][1]["likelihood"] == pytest.approx(np.exp(-1))
+    assert (told["share"], told["modes"]) == (0.4, 2)
+
+
+@pytest.mark.usefixtures("twins_there")
+def test_a_place_without_twins_has_no_excess(session, monkeypatch):
+    monkeypatch.setitem(sys.modules, "locplan.twins", found_twins(np.inf))
+    assert answered(session, "twins", x=2.0, y=3.0)["excess"] is None
+
+
+@pytest.mark.usefixtures("twins_there")
+def test_a_place_in_a_wall_is_moved(session):
+    wall = session.grid.cell_to_world(*np.argwhere(session.grid.cells == 0)[0].tolist())
+    told = answered(session, "twins", x=wall[0], y=wall[1])
+    assert session.scene.costs.cell_of((told["x"], told["y"]))
+
+
+def test_twins_that_are_not_there_are_said_to_be_missing(session, monkeypatch):
+    monkeypatch.setattr(_twins, "available", lambda: False)
+    with pytest.raises(ConfigError, match="not available"):
+        twins_of(session.grid, view().lidar, START)
+
+
+# The page that is handed on
+
+
+def shared_file(session: Session, folder: Path) -> Path:
+    """A shared page on the disk."""
+    token = Cancel()
+    work = Work(lambda *_: None, token)
+    told = share(session, Ask("share", 1, {"view": {**WAY, "layer": "sigma"}}), work)
+    found = session.download(told["download"])
+    assert (found.name, len(found.content)) == (told["name"], told["bytes"])
+    assert found.media_type == "text/html"
+    file = folder / told["name"]
+    file.write_bytes(found.content)
+    return file
+
+
+def test_a_shared_page_tells_no_folder_of_the_machine(tmp_path):
+    session = session_of(folder=tmp_path / "secret-place", map_file="/home/secret-place/lab.yaml")
+    text = shared_file(session, tmp_path).read_text()
+    assert "secret-place" not in text
+    assert '"aware":{"xy":' in text.replace('"aware":{"length"', '"aware":{"xy":')
+    session.upkeep.close()
+
+
+def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
+    api = pytest.importorskip("playwright.sync_api")
+    browser_file = next((f for f in map(Path, CHROMIUMS) if f.exists()), None)
+    if browser_file is None:
+        pytest.skip("no Chromium is here")
+    grid, field = corridors()
+    name = "</script><img src=x onerror=alert(1)>"
+    named = dataclasses.replace(grid, name=name)
+    session = Session(named, Opening(field.config, lidar=view().lidar))
+    session.upkeep.begin().result(120)
+    file = shared_file(session, tmp_path)
+    asked, faults = [], []
+    with api.sync_playwright() as playwright:
+        arguments = ["--no-sandbox"]
+        browser = playwright.chromium.launch(executable_path=browser_file, args=arguments)
+        page = browser.new_page(viewport={"width": 900, "height": 700})
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("console", lambda said: said.type == "error" and faults.append(said.text))
+        page.on("dialog", lambda dialog: faults.append("a dialog"))
+        page.goto(file.as_uri())
+        page.locator("html[data-state=ready]").wait_for(timeout=60_000)
+        page.locator("canvas").first.wait_for()
+        shot = page.locator("#stage").screenshot()
+        browser.close()
+    assert asked == [file.as_uri()]
+    assert faults == []
+    assert colours_of(shot) > 50
+    session.upkeep.close()
+
+
+CHROMIUMS = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")
+
+
+def colours_of(png: bytes) -> int:
+    """Number of colours of a picture."""
+    import cv2
+
+    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    return len(np.unique(pixels.reshape(-1, 3), axis=0))

@@ -1,0 +1,491 @@
+"""What a view is handed on as: exports, a command, code, a page; and recorded drives."""
+
+import base64
+import contextlib
+import dataclasses
+import io
+import json
+import re
+import shlex
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import SHARED_DATA, changed
+from explorer_views import GOAL, LIDAR, MIDDLE, START, corridors, view
+
+import locplan
+from locplan.costs import Costmap
+from locplan.errors import ConfigError, LocplanError
+from locplan.explorer._bundling import STATIC, json_in_html, one_page, one_script
+from locplan.explorer._drives import MOST_POSES, RecordedDrive, shown_drive
+from locplan.explorer._exporting import EXPORTS, exported, plain_name
+from locplan.explorer._notebook import frame_html, in_notebook
+from locplan.explorer._reproduce import options_for, reproduced
+from locplan.explorer._sharing import shared_page
+from locplan.explorer._view import View
+from locplan.export import formats, nav2_keepout
+from locplan.field import (
+    Exponential,
+    FieldConfig,
+    Fisher,
+    Fused,
+    InverseSquare,
+    Lidar,
+    Sad,
+    Scan,
+    SearchWindow,
+)
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map, save_map
+from locplan.recordings import Recording, match_scans
+
+# Recorded drives
+
+
+def drive_in(grid: OccupancyGrid, scans: int, *, times=True, moved=0.0) -> Recording:
+    """A drive through an empty hall, of scans that the map has exactly, or off by some metres."""
+    lidar = Lidar(range=30.0, beams=36)
+    free = np.flatnonzero(grid.cells[grid.shape[0] // 2] == 254)
+    x = (np.linspace(free[3], free[-4], scans)) * grid.resolution
+    poses = np.column_stack([x, np.full(scans, grid.shape[0] / 2 * grid.resolution), 0 * x])
+    width, height = (size * grid.resolution for size in grid.shape[::-1])
+    ranges = np.empty((scans, 36))
+    for n, (px, py, _) in enumerate(poses):
+        cos, sin = np.cos(lidar.angles), np.sin(lidar.angles)
+        with np.errstate(divide="ignore"):
+            along = np.where(cos > 0, (width - 1 - px) / cos, (1 - px) / cos)
+            across = np.where(sin > 0, (height - 1 - py) / sin, (1 - py) / sin)
+        ranges[n] = np.minimum(along, across) + moved
+    stamps = np.linspace(5.0, 5.0 + scans / 10, scans) if times else None
+    return Recording(ranges, lidar, poses, times=stamps)
+
+
+def hall() -> OccupancyGrid:
+    """A hall of 18 x 8 m with walls of 0.5 m, which begin 0.5 m from the map's edge."""
+    cells = np.full((90, 190), UNKNOWN, np.uint8)
+    cells[5:-5, 5:-5], cells[10:-10, 10:-10] = OCCUPIED, FREE
+    return OccupancyGrid(cells, 0.1)
+
+
+def test_a_drive_is_shown_pose_by_pose():
+    grid = hall()
+    drive = drive_in(grid, 30)
+    told = json.loads(json.dumps(shown_drive(drive, grid).summary(), allow_nan=False))
+    assert told["t"][0] == 0
+    assert told["t"][-1] == pytest.approx(3.0)
+    assert told["timed"] is True
+    assert told["x"] == pytest.approx(drive.poses[:, 0].tolist(), abs=1e-4)
+    assert told["sd"] == [None] * 30
+    assert told["unlike"] == [0] * 30
+
+
+def test_scans_that_end_far_from_walls_are_unlike_the_map():
+    grid = hall()
+    good, bad = drive_in(grid, 6), drive_in(grid, 6, moved=-2.4)
+    mixed = dataclasses.replace(good, ranges=np.concatenate([good.ranges[:3], bad.ranges[3:]]))
+    assert shown_drive(mixed, grid).unlike.tolist() == [False] * 3 + [True] * 3
+
+
+def test_a_scan_with_few_returns_is_not_judged():
+    grid = hall()
+    ranges = drive_in(grid, 3, moved=-2.4).ranges.copy()
+    ranges[1, 9:] = np.inf
+    ranges[2] = np.inf
+    some = dataclasses.replace(drive_in(grid, 3), ranges=ranges)
+    assert shown_drive(some, grid).unlike.tolist() == [True, False, False]
+
+
+def test_of_a_long_drive_some_poses_are_shown():
+    grid = hall()
+    drive = drive_in(grid, MOST_POSES + 700, times=False)
+    told = shown_drive(drive, grid).summary()
+    assert len(told["x"]) == len(told["t"]) == MOST_POSES
+    assert (told["x"][0], told["x"][-1]) == pytest.approx((drive.poses[0, 0], drive.poses[-1, 0]))
+    assert told["timed"] is False
+    assert told["scans"] == MOST_POSES + 700
+
+
+def test_matched_scans_have_the_deviations_of_the_library():
+    grid = hall()
+    drive = drive_in(grid, 4)
+    calls = []
+    shown = shown_drive(drive, grid, matched=True, progress=lambda *n: calls.append(n))
+    assert calls[-1] == (4, 4)
+    own = match_scans(drive, grid).position_std
+    assert shown.summary()["sd"] == pytest.approx(own.round(4).tolist())
+
+
+def test_a_drive_off_the_map_is_shown_without_deviations():
+    grid = hall()
+    away = drive_in(grid, 4).moved(500.0, 0.0, 0.0)
+    assert shown_drive(away, grid, matched=True).summary()["sd"] == [None] * 4
+
+
+def test_real_scans_are_unlike_the_maps_of_other_sites():
+    logs, maps = SHARED_DATA / "carmen", SHARED_DATA / "rosmaps_carmen"
+    if not logs.is_dir() or not maps.is_dir():
+        pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
+    drive = RecordedDrive.read(logs / "seattle-corrected.log.gz").recording
+    share = {
+        site: shown_drive(drive, load_map(maps / site)).unlike.mean()
+        for site in ("seattle", "aces")
+    }
+    assert share["seattle"] < 0.05 < 0.9 < share["aces"]
+
+
+def test_a_drive_is_read_from_its_file(tmp_path):
+    drive_in(hall(), 12).save(tmp_path / "tour.npz")
+    drive = RecordedDrive.read(tmp_path / "tour.npz")
+    about = {"name": "tour.npz", "duration": pytest.approx(1.2), "poses": 12, "scans": 12}
+    assert drive.about() == about
+    assert RecordedDrive.of(tmp_path / "tour.npz").name == "tour.npz"
+    assert RecordedDrive.of(drive) is drive
+    assert RecordedDrive.of(drive_in(hall(), 12)).name == "recorded drive"
+    with pytest.raises(ConfigError, match="recording or its file"):
+        RecordedDrive.of(3)
+    with pytest.raises(LocplanError, match="is not there"):
+        RecordedDrive.read(tmp_path / "none.npz")
+
+
+# Exports
+
+
+def test_an_export_is_that_of_the_library(tmp_path):
+    made = exported(view(), tmp_path / "out", to="nav2-keepout", distro="kilted")
+    assert "kilted" in " ".join(made.warnings)  # what Nav2 does wrong there
+    with pytest.warns(UserWarning, match="kilted"):
+        nav2_keepout(tmp_path / "own", view().costs, distro="kilted")
+    own = {each.name for each in (tmp_path / "own").iterdir()}
+    folder = "two_corridors-nav2-keepout"
+    assert set(made.files) == {f"{folder}/{name}" for name in own}
+    for name in own:
+        mine = (tmp_path / "out" / folder / name).read_bytes()
+        assert mine == (tmp_path / "own" / name).read_bytes(), name
+    assert json.loads(json.dumps(made.summary()))["files"] == list(made.files)
+
+
+@pytest.mark.parametrize("to", [name for name in EXPORTS if name != "route-graph"])
+def test_each_format_is_written(tmp_path, to):
+    made = exported(view(), tmp_path, to=to)
+    assert made.files
+    assert all((tmp_path / name).is_file() for name in made.files)
+
+
+def test_a_path_is_exported_through_its_waypoints(tmp_path):
+    made = exported(view(via=[MIDDLE]), tmp_path, to="path")
+    xy = locplan.Path.load(tmp_path / made.files[0]).xy
+    assert np.isclose(xy, MIDDLE, atol=1e-6).all(axis=1).any()
+
+
+def test_an_export_beside_another_gets_a_number(tmp_path):
+    first, second = (exported(view(), tmp_path, to="path").files for _ in range(2))
+    before = (tmp_path / first[0]).read_bytes()
+    assert (first, second) == (("two_corridors-path.csv",), ("two_corridors-path-2.csv",))
+    (tmp_path / second[0]).write_text("mine")
+    forced = exported(view(via=[MIDDLE]), tmp_path, to="path", force=True)
+    assert forced.files == first
+    assert (tmp_path / first[0]).read_bytes() != before
+    assert (tmp_path / second[0]).read_text() == "mine"
+
+
+def test_a_link_to_nowhere_is_in_the_way(tmp_path):
+    (tmp_path / "two_corridors-path.csv").symlink_to(tmp_path / "gone")
+    assert exported(view(), tmp_path, to="path").files == ("two_corridors-path-2.csv",)
+
+
+def test_force_replaces_no_folder_that_was_changed(tmp_path):
+    made = exported(view(), tmp_path, to="nav2-speed")
+    (tmp_path / made.files[0]).write_text("mine")
+    with pytest.raises(LocplanError):
+        exported(view(), tmp_path, to="nav2-speed", force=True)
+
+
+@pytest.mark.parametrize("name", ["../../etc", "a/b", "..", "", "naïve map", "x" * 500, "\ufffd"])
+def test_no_name_of_a_map_leaves_the_folder(tmp_path, name):
+    stem = plain_name(name)
+    assert stem
+    assert Path(stem).name == stem
+    assert len(stem) <= 80
+    grid, _ = corridors()
+    named = dataclasses.replace(grid, name=name)
+    costs = dataclasses.replace(view().costs, grid=named)
+    made = exported(dataclasses.replace(view(), grid=named, costs=costs), tmp_path / "o", to="path")
+    assert [each.name for each in tmp_path.iterdir()] == ["o"]
+    assert (tmp_path / "o" / made.files[0]).is_file()
+
+
+@pytest.mark.parametrize(
+    ("folder", "asked", "named"),
+    [
+        (None, {}, "folder"),
+        ("out", {"to": "no-such"}, "to must be one of"),
+        ("out", {"to": ["path"]}, "to must be one of"),
+        ("out", {"distro": "no-such"}, "distro"),
+    ],
+)
+def test_exports_refuse_what_is_unknown(tmp_path, folder, asked, named):
+    with pytest.raises(ConfigError, match=named):
+        exported(view(), folder and tmp_path / folder, **asked)
+    assert not list(tmp_path.iterdir())
+
+
+def test_exports_of_the_page_are_formats_of_the_command():
+    assert set(EXPORTS) <= set(formats())
+    assert all(formats()[name].paths in ("none", "one") for name in EXPORTS)
+
+
+# The command and the code
+
+
+def both_paths(shown: View, file, run, tmp_path, monkeypatch):
+    """The aware path of a view's code, of its command, and its own."""
+    monkeypatch.chdir(tmp_path)
+    made = reproduced(shown, file)
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        exec(made.python, {})
+    command = [line for line in made.shell.splitlines() if not line.startswith("#")]
+    (words,) = map(shlex.split, command)
+    assert words[0] == "locplan"
+    no_verdict = ["--no-verdict"] if "--lidar" in words else []
+    code, out, err = run(*words[1:], *no_verdict, "--json")
+    assert code == 0, err
+    own = shown.plans()["localizability-aware"].path.xy
+    return json.loads(output.getvalue()), json.loads(out)["localizability-aware"]["xy"], own
+
+
+CONFIGS = {
+    "no lidar": (FieldConfig(stride=0.4), []),
+    "a range": (FieldConfig(Sad(range=4.0), stride=0.8), []),
+    "the paper's": (FieldConfig(Sad.paper(range=5.0)), []),
+    "what is seen": (FieldConfig(Sad(template="visible"), stride=0.4), []),
+    "a disc as wide as a lidar": (FieldConfig(Sad.of(Lidar.preset("lds-01"))), []),
+    "a preset": (FieldConfig(Scan(Lidar.preset("turtlebot4")), stride=0.4), []),
+    "half of a preset": (
+        FieldConfig(
+            Fisher(
+                dataclasses.replace(Lidar.preset("rplidar-a1"), range=5.5, field_of_view_deg=180.0)
+            ),
+            headings=4,
+        ),
+        [],
+    ),
+    "no lidar named": (FieldConfig(Fisher(Lidar(range=6.0, range_sigma=0.025))), []),
+    "a lidar of one's own": (FieldConfig(Fisher(Lidar(range=7.5, beams=91)), stride=0.4), None),
+    "other weights": (FieldConfig(Sad(weights=Exponential(tau=0.4)), stride=0.4), None),
+    "another window": (
+        FieldConfig(Sad(window=SearchWindow(half_width=1.0)), stride=0.4),
+        None,
+    ),
+    "a fused one": (FieldConfig(Fused(Fisher(LIDAR), Scan(LIDAR))), None),
+    "a mounted one": (FieldConfig(Scan(Lidar(range=9.0, mount_x=0.1), z_rand=0.1)), None),
+}
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_options_and_code_make_the_same_settings(name, tmp_path):
+    from locplan.cli._options import FieldOptions
+    from locplan.explorer._reproduce import _config_code
+
+    config, wanted = CONFIGS[name]
+    assert eval(_config_code(config), {"locplan": locplan}) == config
+    options = options_for(config)
+    assert (options is None) == (wanted is None)
+    if options is not None:
+        pairs = dict(zip(options[::2], options[1::2], strict=True))
+        kinds = {"range": float, "field_of_view": float, "stride": float, "headings": int}
+        given = {key[2:].replace("-", "_"): value for key, value in pairs.items()}
+        given = {key: kinds.get(key, str)(value) for key, value in given.items()}
+        assert FieldOptions(**given).to_config() == config
+        lidar = getattr(config.estimator, "lidar", None)
+        assert given.get("lidar") == (lidar.model if lidar and lidar.model else None)
+
+
+def test_an_estimator_of_ones_own_is_made_from_its_settings(monkeypatch):
+    from locplan.explorer._reproduce import _config_code
+
+    @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+    class Mine(Sad):
+        name = "mine"
+
+    Mine.__module__ = "elsewhere"
+    config = FieldConfig(Mine(range=5.0))
+    assert options_for(config) is None
+    assert "from_json" in _config_code(config)
+    assert options_for(changed(FieldConfig(), weights=InverseSquare())) is None
+
+
+@pytest.mark.parametrize(
+    ("config", "name"),
+    [
+        (FieldConfig(stride=0.8), 'two corridors\' "map" $HOME.yaml'),
+        (FieldConfig(Fisher(Lidar(range=7.5, beams=91)), stride=0.4), "-dash;x.yaml"),
+        (FieldConfig(Fisher(Lidar.preset("lds-01")), stride=0.4), "ünï.yaml"),
+    ],
+)
+def test_the_command_and_the_code_plan_the_path_shown(config, name, run, tmp_path, monkeypatch):
+    grid, _ = corridors()
+    moved = dataclasses.replace(grid, origin=(-20.0, -1.5, 0.3))
+    save_map(moved, tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    moved = load_map(tmp_path / name)
+    field = locplan.load_or_compute(moved, config)
+    costs = Costmap.from_field(moved, field, weight=2.5, robot_radius=0.2, criterion="heading_std")
+
+    def world(xy):
+        x, y = moved.grid_to_world(xy[1] / 0.1, xy[0] / 0.1)
+        return float(x), float(y)
+
+    stops = world(START), world(MIDDLE), world((21.0, 3.0)), world(GOAL)
+    shown = View(moved, field, costs, None, stops[0], stops[-1], stops[1:-1])
+    code, command, own = both_paths(shown, name, run, tmp_path, monkeypatch)
+    assert np.allclose(code, own, rtol=0, atol=1e-8)
+    assert np.allclose(command, own, rtol=0, atol=1e-8)
+    assert min(own[:, 0]) < 0
+
+
+def test_edits_that_are_not_saved_are_said_first():
+    made = reproduced(view(), "lab.yaml", edited=True)
+    for text in (made.shell, made.python):
+        assert text.startswith("# The map has edits that are not saved")
+    assert not reproduced(view(), "lab.yaml").python.startswith("#")
+    assert "locplan.save_map" in reproduced(view(), None).shell.splitlines()[0]
+
+
+def test_what_the_command_cannot_say_is_told():
+    made = reproduced(view(law="linear"), "lab.yaml")
+    assert "cannot say law" in made.shell
+    assert "law='linear'" in made.python
+
+
+# The page to share
+
+
+def tiny(folder: Path) -> Path:
+    """A page of two modules."""
+    folder.mkdir()
+    (folder / "index.html").write_text(
+        '<!doctype html><html><head>\n<title>x</title>\n<link rel="icon" href="static/i.svg">\n'
+        '<link rel="stylesheet" href="static/s.css">\n</head><body><p id="p"></p>\n'
+        '<script type="module" src="static/main.js"></script>\n</body></html>\n'
+    )
+    (folder / "i.svg").write_text("<svg/>")
+    (folder / "s.css").write_text("p { color: red }")
+    (folder / "main.js").write_text('import { a } from "./a.js";\n\na("</script><!--");\n')
+    (folder / "a.js").write_text("export function a(x) {\n  return x;\n}\nexport const b = 1;\n")
+    return folder
+
+
+def test_modules_are_joined_in_the_order_of_their_imports(tmp_path):
+    script = one_script(tiny(tmp_path / "static"))
+    assert (
+        script == 'function a(x) {\n  return x;\n}\nconst b = 1;\n\n\na("\\x3c/script>\\x3c!--");\n'
+    )
+
+
+def test_a_module_that_cannot_be_joined_is_refused(tmp_path):
+    folder = tiny(tmp_path / "static")
+    (folder / "a.js").write_text("export default 3;\n")
+    with pytest.raises(LocplanError, match="export default"):
+        one_script(folder)
+
+
+def test_no_text_within_ends_the_script(tmp_path):
+    hostile = {"name": '</script><script>alert("&")</script>', "other": "\u2028<!--"}
+    page = one_page('<b>"&', hostile, tiny(tmp_path / "static"))
+    assert page.count("<script") == page.count("</script>") == 2
+    assert "alert(" in page
+    assert "<title>&lt;b&gt;&quot;&amp;</title>" in page
+    data = re.search(r"window\.LOCPLAN = (.*?);</script>", page).group(1)
+    assert json.loads(data) == hostile
+    assert json.loads(json_in_html(hostile)) == hostile
+    assert not set("<>&\u2028") & set(json_in_html(hostile))
+
+
+def test_the_policy_allows_just_what_is_inside(tmp_path):
+    import hashlib
+
+    page = one_page("x", {}, tiny(tmp_path / "static"))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
+    rules = dict(each.strip().split(" ", 1) for each in policy.split(";"))
+    assert rules["default-src"] == "'none'"
+    for kind, pattern in (("script", r"<script[^>]*>(.*?)</script>"), ("style", "<style>(.*?)</s")):
+        inside = re.findall(pattern, page, re.S)
+        digests = [base64.b64encode(hashlib.sha256(t.encode()).digest()).decode() for t in inside]
+        assert rules[f"{kind}-src"].split() == [f"'sha256-{each}'" for each in digests]
+    assert page.index("Content-Security-Policy") < page.index("<script")
+
+
+def made_page(name: str = "lab", view_of_page=None):
+    """A page of a small map."""
+    about = {"version": "0", "map": {"name": name}, "can": {"save": True}, "drives": [{"n": 1}]}
+    state = {"field": {"estimator": "scan"}, "layers": [], "busy": {"do": "field"}}
+    cells = np.arange(200 * 300, dtype=np.uint8).reshape(200, 300) % 3
+    layers = {"sigma": np.full((20, 30), 7, np.uint8)}
+    return shared_page(about, state, cells, layers, {"aware": None}, view_of_page), cells
+
+
+def page_data(page) -> dict:
+    """What a page carries."""
+    text = page.content.decode()
+    return json.loads(re.search(r"window\.LOCPLAN = (.*?);</script>", text).group(1))
+
+
+@pytest.mark.skipif(not (STATIC / "main.js").exists(), reason="the page is not there")
+def test_a_shared_page_carries_map_layers_and_answer():
+    page, cells = made_page()
+    data = page_data(page)
+    assert zlib.decompress(base64.b64decode(data["cells"])) == cells.tobytes()
+    assert zlib.decompress(base64.b64decode(data["layers"]["sigma"])) == bytes([7] * 600)
+    assert data["answer"] == {"aware": None}
+    assert data["about"]["can"] == {}
+    assert data["about"]["drives"] == []
+    assert data["state"]["busy"] is None
+    assert page.title == "lab · scan · locplan"
+    assert page.size == len(page.content)
+    assert made_page()[0].content == page.content
+
+
+@pytest.mark.skipif(not (STATIC / "main.js").exists(), reason="the page is not there")
+def test_a_shared_page_asks_nobody_for_anything():
+    text = made_page("</script>")[0].content.decode()
+    outside = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[^\s\"'`]*", text))
+    assert not {each for each in outside if not each.startswith("http://www.w3.org/")}
+    assert not re.search(r'(?:src|href)="(?!data:|#)', text)
+    assert "@import" not in text
+    assert not re.search(r"url\((?!['\"]?(?:data:|#))", text)
+    assert page_data(made_page("</script>")[0])["about"]["map"]["name"] == "</script>"
+
+
+@pytest.mark.skipif(not (STATIC / "main.js").exists(), reason="the page is not there")
+def test_modules_of_the_page_name_no_two_things_alike():
+    names = re.findall(r"^(?:async )?(?:function\*?|const|let|class) ([\w$]+)", one_script(), re.M)
+    pairs = re.findall(r"^(?:const|let) [\[{]([^\]}]*)[\]}] =", one_script(), re.M)
+    names += [
+        each.split(":")[-1].split("=")[0].strip() for pair in pairs for each in pair.split(",")
+    ]
+    assert names
+    assert not {name for name in names if names.count(name) > 1}
+
+
+# The notebook
+
+
+def test_a_frame_is_html_with_its_address_escaped():
+    html = frame_html('http://127.0.0.1:1/a"b<c>/', 300)
+    assert 'height="300"' in html
+    assert '"b<c>' not in html
+    assert "&quot;b&lt;c&gt;" in html
+
+
+def test_a_script_is_no_notebook(monkeypatch):
+    import sys
+    import types
+
+    assert not in_notebook()
+    shell = types.SimpleNamespace(kernel=None)
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
+    assert not in_notebook()
+    shell.kernel = object()
+    assert in_notebook()
