@@ -253,7 +253,7 @@ def test_landmarks_are_those_of_the_library():
     own = place_landmarks(view().grid, Pole(0.3), 2, paths=aware, lidar=view().lidar, amcl=filter_)
     assert np.array_equal(shown.made.poses, own.poses)
     told = as_json(shown)
-    assert told["curve"] == pytest.approx(100 * own.deviations)
+    assert told["curve"] == pytest.approx(100 * own.expected)
     assert sum(told["gains"]) == pytest.approx(told["curve"][0] - told["curve"][-1])
     assert (told["tool"], told["size"]) == ("pole", [0.3])
     assert told["verdict"] == "not verified: nothing was driven"

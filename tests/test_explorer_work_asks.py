@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import sys
 import types
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from locplan.explorer._scene import Opening
 from locplan.explorer._session import Session
 from locplan.explorer._sharing import share
 from locplan.explorer._state import about
-from locplan.explorer._twins import twins_of
 from locplan.explorer._wire import Ask
 from locplan.field import Lidar
 from locplan.recordings import Recording
@@ -234,17 +232,11 @@ def found_twins(excess):
             ],
         )
 
-    return types.SimpleNamespace(find_twins=find_twins)
+    return find_twins
 
 
-@pytest.fixture
-def twins_there(monkeypatch):
-    monkeypatch.setattr(_twins, "available", lambda: True)
-    monkeypatch.setitem(sys.modules, "locplan.twins", found_twins(-0.5))
-
-
-@pytest.mark.usefixtures("twins_there")
-def test_twins_that_explain_a_scan_much_worse_are_none(session):
+def test_twins_that_explain_a_scan_much_worse_are_none(session, monkeypatch):
+    monkeypatch.setattr(_twins, "find_twins", found_twins(-0.5))
     told = answered(session, "twins", x=2.0, y=3.0)
     assert [each["excess"] for each in told["twins"]] == [-0.5, 1.0]
     assert told["twins"][0]["likelihood"] == 1.0
@@ -252,23 +244,16 @@ def test_twins_that_explain_a_scan_much_worse_are_none(session):
     assert (told["share"], told["modes"]) == (0.4, 2)
 
 
-@pytest.mark.usefixtures("twins_there")
 def test_a_place_without_twins_has_no_excess(session, monkeypatch):
-    monkeypatch.setitem(sys.modules, "locplan.twins", found_twins(np.inf))
+    monkeypatch.setattr(_twins, "find_twins", found_twins(np.inf))
     assert answered(session, "twins", x=2.0, y=3.0)["excess"] is None
 
 
-@pytest.mark.usefixtures("twins_there")
-def test_a_place_in_a_wall_is_moved(session):
+def test_a_place_in_a_wall_is_moved(session, monkeypatch):
+    monkeypatch.setattr(_twins, "find_twins", found_twins(-0.5))
     wall = session.grid.cell_to_world(*np.argwhere(session.grid.cells == 0)[0].tolist())
     told = answered(session, "twins", x=wall[0], y=wall[1])
     assert session.scene.costs.cell_of((told["x"], told["y"]))
-
-
-def test_twins_that_are_not_there_are_said_to_be_missing(session, monkeypatch):
-    monkeypatch.setattr(_twins, "available", lambda: False)
-    with pytest.raises(ConfigError, match="not available"):
-        twins_of(session.grid, view().lidar, START)
 
 
 # The page that is handed on

@@ -62,7 +62,7 @@ class ProposedLandmarks:
 
     def summary(self) -> dict[str, object]:
         """Places, what each gains, and the verdict, fit for JSON."""
-        kind, curve = self.made.setting.kind, 100 * self.made.deviations
+        kind, curve = self.made.setting.kind, 100 * self.made.expected
         box = isinstance(kind, Box)
         about: dict[str, object] = {
             "poses": self.made.poses.tolist(),

@@ -25,7 +25,6 @@ ROBOTS = ("turtlebot3", "turtlebot4")
 
 def about(session: Session) -> dict[str, Any]:
     """The map, and what can be chosen and done."""
-    from locplan.explorer._twins import available
     from locplan.export._distros import DISTRIBUTIONS
 
     grid = session.original
@@ -42,7 +41,7 @@ def about(session: Session) -> dict[str, Any]:
         "estimators": [_estimator(name) for name in ESTIMATORS],
         "lidars": [_lidar(name, preset) for name, preset in PRESETS.items()],
         "distros": list(DISTRIBUTIONS),
-        "can": {"export": writes, "save": writes, "twins": available(), "landmarks": True},
+        "can": {"export": writes, "save": writes, "twins": True, "landmarks": True},
         "drives": [each.about() for each in session.drives],
         "max_weight": GREATEST_WEIGHT,
         "robot_radius": session.robot_radius,

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from locplan._util.checks import FARTHEST
 from locplan._util.progress import ProgressCallback
@@ -18,14 +16,13 @@ from locplan.explorer._snap import snapped
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.simulation._settings import lidar_of
+from locplan.twins import find_twins
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
     from locplan.explorer._session import Session
     from locplan.explorer._wire import Ask
 
-TWINS = "locplan.twins"
-"""The package that finds them."""
 ALIKE = 3.0
 """Excess up to which a pose counts as a look-alike [nats]; a likelihood of a twentieth."""
 
@@ -78,11 +75,6 @@ class LookAlikes:
         return finite(about)
 
 
-def available() -> bool:
-    """Whether this version of the library finds look-alikes."""
-    return find_spec(TWINS) is not None
-
-
 def twins_of(
     grid: OccupancyGrid,
     lidar: Lidar,
@@ -113,12 +105,9 @@ def twins_of(
     Raises
     ------
     LocplanError
-        If the robot cannot stand there, or this version finds no look-alikes.
+        If the robot cannot stand there.
     """
-    if not available():
-        raise ConfigError("look-alike places are not available in this version of locplan")
-    package: Any = import_module(TWINS)
-    found = package.find_twins(
+    found = find_twins(
         grid,
         lidar=lidar,
         places=[tuple(place[:2])],
