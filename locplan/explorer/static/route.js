@@ -45,7 +45,7 @@ export async function planSoon(held, moment = performance.now()) {
 	clearTimeout(restTimer);
 	const turn = ++lastTurn;
 	await requestPlan(held, isLarge(), moment);
-	if (turn === lastTurn && (held || isLarge())) restTimer = setTimeout(() => requestPlan(null, false), REST);
+	if (turn === lastTurn && (held || isLarge())) restTimer = setTimeout(() => requestPlan(null, false), held && isLarge() ? 5 * REST : REST);
 }
 
 /** Ask for the paths in full. */
@@ -129,7 +129,7 @@ export function takePlan(answer, moment = null) {
 	afterPaint(() => markPainted(moment));
 }
 
-// For the benchmark: the answers painted, and the times from a pointer's move to the painted path.
+// For the benchmark: answers painted, and times from a move to the painted path.
 function markPainted(moment) {
 	root.dataset.painted = String(++painted);
 	if (moment === null) return;
