@@ -54,6 +54,8 @@ def twins_table(
             f"{twins.grid.name or 'map'}: {twins.share:.0%} of {len(twins)} places have a twin of"
             f" up to {THRESHOLD:g} nats more than 2 m away; on {alone:.0%} a match can slide"
         )
+        if twins.unseen > 0:
+            said.append(f"on {twins.unseen:.0%} too few beams return to tell anything")
         said.append(f"with {twins.matching.lidar.title}; {CLAIM}")
         said.append(_symmetries(twins))
         if starts:
