@@ -118,9 +118,9 @@ def _of_place(twins: Twins, place: int) -> str:
             str(n),
             f"{twin.x:.2f}",
             f"{twin.y:.2f}",
-            f"{math.degrees(twin.heading):.0f}",
+            str(round(math.degrees(twin.heading))),
             f"{twin.excess:.2f}",
-            f"{math.degrees(twin.here):.0f}",
+            str(round(math.degrees(twin.here))),
         ]
         for n, twin in enumerate(found[:LISTED], 1)
     ]
