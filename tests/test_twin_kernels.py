@@ -141,15 +141,21 @@ def test_alike_poses_are_dropped():
     assert 1 < len(kept) < 60
 
 
-@pytest.mark.parametrize("barrier", [0.0, 60.0, 200.0])
-def test_modes_are_joined_as_by_plain_loops(barrier):
+def test_modes_are_joined_as_by_plain_loops():
     table = Table(5)
+    table.free[:] = 1
+    table.free[9, 4:12] = 0
     random = np.random.default_rng(5)
-    poses = np.column_stack([random.uniform(2, 15, (12, 2)), random.uniform(-0.6, 0.6, 12)])
+    poses = np.column_stack([random.uniform(2, 15, (24, 2)), random.uniform(-0.6, 0.6, 24)])
     values = np.array([table.loss(*pose) for pose in poses])
-    given = poses, values, 0, barrier, 6.0, 0.5, 0.7
-    joined = losses.joined_modes(table.tables, table.ends, *given)
-    assert set(np.flatnonzero(joined)) == naive.joined_modes(table.loss, table.fits, *given)
+    counts = []
+    for barrier in (0.0, 20.0, 60.0, 2000.0):
+        given = poses, values, 0, barrier, 4.0, 0.5, 0.7
+        joined = losses.joined_modes(table.tables, table.ends, *given)
+        assert set(np.flatnonzero(joined)) == naive.joined_modes(table.loss, table.fits, *given)
+        counts.append(joined.sum())
+    assert counts == sorted(counts)
+    assert 1 <= counts[0] < counts[-1]
 
 
 def almost_equal_rooms(seed):

@@ -330,6 +330,8 @@ def test_a_map_without_walls_is_refused():
 def test_a_lidar_of_hardly_any_range_tells_nothing():
     found = find_twins(two_rooms(), lidar=Lidar(range=0.05))
     assert (found.elsewhere == 1.0).all()
+    assert found.unseen == 1.0
+    assert "too few beams return" in twins_table(found, [])
     assert found.symmetries == ()
 
 

@@ -104,7 +104,7 @@ def make_database(
     if not fits.any():
         raise ConfigError(
             f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
-            f" {grid.name or 'the map'}; give a smaller --robot-radius"
+            f" {grid.name or 'the map'}; give a smaller radius"
         )
     squares, tables = empty_squares(occupied), _tables(grid, matching, fits)
     positions = places_every(LATTICE, _of_lidar(grid, matching, fits), grid.resolution)

@@ -33,6 +33,8 @@ OTHER = "0.35"
 """Colour of lines that belong to none of these symmetries."""
 MOST_LINES = 24
 """Greatest number of lines."""
+LIKELY = 0.2
+"""Share of the posterior elsewhere from which on a place is joined to its twin."""
 NAMED = 5
 """Number of symmetries that the title names."""
 
@@ -86,7 +88,13 @@ def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
             LineCollection(list(segments), colors=colour, linewidths=1.2, alpha=0.85, zorder=3)
         )
         axes.plot(*segments.reshape(-1, 2).T, "o", color=colour, markersize=3, zorder=3)
-        label = f"twins by symmetry {number + 1}" if number >= 0 else "other twins"
+        label = (
+            f"twins by symmetry {number + 1}"
+            if number >= 0
+            else "other twins"
+            if twins.symmetries
+            else "twins"
+        )
         handles.append(Line2D([], [], color=colour, marker="o", markersize=3, label=label))
     return handles
 
@@ -94,7 +102,7 @@ def _draw_twins(axes: Axes, twins: Twins) -> list[Any]:
 def _joined(twins: Twins) -> dict[int, list[tuple[int, list[float]]]]:
     """Pairs of a place and its best twin, thinned out, by the symmetry that joins them or -1."""
     twin = _best_twins(twins)
-    having = np.flatnonzero(np.isfinite(twin[:, 3]) & (twin[:, 3] <= THRESHOLD))
+    having = np.flatnonzero((twin[:, 3] <= THRESHOLD) & (twins.elsewhere >= LIKELY))
     # The fewer lines there may be, the farther apart their ends are.
     apart = math.sqrt(having.size * twins.spacing**2 / (MOST_LINES / 2)) if having.size else 0.0
     taken: list[NDArray[np.float64]] = []

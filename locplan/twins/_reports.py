@@ -54,6 +54,8 @@ def twins_table(
             f"{twins.grid.name or 'map'}: {twins.share:.0%} of {len(twins)} places have a twin of"
             f" up to {THRESHOLD:g} nats more than 2 m away; on {alone:.0%} a match can slide"
         )
+        if twins.unseen > 0:
+            said.append(f"on {twins.unseen:.0%} too few beams return to tell anything")
         said.append(f"with {twins.matching.lidar.title}; {CLAIM}")
         said.append(_symmetries(twins))
         if starts:
@@ -116,9 +118,9 @@ def _of_place(twins: Twins, place: int) -> str:
             str(n),
             f"{twin.x:.2f}",
             f"{twin.y:.2f}",
-            f"{math.degrees(twin.heading):.0f}",
+            str(round(math.degrees(twin.heading))),
             f"{twin.excess:.2f}",
-            f"{math.degrees(twin.here):.0f}",
+            str(round(math.degrees(twin.here))),
         ]
         for n, twin in enumerate(found[:LISTED], 1)
     ]

@@ -140,6 +140,11 @@ class Twins(Pictured):
         """Share of the places with another pose of up to 3 nats more than 2 m away."""
         return float((self.excess <= THRESHOLD).mean())
 
+    @property
+    def unseen(self) -> float:
+        """Share of the places where too few beams return to tell anything."""
+        return float((self.elsewhere == 1).mean())
+
     def of(self, place: int) -> list[Twin]:
         """The best twins of a place of this number, the one with the least excess first."""
         found = [
@@ -275,6 +280,7 @@ class Twins(Pictured):
                 "spacing": self.spacing,
                 "share_with_twin": self.share,
                 "mean_elsewhere": float(self.elsewhere.mean()),
+                "share_unseen": self.unseen,
                 "share_on_stretch": float((self.stretch > 0).mean()),
                 "symmetries": [dataclasses.asdict(each) for each in self.symmetries],
                 "matching": dataclasses.asdict(self.matching),

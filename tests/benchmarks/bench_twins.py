@@ -1,0 +1,79 @@
+"""Twins: a place of a map of 1000 x 1000 cells, and the shortlist beside NumPy's."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from locplan._kernels.shortlist import shortlist
+from locplan.field import Lidar
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.twins._database import CAP, make_database, places_every
+from locplan.twins._looks import look_around
+from locplan.twins._matching import TURNS, Matching
+
+SIZE = 1000
+PLACES = 100
+
+
+def cluttered() -> OccupancyGrid:
+    """A map of 50 m x 50 m with 120 blocks."""
+    cells = np.full((SIZE, SIZE), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    random = np.random.default_rng(3)
+    for _ in range(120):
+        top, left = random.integers(10, SIZE - 60, 2)
+        height, width = random.integers(8, 50, 2)
+        cells[top : top + height, left : left + width] = OCCUPIED
+    return OccupancyGrid(cells, 0.05)
+
+
+def summed_gaps(codes, scan):
+    """Sums of the gaps of all places at all turns, (places, TURNS), by NumPy."""
+    sums = np.empty((len(codes), TURNS), np.uint16)
+    for turn in range(TURNS):
+        apart = np.roll(codes, -turn, axis=1) - scan
+        gaps = np.minimum(np.minimum(apart, -apart), CAP)
+        sums[:, turn] = gaps.sum(axis=1, dtype=np.uint16)
+    return sums
+
+
+def test_a_place_of_a_thousand_by_a_thousand_cells(benchmark):
+    """CPU time of a place; the shortlist's peer computes the same sums by NumPy."""
+    grid = cluttered()
+    database = make_database(grid, Matching(lidar=Lidar.preset("rplidar-a1")))
+    places = places_every(0.8, database.fits, grid.resolution)
+    chosen = np.linspace(0, len(places) - 1, PLACES).astype(int)
+    homes = np.column_stack([places[chosen], np.zeros(PLACES)])
+    ranges = database.scans_at(homes)
+
+    def every():
+        return [look_around(database, ranges[n], homes[n]) for n in range(PLACES)]
+
+    every()
+    took = []
+    for _ in range(3):
+        began = time.process_time()
+        every()
+        took.append((time.process_time() - began) / PLACES)
+    benchmark.pedantic(every, rounds=1)
+    blocks = database.codes.reshape(-1, 2 * TURNS, 64)[:, :TURNS]
+    codes = blocks.transpose(0, 2, 1).reshape(-1, TURNS)[: len(database.positions)]
+    scan, beams = database.codes_of(ranges)[0], np.arange(TURNS)
+    ours, theirs = [], []
+    for _ in range(3):
+        began = time.process_time()
+        scores, where = shortlist(database.codes, len(codes), beams, scan, CAP, 600)
+        ours.append(time.process_time() - began)
+        began = time.process_time()
+        sums = summed_gaps(codes, scan)
+        theirs.append(time.process_time() - began)
+    np.testing.assert_array_equal(scores, sums.ravel()[where])
+    benchmark.extra_info["places"] = len(places)
+    benchmark.extra_info["ms_a_place"] = 1000 * min(took)
+    benchmark.extra_info["ratio_to_numpy"] = min(theirs) / min(ours)
+    print(
+        f"\n{len(codes)} places in the database, {1000 * min(took):.2f} ms of CPU a place;"
+        f" shortlist {min(theirs) / min(ours):.0f} times as fast as NumPy"
+    )
