@@ -22,8 +22,8 @@ from locplan.plotting._picture import Picture
 
 EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
-LIGHT_MAP = ListedColormap(["0.45", "0.9", "white"])
-"""Colours of occupied, unknown and free cells below a route graph."""
+LIGHT_MAP = ListedColormap(["0.45", "0.9", "white", "0.7"])
+"""Colours of occupied, unknown and free cells, and of solids' insides, below a route graph."""
 WIDTH = 0.07
 """Width of an edge as a share of the median length, both as drawn; nodes are twice as wide."""
 LONGEST = 1000

@@ -128,17 +128,27 @@ def shrunk(values: NDArray[Any], *, greatest: bool = False) -> NDArray[Any]:
 
 
 def field_cells(
-    field: CovarianceField, values: NDArray[np.float64], *, logarithmic: bool = True
+    field: CovarianceField,
+    values: NDArray[np.float64],
+    *,
+    logarithmic: bool = True,
+    part: OccupancyGrid | None = None,
 ) -> NDArray[np.float64]:
     """Values (h, w) on the field's lattice as `draw_cells` takes them, NaN but in free space.
 
-    The values of blocks are read in their middles: large maps are never filled cell by cell.
+    They are those of all cells of the map, or of a part of it. The values of blocks are read in
+    their middles: large maps are never filled cell by cell.
     """
-    cells = block(field.grid.shape)
-    if cells == 1:
+    drawn = part or field.grid
+    cells = block(drawn.shape)
+    if cells == 1 and drawn.shape == field.grid.shape:
         return field.on_map(values, logarithmic=logarithmic)
-    free = shrunk(field.grid.cells) == FREE
-    rows, cols = ((np.arange(size) + 0.5) * cells - 0.5 for size in free.shape)
+    first = np.round(field.grid.world_to_grid(*drawn.origin[:2]))
+    free = shrunk(drawn.cells) == FREE
+    rows, cols = (
+        (np.arange(size) + 0.5) * cells - 0.5 + float(start)
+        for size, start in zip(free.shape, first, strict=True)
+    )
     read = values_at(field, values, rows[:, None], cols[None, :], logarithmic=logarithmic)
     return np.where(free, read, np.nan)
 

@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from locplan.field import position_axes
 from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_size
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import label_plainly
 from locplan.recordings._evaluation import DriveEvaluation
 from locplan.recordings._verdict import PREFERRED
 
@@ -63,7 +62,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     _draw_line(upper, found, 100 * measured, 4.0, None)
     lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
     bar = figure.colorbar(lines, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
-    _label_by_numbers(bar.ax.yaxis)
+    label_plainly(bar.ax.yaxis)
     magnify = _draw_ellipses(upper, found, name)
     xy = found.matches.recording.poses[:, :2]
     upper.plot(*xy[found.outdated].T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
@@ -174,12 +173,5 @@ def _draw_profile(
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
     axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), xlabel="distance along the drive [m]")
     axes.set_ylabel("std. dev. [cm]")
-    _label_by_numbers(axes.yaxis)
+    label_plainly(axes.yaxis)
     axes.grid(alpha=0.3)
-
-
-def _label_by_numbers(axis: Axis) -> None:
-    """Label a logarithmic axis by 1, 2, 5, 10 and so on."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())

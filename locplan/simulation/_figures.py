@@ -11,13 +11,15 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
+from locplan.field._field import SATURATION
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
 from locplan.plotting._plans import PATH_STYLES
+from locplan.plotting._ticks import label_plainly, make_logarithmic
+from locplan.plotting._views import draw_inset, zoomed_to
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation
@@ -31,10 +33,6 @@ LETTERS = 11.5
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
-SHORT = 1.5
-"""Ratio of the ends of an axis up to which it is linear."""
-LONG = 1000.0
-"""Ratio of the ends of an axis from which on it has one label a decade."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
 MAP_MARKS = (
     ("#0072b2", "o"),
@@ -56,10 +54,13 @@ def simulation_figure(simulation: Simulation) -> Figure:
         Drives along at most four paths; with more, colours repeat.
     """
     grid = simulation.grid
-    width, height = map_size(grid)
+    shown = list(simulation.paths.values())
+    part = zoomed_to(grid, shown)
+    width, height = map_size(part)
     figure = Picture(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    draw_map(upper, grid)
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
     profiles = {name: each.profile() for name, each in simulation.drives.items()}
     every = np.concatenate([profile[:, 4] for profile in profiles.values()])
     low = max(MIN_ERROR, float(every.min()))
@@ -91,7 +92,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
         draw_ends(upper, xy[0], xy[-1])
     assert image is not None
     bar = figure.colorbar(image, ax=upper, label="mean position error [m]", shrink=0.9)
-    _plainly(bar.ax.yaxis)
+    label_plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     lower.annotate(
         "lost",
@@ -103,7 +104,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
         va="top",
     )
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
-    _logarithmic(lower.yaxis)
+    make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
     handles += [
         Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
@@ -197,15 +198,13 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
         axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
         every = np.abs(np.concatenate([each[predictor] for each in evaluation.predictions]))
-        if every.max() > SHORT * every.min():
-            _logarithmic(axes.xaxis)
-        else:
-            axes.xaxis.set_major_locator(MaxNLocator(3))
-        if every.max() > LONG * every.min():
-            axes.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
+        make_logarithmic(axes.xaxis, 6)
+        if every.max() < SATURATION * every.min():
+            note = "all alike within 5 %: nothing to rank"
+            axes.text(0.5, 0.97, note, transform=axes.transAxes, ha="center", va="top")
         correlation = evaluation.ranks[predictor, "tracking"].spearman
         axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
-        _logarithmic(axes.yaxis)
+        make_logarithmic(axes.yaxis)
     if few:
         lower.legend(
             *lower.axes[0].get_legend_handles_labels(),
@@ -246,22 +245,9 @@ def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
     for axis in (axes.xaxis, axes.yaxis):
-        _logarithmic(axis)
+        make_logarithmic(axis)
     axes.set(xlim=tuple(ends), ylim=tuple(ends), aspect="equal")
     return ends
-
-
-def _logarithmic(axis: Any) -> None:
-    """Make an axis logarithmic, with plain numbers."""
-    getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
-    _plainly(axis)
-
-
-def _plainly(axis: Any) -> None:
-    """Label a logarithmic axis with plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _label(predictor: Predictor) -> str:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import make_logarithmic
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
 
@@ -47,10 +47,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
         if not tuning.drive:
             axes.set_xlabel("odometry's errors, relative to those asked for")
         axes.grid(axis="y", color="0.92")
-    errors.set_yscale("log")
-    errors.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    errors.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    errors.yaxis.set_minor_formatter(NullFormatter())
+    make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
     lost.set_ylabel(f"lost {'replays' if tuning.drive else 'drives'} [%]")
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
