@@ -232,11 +232,12 @@ def main(
         files = {"map": Path(map_file), "driven": DRIVEN, "drive": DRIVE}
         whole = {name: shlex.quote(str(file.resolve())) for name, file in files.items()}
         line = shlex.split(command(**whole))
-        (target / picture).unlink(missing_ok=True)
+        before = _written(target / picture)
         done = subprocess.run(
             [sys.executable, "-m", *line], cwd=target, capture_output=True, text=True
         )
-        drawn = (target / picture).is_file()  # also beside an answer of no, which is exit code 1
+        now = _written(target / picture)  # also beside an answer of no, which is exit code 1
+        drawn = now > before or (done.returncode == 0 and now > 0)
         print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()}")
         if drawn:
             short = {name: shlex.quote(file.name) for name, file in files.items()}
@@ -254,6 +255,11 @@ def _places(map_file: str) -> dict[str, str]:
     path = locplan.plan(locplan.Costmap.blank(locplan.load_map(map_file)), start, goal).path
     named = {"start": start, "goal": goal, "middle": path.resampled(path.length / 2).xy[1]}
     return {name: f"{x:.2f},{y:.2f}" for name, (x, y) in named.items()}
+
+
+def _written(file: Path) -> int:
+    """When a file was written, 0 if it is not there."""
+    return file.stat().st_mtime_ns if file.is_file() else 0
 
 
 def _section(entry: Entry, picture: str, command: str) -> str:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from locplan.costs import Costmap
-from locplan.field import FieldConfig
+from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Plan
 
 
@@ -13,6 +17,22 @@ def how(config: FieldConfig) -> str:
     """Estimator of a field with its most important settings."""
     several = f", mean of {config.headings} headings" if config.headings != 1 else ""
     return f"{config.estimator.summary}{several}"
+
+
+def weak_spots(field: CovarianceField, values: NDArray[np.float64], name: str | None = None) -> str:
+    """Share of a map's values, in the unit that is shown, that lie in the upper half of their u."""
+    shown, name = field.quantity(name), name or field.config.estimator.criterion
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return "nothing is known"
+    low, high = (shown.factor * anchor for anchor in field.anchors(name))
+    least = (low + high) / 2 if name in field.layers else math.sqrt(max(low * high, 0.0))
+    unit = f" {shown.unit}" if shown.unit != "1" else ""
+    share = float(np.mean(known >= least))
+    if share == 0:
+        return f"no weak spot: at most {known.max():.2g}{unit}"
+    said = "under 1%" if share < 0.01 else f"{share:.0%}"
+    return f"{said} weak ({least:.2g}{unit} or more)"
 
 
 def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:

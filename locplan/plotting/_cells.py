@@ -30,6 +30,12 @@ class CellImage(AxesImage):
     Matplotlib scales four times as many bytes, several times over, in ten times the time.
     """
 
+    def get_window_extent(self, renderer: Any = None) -> Bbox:
+        """Bounds of the image in pixels, whichever way the map is turned."""
+        x0, x1, y0, y1 = self.get_extent()
+        corners = self.get_transform().transform([(x0, y0), (x1, y0), (x0, y1), (x1, y1)])
+        return Bbox([corners.min(axis=0), corners.max(axis=0)])
+
     def make_image(
         self, renderer: Any, magnification: float = 1.0, unsampled: bool = False
     ) -> tuple[Any, float, float, Any]:

@@ -15,7 +15,7 @@ from matplotlib.patches import Wedge
 from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.plotting._captions import how
+from locplan.plotting._captions import how, weak_spots
 from locplan.plotting._cells import draw_cells, field_cells, shrunk
 from locplan.plotting._maps import (
     draw_field,
@@ -69,7 +69,8 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     image = draw_field(axes, field, name)
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
-    axes.set_title(f"{title}\n{how(field.config)}", fontsize="medium")
+    weak = weak_spots(field, np.ma.filled(image.get_array(), np.nan), name)
+    axes.set_title(f"{title}; {weak}\n{how(field.config)}", fontsize="medium")
     return figure
 
 
@@ -142,6 +143,13 @@ def draw_ellipses(
     if not len(xy):
         return
     major, minor, direction = position_axes(covariance)
+    reach = np.maximum(magnify * major, WEDGE * spacing)[:, None]
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    low, high = (
+        np.minimum(low, (xy - reach).min(axis=0)),
+        np.maximum(high, (xy + reach).max(axis=0)),
+    )
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
     where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
     style: dict[str, Any] = {"facecolors": "none", "edgecolors": ELLIPSE, "linewidths": 1.4}

@@ -34,10 +34,14 @@ FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
 """Colours of fields, never as dark as a wall."""
 MAP_COLOURS = ListedColormap(["black", "0.82", "white", "0.6"])
 """Colours of occupied, unknown and free cells, and of the inside of what is solid."""
+MARGIN = 0.02
+"""Width of the margin around a map, as a share of its extent."""
 SOLID, RIM = 3, 0.006
 """Shade of cells inside solid walls, and how deep they are: this share of the longer side."""
 LEAST_SCALE = 0.25
 """Least share of a logarithmic scale between its anchors that is shown."""
+LAYER_QUANTILE = 0.98
+"""Quantile of a layer's values at which its linear scale ends."""
 LEAST_LINEAR_SCALE = 0.02
 """Least share of a linear scale between its anchors that is shown."""
 MANY_DECADES = 500.0
@@ -112,7 +116,8 @@ def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -
     known = np.isfinite(values).any()
     if name in field.layers:
         least = low + LEAST_LINEAR_SCALE * (high - low)
-        return Normalize(low, min(high, max(least, np.nanmax(values))) if known else high)
+        most = float(np.nanquantile(values, LAYER_QUANTILE)) if known else high
+        return Normalize(low, min(high, max(least, most)))
     if known and not field.config.estimator.adds_q:
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
@@ -124,8 +129,11 @@ def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -
 
 def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any) -> Colorbar:
     """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
-    bar = figure.colorbar(image, ax=axes, label=label, **options)
     low, high = image.get_clim()
+    values = image.get_array()
+    beyond = values is not None and high is not None and values.max() > 1.001 * high
+    extend = "max" if beyond else "neither"
+    bar = figure.colorbar(image, ax=axes, label=label, extend=extend, **options)
     if isinstance(image.norm, LogNorm) and low and high:
         if (low >= 0.1 and high <= 10_000) or high < MANY_DECADES * low:
             label_plainly(bar.ax.yaxis)
@@ -176,11 +184,11 @@ def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
 Ends = tuple[float, float]
 
 
-def limits_of(grid: OccupancyGrid) -> tuple[Ends, Ends]:
-    """Ends of x and of y around the known cells, with a margin [m]."""
+def limits_of(grid: OccupancyGrid, *, share: float = MARGIN) -> tuple[Ends, Ends]:
+    """Ends of x and of y around the known cells, with a margin of a share of their extent [m]."""
     low, high, left, right = known_cells(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
-    margin = 0.02 * max(np.ptp(x), np.ptp(y)) + grid.resolution
+    margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
     ends = [(float(each.min() - margin), float(each.max() + margin)) for each in (x, y)]
     return ends[0], ends[1]
 

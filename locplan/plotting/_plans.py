@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path, profile
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.plotting._captions import how, request
+from locplan.plotting._captions import how, request, weak_spots
 from locplan.plotting._cells import block, draw_cells, shrunk
 from locplan.plotting._maps import (
     END_STYLE,
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 FRONT_COLOURS = "viridis"
 FRONT_PATHS = 12
 """Greatest number of paths of a front that are drawn."""
+LEAST_RATIO = 1.01
+"""Least ratio of the ends of the scale of a front's lengths."""
 TITLE_LETTERS = 11
 """Number of letters of a title for which an inch has room."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
@@ -126,13 +128,16 @@ def plan_figure(
     lower.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
     lower.margins(x=0.01)
     if same:
-        lower.set_title("all of them take the same path", fontsize="medium")
+        lower.set_title(
+            f"{'both' if len(solved) == 2 else 'all'} take the same path", fontsize="medium"
+        )
     if not solved:
         lower.text(0.5, 0.25, "no path", transform=lower.transAxes, ha="center", va="center")
         lower.set_xticks([])
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
-    made = f"{how(field.config)}; {field.saturated_share:.0%} saturated"
+    weak = weak_spots(field, np.ma.filled(image.get_array(), np.nan))
+    made = f"{how(field.config)}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     title = "\n".join([asked, made, *_lines(verdict, int(width * TITLE_LETTERS))])
     upper.set_title(title, fontsize="medium")
@@ -239,7 +244,7 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     upper, lower = figure.subplots(2, height_ratios=(height, 3.0))
     draw_map(upper, part)
     draw_inset(upper, grid, part, shown)
-    norm = Normalize(front.length[0], max(front.length[-1], front.length[0] + 1))
+    norm = Normalize(front.length[0], max(front.length[-1], LEAST_RATIO * front.length[0]))
     wanted = np.linspace(front.length[0], front.length[-1], FRONT_PATHS)
     chosen = np.unique(np.abs(front.length[:, None] - wanted).argmin(axis=0))
     for index in chosen:

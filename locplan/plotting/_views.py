@@ -25,6 +25,8 @@ SMALL = 0.6
 """Share of the map's extent below which a part of it is small: an inset shows where it lies."""
 INSET = 0.3
 """Longest side of the inset, as a share of that side of the Axes."""
+INSET_CELLS = 300
+"""Most cells along a side of an inset."""
 VISIBLE = 0.06
 """Share of the inset below which its outline of the part gets a dot, too."""
 HERE = "#d55e00"
@@ -71,13 +73,20 @@ def cut(values: NDArray[np.float64], grid: OccupancyGrid, part: OccupancyGrid) -
 
 
 def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequence[Path]) -> None:
-    """Show in a corner without paths where a small part lies on its map; else nothing."""
+    """Show in a corner without paths where a small part lies on its map, if it is small.
+
+    The part is drawn without a margin, since the map goes on there.
+    """
+    if part.shape != grid.shape:
+        xlim, ylim = limits_of(part, share=0.0)
+        axes.set(xlim=xlim, ylim=ylim)
     if not is_small(grid, part):
         return
     points = [path.resampled(0.5).xy if path.length else path.xy for path in paths]
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
-    draw_map(inset, grid)
+    draw_map(inset, coarse(grid))
+    inset.set(**dict(zip(("xlim", "ylim"), limits_of(grid), strict=True)))
     inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6)
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
@@ -85,6 +94,14 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     inset.add_patch(Polygon(corners, fill=False, edgecolor=HERE, linewidth=1.8, zorder=5))
     if max(part.shape) < VISIBLE * max(grid.shape):
         inset.plot(*corners.mean(axis=0), "o", color=HERE, markersize=5, zorder=5)
+
+
+def coarse(grid: OccupancyGrid) -> OccupancyGrid:
+    """A map of few cells, in which walls stay."""
+    size = -(-max(grid.shape) // INSET_CELLS)
+    rows, cols = (np.arange(0, each, size) for each in grid.shape)
+    cells = np.minimum.reduceat(np.minimum.reduceat(grid.cells, rows, axis=0), cols, axis=1)
+    return dataclasses.replace(grid, cells=cells, resolution=size * grid.resolution)
 
 
 def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:

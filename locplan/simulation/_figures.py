@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
+from locplan.field import Lidar
 from locplan.field._field import SATURATION
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
@@ -33,6 +35,8 @@ LETTERS = 11.5
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
+MAP_LETTERS = 60
+"""Number of letters from which on maps are counted, not named."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
 MAP_MARKS = (
     ("#0072b2", "o"),
@@ -122,31 +126,39 @@ def simulation_figure(simulation: Simulation) -> Figure:
 
 def queries_figure(routes: Routes) -> Figure:
     """RMSE and share of lost drives of both paths of each query, and the mean ratios."""
-    figure = Picture(figsize=(9.5, 4.6), layout="constrained")
-    left, right = figure.subplots(1, 2)
     rmse = np.array([each.rmse for each in routes.routes])
     lost = np.array([each.lost for each in routes.routes])
+    panels = 2 if lost.any() else 1
+    figure = Picture(figsize=(8.5 if panels == 2 else 6.0, 4.9), layout="constrained")
+    every = figure.subplots(1, panels, squeeze=False)[0]
+    left = every[0]
     ends = _equal_ends(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
     left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
     left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
-    right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
-    right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
-    right.set(
-        xlim=(-0.03, 1.03),
-        ylim=(-0.03, 1.03),
-        aspect="equal",
-        xlabel="lost on the shortest path, share of drives",
-        ylabel="lost on the aware path",
-    )
+    for right in every[1:]:
+        right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
+        right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
+        right.set(
+            xlim=(-0.03, 1.03),
+            ylim=(-0.03, 1.03),
+            aspect="equal",
+            xlabel="lost on the shortest path, share of drives",
+            ylabel="lost on the aware path",
+        )
     for number, xy in enumerate(rmse, 1):
-        left.annotate(str(number), xy, (4, 4), textcoords="offset points", fontsize="x-small")
-    figure.suptitle(
-        f"{routes.grid.name or 'map'}, {len(routes.routes)} queries: {routes.verdict}\n"
+        left.annotate(str(number), xy, (4, 4), textcoords="offset points", fontsize="small")
+    lidar: Any = routes.about.get("lidar")
+    lines = [
+        f"{routes.grid.name or 'map'}{f', {Lidar(**lidar).title}' if lidar else ''},"
+        f" {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
-        fontsize="medium",
-    )
+        *([] if lost.any() else ["no drive was lost on either path"]),
+    ]
+    most = int(LETTERS * figure.get_figwidth())
+    title = "\n".join(textwrap.fill(line, most, break_on_hyphens=False) for line in lines)
+    figure.suptitle(title, fontsize="medium")
     return figure
 
 
@@ -154,7 +166,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     """Rank correlation of each predictor with both kinds of error, and two predictors' places."""
     predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
     rows = np.arange(len(predictors))[::-1]
-    figure = Picture(figsize=(11, 5.2 + 0.24 * len(predictors)), layout="constrained")
+    figure = Picture(figsize=(9, 5.2 + 0.24 * len(predictors)), layout="constrained")
     parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
     upper, lower = parts
     panels: Any = upper.subplots(1, 2, sharey=True)
@@ -180,8 +192,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     ]
     if several:
         upper.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False)
-    names = ", ".join(each.grid.name for each in evaluation.places)
-    title = names if len(names) < 60 else f"{len(evaluation.places)} maps"
+    title = _names([each.grid.name for each in evaluation.places])
     count = sum(len(each.points) for each in evaluation.places)
     about = f"{title}: {count} places\n{evaluation.lidar.title}"
     upper.suptitle(about, x=0.02, ha="left", fontsize="medium")
@@ -200,8 +211,8 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         every = np.abs(np.concatenate([each[predictor] for each in evaluation.predictions]))
         make_logarithmic(axes.xaxis, 6)
         if every.max() < SATURATION * every.min():
-            note = "all alike within 5 %: nothing to rank"
-            axes.text(0.5, 0.97, note, transform=axes.transAxes, ha="center", va="top")
+            axes.set_xlabel(f"{axes.get_xlabel()}: all alike within 5 %")
+            axes.set_xticks([np.median(every)], [f"{np.median(every):.3g}"])
         correlation = evaluation.ranks[predictor, "tracking"].spearman
         axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
         make_logarithmic(axes.yaxis)
@@ -232,7 +243,8 @@ def calibration_figure(calibration: Calibration) -> Figure:
     tau = f", τ = {calibration.tau:.3g} m²" if calibration.fitted_tau else ""
     warning = "" if calibration.in_metres else "NOT IN METRES: "
     axes.set_title(
-        f"{warning}{config.estimator.name}, k = {_formatted(calibration.noise_level)}{tau}\n"
+        f"{warning}{config.estimator.summary}; {_names(calibration.maps)}\n"
+        f"k = {_formatted(calibration.noise_level)}{tau}\n"
         f"typically off by a factor of {calibration.factor:.2f}"
         f" ({calibration.factor_before:.2f} before), {calibration.within_two:.0%} within 2",
         fontsize="medium",
@@ -248,6 +260,12 @@ def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
         make_logarithmic(axis)
     axes.set(xlim=tuple(ends), ylim=tuple(ends), aspect="equal")
     return ends
+
+
+def _names(maps: Sequence[str]) -> str:
+    """Names of maps, or their number where that is shorter."""
+    names = ", ".join(each or "map" for each in maps)
+    return names if len(names) < MAP_LETTERS else f"{len(maps)} maps"
 
 
 def _label(predictor: Predictor) -> str:

@@ -31,7 +31,7 @@ MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
 COLOURS = ("black", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "0.55")
 """Colours of the candidates in turn; their numbers tell apart those of one colour."""
-WIDTH = 10.5
+WIDTH = 8.6
 """Least width of the figure [inch]."""
 NUMBER_SIZE = 0.035
 """Least distance between the numbers of two paths, as a share of the paths' extent."""
