@@ -228,7 +228,7 @@ def main(
         if words and not any(word in f"{entry.command} {entry.picture}" for word in words):
             continue
         command = partial(entry.command.format, lidar=lidar, **places)
-        picture = entry.picture.format(name=Path(map_file).stem)
+        picture = entry.picture.format(name=locplan.load_map(map_file).name)
         files = {"map": Path(map_file), "driven": DRIVEN, "drive": DRIVE}
         whole = {name: shlex.quote(str(file.resolve())) for name, file in files.items()}
         line = shlex.split(command(**whole))
@@ -238,7 +238,7 @@ def main(
         )
         now = _written(target / picture)  # also beside an answer of no, which is exit code 1
         drawn = now > before or (done.returncode == 0 and now > 0)
-        print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()}")
+        print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()[-300:]}")
         if drawn:
             short = {name: shlex.quote(file.name) for name, file in files.items()}
             sections.append(_section(entry, picture, command(**short)))

@@ -19,6 +19,13 @@ def how(config: FieldConfig) -> str:
     return f"{config.estimator.summary}{several}"
 
 
+def made_of(costs: Costmap) -> str:
+    """A line about the field and the robot of a costmap, empty for one without a field."""
+    if costs.settings is None:
+        return ""
+    return f"\n{how(costs.settings.config)}, robot radius {costs.robot_radius:g} m"
+
+
 def weak_spots(field: CovarianceField, values: NDArray[np.float64], name: str | None = None) -> str:
     """Share of a map's values, in the unit that is shown, that lie in the upper half of their u."""
     shown, name = field.quantity(name), name or field.config.estimator.criterion

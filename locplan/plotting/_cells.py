@@ -119,6 +119,12 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     return image
 
 
+def values_of(image: AxesImage) -> NDArray[np.float64]:
+    """The values that an image shows, NaN where it shows none."""
+    values: Any = image.get_array()
+    return np.asarray(np.ma.filled(values, np.nan))
+
+
 def shrunk(values: NDArray[Any], *, greatest: bool = False) -> NDArray[Any]:
     """The least or the greatest value of each block of cells; small maps stay as they are.
 

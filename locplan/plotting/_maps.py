@@ -44,6 +44,8 @@ LAYER_QUANTILE = 0.98
 """Quantile of a layer's values at which its linear scale ends."""
 LEAST_LINEAR_SCALE = 0.02
 """Least share of a linear scale between its anchors that is shown."""
+LIGHT_MAP = ListedColormap(["0.45", "0.9", "white", "0.7"])
+"""The same, lighter, for maps below much that is drawn."""
 MANY_DECADES = 500.0
 """Ratio of the ends of small values' scale from which on it has powers of ten."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

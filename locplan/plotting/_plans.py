@@ -16,8 +16,8 @@ from locplan.costs import Costmap, Path, profile
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.plotting._captions import how, request, weak_spots
-from locplan.plotting._cells import block, draw_cells, shrunk
+from locplan.plotting._captions import how, made_of, request, weak_spots
+from locplan.plotting._cells import block, draw_cells, shrunk, values_of
 from locplan.plotting._maps import (
     END_STYLE,
     FIELD_COLOURS,
@@ -136,7 +136,7 @@ def plan_figure(
         lower.set_xticks([])
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
-    weak = weak_spots(field, np.ma.filled(image.get_array(), np.nan))
+    weak = weak_spots(field, values_of(image))
     made = f"{how(field.config)}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     title = "\n".join([asked, made, *_lines(verdict, int(width * TITLE_LETTERS))])
@@ -262,9 +262,7 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     title = f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}"
     if len(front) == 1:
         title = f"{name}: one path, no other is less degenerate; front {epsilon}"
-    made = front.costs.settings
-    about = f"\n{how(made.config)}, robot radius {front.costs.robot_radius:g} m" if made else ""
-    upper.set_title(f"{title}{about}", fontsize="medium")
+    upper.set_title(f"{title}{made_of(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
     colours: dict[str, Any] = {"c": front.length, "cmap": FRONT_COLOURS, "norm": norm}

@@ -29,7 +29,7 @@ class RoundNumbers(Locator):
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Find the ticks between two values."""
-        return round_numbers(*sorted((vmin, vmax)), self.most)
+        return round_numbers(min(vmin, vmax), max(vmin, vmax), self.most)
 
 
 def round_numbers(low: float, high: float, most: int = MOST) -> NDArray[np.float64]:
@@ -61,8 +61,7 @@ def label_plainly(axis: Axis, most: int = MOST) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def make_logarithmic(axis: Axis, most: int = MOST) -> None:
-    """Make an axis logarithmic, with plain numbers."""
-    axes: Any = axis.axes
-    getattr(axes, f"set_{axis.axis_name}scale")("log")
+def make_logarithmic(axis: Any, most: int = MOST) -> None:
+    """Make an axis of matplotlib logarithmic, with plain numbers."""
+    getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
     label_plainly(axis, most)

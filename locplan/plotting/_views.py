@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Path
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import draw_map, known_cells, limits_of
+from locplan.plotting._maps import LIGHT_MAP, draw_map, known_cells, limits_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,12 +86,13 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
     draw_map(inset, coarse(grid))
+    inset.images[0].set_cmap(LIGHT_MAP)
     inset.set(**dict(zip(("xlim", "ylim"), limits_of(grid), strict=True)))
     inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6)
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
-    inset.add_patch(Polygon(corners, fill=False, edgecolor=HERE, linewidth=1.8, zorder=5))
+    inset.add_patch(Polygon(corners, fill=False, edgecolor=HERE, linewidth=2.2, zorder=5))
     if max(part.shape) < VISIBLE * max(grid.shape):
         inset.plot(*corners.mean(axis=0), "o", color=HERE, markersize=5, zorder=5)
 

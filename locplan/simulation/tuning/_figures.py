@@ -30,7 +30,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     gains = sorted(tuning.contributions.items(), key=lambda each: each[1])
     below = 1.1 + 0.28 * len(gains) if gains else 0.0
     figure = Picture(figsize=(WIDTH, 4.6 + below), layout="constrained")
-    rows = [["errors", "lost"], *([["changes"] * 2] if gains else [])]
+    rows: Any = [["errors", "lost"], *([["changes"] * 2] if gains else [])]
     heights = [3.4, below][: len(rows)]
     panels: Any = figure.subplot_mosaic(rows, height_ratios=heights)
     errors, lost = panels["errors"], panels["lost"]
