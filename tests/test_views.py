@@ -148,13 +148,14 @@ def test_a_scale_ends_at_what_is_on_the_map(field):
 def test_a_well_marked_map_has_no_weak_spot_in_words():
     cells = np.full((30, 40), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
-    cells[8:12, 10:16] = cells[20:24, 25:28] = OCCUPIED
+    cells[8:12, 10:16] = cells[20:24, 25:28] = cells[6:8, 30:33] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1, name="room")
     field = covariance_field(grid, FieldConfig(Scan(Lidar(range=10.0)), stride=0.2))
     figure = plotting.field_figure(field)
     low, high = figure.axes[0].images[1].get_clim()
     assert "no weak spot: at most " in figure.axes[0].get_title()
     assert 1.5 * low < high < 90
+    assert weak_spots(field, np.full((2, 2), 15.0)) == "at most 15 cm"
     weak = np.full((2, 2), 80.0)
     assert weak_spots(field, weak) == "100% weak (21 cm or more)"
     assert weak_spots(field, np.full((2, 2), np.nan)) == "nothing is known"
@@ -179,7 +180,17 @@ def test_ellipses_and_headings_stay_within_the_axes():
 
 
 @pytest.mark.parametrize(
-    "ends", [(0.06, 0.17), (0.05, 0.9), (1, 1.05), (1e-4, 1), (1e-9, 1e9), (4.1, 4.3), (64, 66.8)]
+    "ends",
+    [
+        (0.06, 0.17),
+        (0.05, 0.9),
+        (1, 1.05),
+        (1e-4, 1),
+        (1e-9, 1e9),
+        (4.1, 4.3),
+        (64, 66.8),
+        (0.0755, 0.164),
+    ],
 )
 def test_scales_have_some_round_numbers_and_not_too_many(ends):
     found = round_numbers(*ends)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap
+from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Plan
+
+HARMLESS = 1 / 3
+"""The u up to which no place of a map is a weak spot."""
 
 
 def how(config: FieldConfig) -> str:
@@ -27,17 +30,25 @@ def made_of(costs: Costmap) -> str:
 
 
 def weak_spots(field: CovarianceField, values: NDArray[np.float64], name: str | None = None) -> str:
-    """Share of a map's values, in the unit that is shown, that lie in the upper half of their u."""
+    """Share of a map's values, in the unit that is shown, whose u is 0.5 or more.
+
+    Where no u is as high, the greatest value; where none is above a third, that nothing is weak.
+    """
     shown, name = field.quantity(name), name or field.config.estimator.criterion
     known = values[np.isfinite(values)]
     if not known.size:
         return "nothing is known"
     low, high = (shown.factor * anchor for anchor in field.anchors(name))
-    least = (low + high) / 2 if name in field.layers else math.sqrt(max(low * high, 0.0))
+
+    def value(u: float) -> float:
+        return low + u * (high - low) if name in field.layers else low * (high / low) ** u
+
     unit = f" {shown.unit}" if shown.unit != "1" else ""
-    share = float(np.mean(known >= least))
+    least = value(DEGENERATE)
+    share, greatest = float(np.mean(known >= least)), float(known.max())
     if share == 0:
-        return f"no weak spot: at most {known.max():.2g}{unit}"
+        none = "no weak spot: " if greatest < value(HARMLESS) else ""
+        return f"{none}at most {greatest:.2g}{unit}"
     said = "under 1%" if share < 0.01 else f"{share:.0%}"
     return f"{said} weak ({least:.2g}{unit} or more)"
 

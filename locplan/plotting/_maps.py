@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
+from locplan.plotting._captions import HARMLESS
 from locplan.plotting._cells import draw_cells, field_cells, shrunk
 from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import label_plainly
@@ -38,8 +39,6 @@ MARGIN = 0.02
 """Width of the margin around a map, as a share of its extent."""
 SOLID, RIM = 3, 0.006
 """Shade of cells inside solid walls, and how deep they are: this share of the longer side."""
-LEAST_SCALE = 0.25
-"""Least share of a logarithmic scale between its anchors that is shown."""
 LAYER_QUANTILE = 0.98
 """Quantile of a layer's values at which its linear scale ends."""
 LEAST_LINEAR_SCALE = 0.02
@@ -111,7 +110,7 @@ def draw_field_cells(
 def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
     """The scale of a scalar or layer of a field, in the unit that is shown, as are the values.
 
-    It ends at the greatest value, but is never so short that values which hardly differ would.
+    It ends at the greatest value, but is never so short that harmless values would look weak.
     """
     factor = field.quantity(name).factor
     low, high = (factor * anchor for anchor in field.anchors(name))
@@ -125,7 +124,7 @@ def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -
     low = max(low, np.finfo(float).tiny)
     high = max(high, low * 1.001)
     if known:
-        high = min(high, max(low * (high / low) ** LEAST_SCALE, np.nanmax(values)))
+        high = min(high, max(low * (high / low) ** HARMLESS, np.nanmax(values)))
     return LogNorm(low, high)
 
 

@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path, profile
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.plotting._captions import how, made_of, request, weak_spots
+from locplan.plotting._captions import HARMLESS, how, made_of, request, weak_spots
 from locplan.plotting._cells import block, draw_cells, shrunk, values_of
 from locplan.plotting._maps import (
     END_STYLE,
@@ -217,7 +217,7 @@ def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, 
     )
     u = np.where(np.isfinite(density), u, np.nan)
     greatest = float(np.nanmax(u, initial=0.0))
-    weak = "" if greatest >= DEGENERATE else f"\nno weak spot: u is {greatest:.2f} at most"
+    weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"
     axes.set_title(f"{costs.grid.name or 'map'}: {title}{weak}", fontsize="medium")
     if np.isfinite(u).any():
         image = draw_cells(axes, part, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)

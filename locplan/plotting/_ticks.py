@@ -50,8 +50,12 @@ def round_numbers(low: float, high: float, most: int = MOST) -> NDArray[np.float
             return found
     if len(found) >= FEWEST:
         return found
-    even = np.asarray(MaxNLocator(FEWEST + 1, steps=[1, 2, 5, 10]).tick_values(low, high))
-    return even[(within[0] <= even) & (even <= within[1])]
+    for count in range(FEWEST + 1, most + 1):
+        found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+        found = found[(within[0] <= found) & (found <= within[1])]
+        if len(found) >= FEWEST:
+            break
+    return found
 
 
 def label_plainly(axis: Axis, most: int = MOST) -> None:

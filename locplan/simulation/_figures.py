@@ -35,6 +35,10 @@ LETTERS = 11.5
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
+LABEL_AWAY = 6.0
+"""Distance of a point's number from it along both axes [points]."""
+PANEL_POINTS = 200.0
+"""Extent of the points of a panel, nearly [points]."""
 MAP_LETTERS = 60
 """Number of letters from which on maps are counted, not named."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
@@ -129,7 +133,7 @@ def queries_figure(routes: Routes) -> Figure:
     rmse = np.array([each.rmse for each in routes.routes])
     lost = np.array([each.lost for each in routes.routes])
     panels = 2 if lost.any() else 1
-    figure = Picture(figsize=(8.5 if panels == 2 else 6.0, 4.9), layout="constrained")
+    figure = Picture(figsize=(8.5 if panels == 2 else 6.6, 4.9), layout="constrained")
     every = figure.subplots(1, panels, squeeze=False)[0]
     left = every[0]
     ends = _equal_ends(left, rmse)
@@ -146,8 +150,9 @@ def queries_figure(routes: Routes) -> Figure:
             xlabel="lost on the shortest path, share of drives",
             ylabel="lost on the aware path",
         )
-    for number, xy in enumerate(rmse, 1):
-        left.annotate(str(number), xy, (4, 4), textcoords="offset points", fontsize="small")
+    for number, at in enumerate(_beside(np.log(rmse)), 1):
+        style = {"ha": "center", "va": "center", "fontsize": "small"}
+        left.annotate(str(number), rmse[number - 1], at, textcoords="offset points", **style)
     lidar: Any = routes.about.get("lidar")
     lines = [
         f"{routes.grid.name or 'map'}{f', {Lidar(**lidar).title}' if lidar else ''},"
@@ -260,6 +265,20 @@ def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
         make_logarithmic(axis)
     axes.set(xlim=tuple(ends), ylim=tuple(ends), aspect="equal")
     return ends
+
+
+def _beside(points: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Where the number of each point stands from it, away from the others [points]."""
+    sides = LABEL_AWAY * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
+    extent = float(np.ptp(points, axis=0).max()) or 1.0
+    size = extent / PANEL_POINTS
+    taken, chosen = points, []
+    for point in points:
+        apart = np.hypot(*(point + sides * size - taken[:, None]).transpose(2, 0, 1))
+        best = int(apart.min(axis=0).argmax())
+        taken = np.vstack([taken, point + sides[best] * size])
+        chosen.append((float(sides[best, 0]), float(sides[best, 1])))
+    return chosen
 
 
 def _names(maps: Sequence[str]) -> str:
