@@ -17,6 +17,7 @@ from locplan.plotting._maps import SOLID, limits_of, map_axes, shades
 from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import MOST, RoundNumbers, make_logarithmic, round_numbers
 from locplan.plotting._views import around, cut, draw_inset, zoomed_to
+from locplan.simulation._figures import PANEL_POINTS, _beside
 
 pytestmark = pytest.mark.draws
 
@@ -199,6 +200,16 @@ def test_scales_have_some_round_numbers_and_not_too_many(ends):
     assert (found >= ends[0] * (1 - 1e-6)).all()
     assert (found <= ends[1] * (1 + 1e-6)).all()
     assert all(float(f"{value:.4g}") == pytest.approx(value) for value in found)
+
+
+def test_numbers_of_points_keep_apart():
+    points = np.array([[0.0, 0.0], [0.02, 0.02], [0.5, 0.1], [1.0, 1.0]])
+    sides = _beside(points)
+    assert sides[0] != sides[1]
+    at = points + np.array(sides) / PANEL_POINTS
+    assert np.hypot(*(at[0] - points[1])) > np.hypot(*(at[0] - points[0]))
+    assert np.hypot(*(at[0] - at[1])) > 0.05
+    assert len(_beside(points[:1])) == 1
 
 
 def test_numbers_of_logarithmic_axes_are_plain():

@@ -273,9 +273,10 @@ def _beside(points: NDArray[np.float64]) -> list[tuple[float, float]]:
     extent = float(np.ptp(points, axis=0).max()) or 1.0
     size = extent / PANEL_POINTS
     taken, chosen = points, []
-    for point in points:
-        apart = np.hypot(*(point + sides * size - taken[:, None]).transpose(2, 0, 1))
-        best = int(apart.min(axis=0).argmax())
+    for n, point in enumerate(points):
+        others = np.delete(taken, n, axis=0)[:, None]
+        apart = np.hypot(*(point + sides * size - others).transpose(2, 0, 1))
+        best = int(apart.min(axis=0, initial=np.inf).argmax())
         taken = np.vstack([taken, point + sides[best] * size])
         chosen.append((float(sides[best, 0]), float(sides[best, 1])))
     return chosen
