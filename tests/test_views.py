@@ -67,9 +67,9 @@ def test_every_picture_of_paths_is_drawn_large(costs):
 
 @pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
 def test_an_inset_leaves_the_path_free(corner):
-    grid = hall(origin=(0.0, 0.0, 0.0))
+    grid = hall(300, 500, (0.0, 0.0, 0.0))
     way = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])  # one corner is free
-    path = Path(16 + 4 * np.abs(way - corner))
+    path = Path(16 + 20 * np.abs(way - corner))
     part = around(grid, [path])
     figure, axes = map_axes(part)
     plotting.draw_map(axes, part)

@@ -56,6 +56,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
         if not tuning.drive:
             axes.set_xlabel("odometry's errors, relative to those asked")
         axes.grid(axis="y", color="0.92")
+        axes.margins(x=0.1)
     make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
     lost.set_ylabel(f"lost {'replays' if tuning.drive else 'drives'} [%]")
