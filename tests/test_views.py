@@ -10,14 +10,15 @@ from locplan import Sad, Scan, covariance_field, plotting
 from locplan.costs import Costmap, Path
 from locplan.field import FieldConfig, Lidar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.planners import plan
+from locplan.planners import Query, plan
 from locplan.plotting._captions import weak_spots
 from locplan.plotting._cells import field_cells
 from locplan.plotting._maps import SOLID, limits_of, map_axes, shades
 from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import MOST, RoundNumbers, make_logarithmic, round_numbers
 from locplan.plotting._views import around, cut, draw_inset, zoomed_to
-from locplan.simulation._figures import PANEL_POINTS, _beside
+from locplan.simulation._figures import PANEL_POINTS, _beside, queries_figure
+from locplan.simulation._routes import Route, Routes
 
 pytestmark = pytest.mark.draws
 
@@ -200,6 +201,18 @@ def test_scales_have_some_round_numbers_and_not_too_many(ends):
     assert (found >= ends[0] * (1 - 1e-6)).all()
     assert (found <= ends[1] * (1 + 1e-6)).all()
     assert all(float(f"{value:.4g}") == pytest.approx(value) for value in found)
+
+
+@pytest.mark.parametrize(("lost", "panels"), [(0.0, 1), (0.25, 2)])
+def test_queries_without_a_lost_drive_have_no_empty_panel(lost, panels):
+    query = Query("a", (1.0, 1.0), (5.0, 5.0))
+    pair = (0.1, 0.12)
+    routes = [Route(query, (5.0, 6.0), pair, (lost, 0.0), pair, pair, {})] * 3
+    figure = queries_figure(Routes(hall(), routes, {"lidar": dataclasses.asdict(LIDAR)}))
+    assert len(figure.axes) == panels
+    title = figure.get_suptitle()
+    assert ("no drive was lost on either path" in title) == (panels == 1)
+    assert LIDAR.title in title.replace("\n", " ")
 
 
 def test_numbers_of_points_keep_apart():
