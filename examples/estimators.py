@@ -1,15 +1,23 @@
-"""The three estimators side by side: what the paper's disc sees, and what a lidar sees.
+"""The estimators side by side where they differ most: what the paper's disc and a lidar see.
 
 Run: python examples/estimators.py [FOLDER [MAP.yaml ...]]
 """
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from scipy.ndimage import uniform_filter
+
 import locplan
+
+WINDOW = 18.0
+"""Side of the part of each map that is drawn [m]."""
 
 
 def main(folder: str = "estimators", *maps: str) -> None:
@@ -21,20 +29,41 @@ def main(folder: str = "estimators", *maps: str) -> None:
         "sad, 6 m": locplan.Sad(),
         "fisher, 30 m": locplan.Fisher(lidar),
         "scan, 30 m": locplan.Scan(lidar),
+        "fused, 30 m": locplan.Fused.of(lidar),
     }
-    rows = []
+    rows, parts = [], []
     for grid in grids:
         rows.append({})
         for label, estimator in estimators.items():
             began = time.perf_counter()
             field = locplan.covariance_field(grid, estimator)
-            took = f"{time.perf_counter() - began:.1f} s, {field.saturated_share:.0%} saturated"
-            print(f"{grid.name}, {label}: {took}")
-            rows[-1][f"{grid.name}: {label}\n{took}"] = field
+            took, share = time.perf_counter() - began, f"{field.saturated_share:.0%} saturated"
+            print(f"{grid.name}, {label}: {took:.1f} s, {share}")
+            rows[-1][f"{label}\n{share}"] = field
+        parts.append(where_they_differ(list(rows[-1].values())))
     target = Path(folder) / "estimators.png"
     target.parent.mkdir(parents=True, exist_ok=True)
-    locplan.plotting.save_figure(locplan.plotting.fields_figure(rows, "position_std"), target)
+    figure = locplan.plotting.fields_figure(rows, "position_std", parts)
+    locplan.plotting.save_figure(figure, target)
     print(f"wrote {target}")
+
+
+def where_they_differ(fields: Sequence[locplan.CovarianceField]) -> locplan.OccupancyGrid:
+    """Part of the map in which the estimators differ most in what they take for weak."""
+    grid, stride = fields[0].grid, fields[0].stride
+    logs = np.log([field.scalar("position_std") for field in fields])
+    known = np.isfinite(logs).all(axis=0)
+    logs -= np.median(logs[:, known], axis=1)[:, None, None]  # their levels differ everywhere
+    apart = np.where(known, np.ptp(logs, axis=0), 0.0)
+    size = round(WINDOW / grid.resolution)
+    middle = uniform_filter(apart, max(1, size // stride), mode="constant").argmax()
+    firsts = [
+        min(max(0, stride * int(at) - size // 2), max(0, cells - size))
+        for at, cells in zip(np.unravel_index(middle, apart.shape), grid.shape, strict=True)
+    ]
+    cells = grid.cells[firsts[0] : firsts[0] + size, firsts[1] : firsts[1] + size]
+    x, y = (float(value) for value in grid.grid_to_world(*firsts))
+    return dataclasses.replace(grid, cells=cells, origin=(x, y, grid.origin[2]))
 
 
 if __name__ == "__main__":

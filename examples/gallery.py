@@ -1,6 +1,8 @@
 """Every picture that the commands draw, on a map of yours, with the command below each.
 
-Run: python examples/gallery.py [FOLDER [MAP.yaml]]
+Run: python examples/gallery.py [FOLDER [MAP.yaml [LIDAR [WORD ...]]]]
+
+With words, only the entries whose command or picture has one of them are drawn.
 """
 
 from __future__ import annotations
@@ -16,7 +18,11 @@ from pathlib import Path
 import locplan
 from locplan.planners import describe_map
 
-MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
+PROJECT = Path(__file__).resolve().parent.parent
+MAP = PROJECT / "maps" / "two_corridors.yaml"
+DRIVE = PROJECT / "tests" / "small_drive.npz"
+DRIVEN = PROJECT / "maps" / "office.yaml"
+"""A recorded drive, and its map."""
 QUERY_OF_OUR_MAP = (2.0, 3.0), (38.0, 3.0)
 
 
@@ -28,7 +34,10 @@ class Entry:
     see: str
     """What to look at."""
     command: str
-    """Command that draws it, with {map}, {lidar}, {start}, {goal} and {middle}."""
+    """Command that draws it, with {map}, {lidar}, {start}, {goal} and {middle}.
+
+    For recorded drives there are {drive} and its map, {driven}.
+    """
     picture: str
     """File that the command writes, relative to the gallery's folder, with {name} of the map."""
 
@@ -173,27 +182,66 @@ ENTRIES = (
         "locplan export {map} --to degenerate-areas --lidar {lidar} -o areas",
         "areas/preview.png",
     ),
+    Entry(
+        "Layers for other programs",
+        "The legend of the values and pictures that the folder holds.",
+        "locplan export {map} --to layer --lidar {lidar} -o layer",
+        "layer/legend.png",
+    ),
+    Entry(
+        "A recorded drive, and where it is badly localized",
+        "Where the narrow line is as dark as the wide one, the estimator is right.",
+        "locplan evaluate {driven} --drive {drive} --every 4 -o recorded",
+        "recorded/drive.png",
+    ),
+    Entry(
+        "AMCL, replayed on the recorded drive",
+        "Blue lines beside the dashed one are where the filter was wrong.",
+        "locplan simulate {driven} --drive {drive} --drives 5 -o replayed",
+        "replayed/replay.png",
+    ),
+    Entry(
+        "Settings of AMCL, judged on the recorded drive",
+        "Each setting is judged on stretches that did not choose it.",
+        "locplan tune {driven} --drive {drive} -o retuned",
+        "retuned/tuning.png",
+    ),
+    Entry(
+        "Planners compared",
+        "The report says which is best, where and by how much.",
+        "locplan compare {map} --random 4 --lidar {lidar} --planner grid --planner any-angle"
+        " -o compared",
+        "compared/report.html",
+    ),
 )
 
 
-def main(folder: str = "gallery", map_file: str = str(MAP), lidar: str = "turtlebot4") -> None:
-    """Run all commands in the folder, and write index.html there."""
+def main(
+    folder: str = "gallery", map_file: str = str(MAP), lidar: str = "turtlebot4", *words: str
+) -> None:
+    """Run the commands in the folder, all or those with one of the words; write index.html."""
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     places = _places(map_file)
     sections = []
     for entry in ENTRIES:
+        if words and not any(word in f"{entry.command} {entry.picture}" for word in words):
+            continue
         command = partial(entry.command.format, lidar=lidar, **places)
-        picture = entry.picture.format(name=Path(map_file).stem)
-        line = shlex.split(command(map=shlex.quote(str(Path(map_file).resolve()))))
+        picture = entry.picture.format(name=locplan.load_map(map_file).name)
+        files = {"map": Path(map_file), "driven": DRIVEN, "drive": DRIVE}
+        whole = {name: shlex.quote(str(file.resolve())) for name, file in files.items()}
+        line = shlex.split(command(**whole))
+        before = _written(target / picture)
         done = subprocess.run(
             [sys.executable, "-m", *line], cwd=target, capture_output=True, text=True
         )
-        drawn = done.returncode == 0 and (target / picture).is_file()
-        print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()}")
+        now = _written(target / picture)  # also beside an answer of no, which is exit code 1
+        drawn = now > before or (done.returncode == 0 and now > 0)
+        print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()[-300:]}")
         if drawn:
-            shown = command(map=shlex.quote(Path(map_file).name))
-            sections.append(_section(entry, picture, shown))
+            short = {name: shlex.quote(file.name) for name, file in files.items()}
+            sections.append(_section(entry, picture, command(**short)))
     (target / "index.html").write_text(PAGE.format(sections="\n".join(sections)), encoding="utf-8")
     print(f"wrote {target / 'index.html'}")
 
@@ -209,10 +257,18 @@ def _places(map_file: str) -> dict[str, str]:
     return {name: f"{x:.2f},{y:.2f}" for name, (x, y) in named.items()}
 
 
+def _written(file: Path) -> int:
+    """When a file was written, 0 if it is not there."""
+    return file.stat().st_mtime_ns if file.is_file() else 0
+
+
 def _section(entry: Entry, picture: str, command: str) -> str:
+    file, title = escape(picture), escape(entry.title)
+    shown = f'<img src="{file}" alt="{title}">'
+    if picture.endswith(".html"):
+        shown = f'<iframe src="{file}" title="{title}"></iframe><a href="{file}">the report</a>'
     return (
-        f"<section><h2>{escape(entry.title)}</h2><p>{escape(entry.see)}</p>"
-        f'<img src="{escape(picture)}" alt="{escape(entry.title)}">'
+        f"<section><h2>{title}</h2><p>{escape(entry.see)}</p>{shown}"
         f"<pre>{escape(command)}</pre></section>"
     )
 
@@ -223,6 +279,7 @@ PAGE = """<!doctype html>
 <style>
 body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: auto; padding: 1rem }}
 img {{ max-width: 100% }}
+iframe {{ width: 100%; height: 40rem; border: 1px solid #ccc }}
 pre {{ background: #f2f1ee; padding: .6rem; overflow-x: auto }}
 </style></head><body><h1>What locplan draws</h1>
 {sections}
@@ -231,4 +288,4 @@ pre {{ background: #f2f1ee; padding: .6rem; overflow-x: auto }}
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:4])
+    main(*sys.argv[1:])

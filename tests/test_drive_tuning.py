@@ -97,7 +97,7 @@ def test_reports_speak_of_the_drive(tuned):
     assert (about["drive"], about["levels"]) == ("the drive", None)
     json.dumps(about, allow_nan=False)
     figure = tuning_figure(tuned)
-    assert "5 stretches of the drive" in figure.get_suptitle()
+    assert "5 stretches of the drive" in figure.get_suptitle().replace("\n", " ")
 
 
 def test_search_and_judgement_have_other_stretches(monkeypatch, grid, drive):

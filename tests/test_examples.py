@@ -12,6 +12,7 @@ QUICKLY = {
     "animation": (10.0, 4),
     "compare": (0.05,),
     "evidence": ((MAP,), 4, 4),
+    "gallery": (MAP, "turtlebot4", "info.png", "paper_e.png"),
     "paper": (0.1, 1, ("paper",)),
 }
 """Arguments with which a program is done soon."""
@@ -38,6 +39,21 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
     module.main(*data, str(tmp_path / "out"), *QUICKLY.get(path.stem, ()))
     assert capsys.readouterr().out
     assert any((tmp_path / "out").iterdir())
+
+
+@pytest.mark.long
+def test_the_gallery_shows_each_picture_with_its_command(tmp_path, monkeypatch, capsys):
+    spec = importlib.util.spec_from_file_location("gallery", EXAMPLES[0].parent / "gallery.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "gallery", module)
+    spec.loader.exec_module(module)
+    module.main(str(tmp_path), MAP, "turtlebot4", "info.png", "paper_e.png")
+    page = (tmp_path / "index.html").read_text()
+    assert page.count("<section>") == page.count("<img") == 2
+    assert "<pre>locplan info two_corridors.yaml -o info.png</pre>" in page
+    assert "drew paper_e.png" in capsys.readouterr().out
+    pictures = [entry.picture for entry in module.ENTRIES]
+    assert len(set(pictures)) == len(pictures)
 
 
 def test_there_are_examples():

@@ -18,6 +18,7 @@ from locplan.export._folders import export_folder
 from locplan.export._registry import ExportSummary
 from locplan.export._value_maps import PREVIEW
 from locplan.field import CovarianceField
+from locplan.plotting._captions import made_of
 
 AREAS = "areas.geojson"
 LANELET2 = "degenerate_areas.osm"
@@ -69,7 +70,7 @@ def save_degenerate_areas(
         (temporary / AREAS).write_text(text + "\n", encoding="utf-8")
         (temporary / LANELET2).write_text(lanelet2_of(areas), encoding="utf-8")
         (temporary / PARAMETERS).write_text(parameters_of(areas), encoding="utf-8")
-        title = f"{name}: {said(areas)}, u ≥ {least:.2g}"
+        title = f"{name}: {said(areas)}, u ≥ {least:.2g}{made_of(costs)}"
         figure = _area_figures.areas_figure(costs.grid, areas, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
     return areas

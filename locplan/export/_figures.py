@@ -16,16 +16,17 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap
 from locplan.export._route_graphs import RouteGraph
 from locplan.maps import UNKNOWN, OccupancyGrid
+from locplan.plotting._captions import made_of
 from locplan.plotting._cells import draw_cells
-from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_axes, map_size
+from locplan.plotting._maps import FIELD_COLOURS, LIGHT_MAP, draw_map, map_axes, map_size
 from locplan.plotting._picture import Picture
 
 EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
-LIGHT_MAP = ListedColormap(["0.45", "0.9", "white"])
-"""Colours of occupied, unknown and free cells below a route graph."""
 WIDTH = 0.07
 """Width of an edge as a share of the median length, both as drawn; nodes are twice as wide."""
+LEAST_SCALE = 25.0
+"""Least end of the scale of a mask's values, which ends at the greatest of them."""
 LONGEST = 1000
 """Longest side of a picture [cells]; cells of larger maps are merged, and walls and the greatest
 values stay."""
@@ -53,7 +54,7 @@ def values_figure(
     axes = figure.add_subplot()
     draw_map(axes, grid)
     if (shown >= 0).any():
-        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, 100.0)
+        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(LEAST_SCALE, shown.max()))
         image = draw_cells(axes, grid, known, cmap=FIELD_COLOURS, norm=norm)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
         if falling:
@@ -90,7 +91,7 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     size = np.clip(2 * WIDTH * shown, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
     figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
-    axes.set_title(title, fontsize="medium")
+    axes.set_title(f"{title}{made_of(costs)}", fontsize="medium")
     return figure
 
 

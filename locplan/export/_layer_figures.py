@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from locplan.field import CovarianceField
 from locplan.plotting._captions import how
 from locplan.plotting._maps import FIELD_COLOURS, field_norm
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import label_plainly
 
 _ROWS = 256
 
@@ -71,9 +69,8 @@ def legend_figure(
         both = partial(np.multiply, shown.factor), partial(np.multiply, 1 / shown.factor)
         above = bar.secondary_xaxis("top", functions=both)
         above.set_xlabel(shown.axis)
-        low, high = _ends(norm)
-        _tick(bar.xaxis, low, high)
-        _tick(above.xaxis, shown.factor * low, shown.factor * high)
+        label_plainly(bar.xaxis)
+        label_plainly(above.xaxis)
     title = f"{field.grid.name or 'map'}; transparent: nothing is known\n{how(field.config)}"
     figure.suptitle(title, fontsize="medium")
     return figure
@@ -83,13 +80,3 @@ def _ends(norm: Normalize) -> tuple[float, float]:
     assert norm.vmin is not None
     assert norm.vmax is not None
     return norm.vmin, norm.vmax
-
-
-def _tick(axis: Axis, low: float, high: float) -> None:
-    """Plain numbers at 1, 2 and 5 of each decade, or at the ends of a short scale."""
-    if high < 4 * low:
-        axis.set_major_locator(FixedLocator([low, math.sqrt(low * high), high]))
-    else:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
-    axis.set_minor_formatter(NullFormatter())

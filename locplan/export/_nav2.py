@@ -40,6 +40,7 @@ from locplan.export._servers import (
 )
 from locplan.export._travel_costs import Conversion, planner_named, values_for
 from locplan.maps._ros_parameters import Parameters
+from locplan.plotting._captions import made_of
 
 PARAMS = "nav2.yaml"
 MASK = "mask"
@@ -281,4 +282,5 @@ def _write(
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
-        value_maps.write_preview(temporary, grid, values, label, title, falling=is_speed)
+        above = f"{title}{made_of(costs)}"
+        value_maps.write_preview(temporary, grid, values, label, above, falling=is_speed)

@@ -16,6 +16,7 @@ from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export._folders import export_folder
 from locplan.maps import OccupancyGrid
+from locplan.plotting._captions import made_of
 
 PREVIEW = "preview.png"
 MODES = ("raw", "scale", "scale-ros1")
@@ -151,7 +152,8 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     with export_folder(Path(folder), f"Localizability of {name}", about, readme) as temporary:
         for mode in MODES:
             write_values(temporary / mode.replace("-", "_"), values, grid, mode)
-        write_preview(temporary, costs.grid, values, "degeneracy u [%]", "as it is published")
+        above = f"as it is published{made_of(costs)}"
+        write_preview(temporary, costs.grid, values, "degeneracy u [%]", above)
 
 
 def _greys(mode: str) -> tuple[NDArray[np.int64], tuple[float, float]]:

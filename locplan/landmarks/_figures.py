@@ -19,9 +19,9 @@ from locplan.landmarks._verification import Verification
 from locplan.maps import OccupancyGrid
 from locplan.plotting._maps import draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
+from locplan.plotting._views import around
 from locplan.simulation import Drives
 from locplan.simulation._drives import LOST
-from locplan.simulation.choice._figures import around
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -172,7 +172,7 @@ def _draw_strip(axes: Axes, slide: Slide) -> None:
         height, width = (size * length for size in levels.shape)
         shades = np.select([levels == OCCUPIED, levels == UNKNOWN, levels == FREE], [0, 1, 2])
         extent = (0, width, bottom, bottom + height)
-        axes.imshow(shades, cmap=MAP_COLOURS, vmin=0, vmax=2, extent=extent, origin="lower")
+        axes.imshow(shades, cmap=MAP_COLOURS, vmin=0, vmax=3, extent=extent, origin="lower")
         axes.add_patch(Rectangle((0, bottom), width, height, fill=False, edgecolor="black"))
     axes.annotate("template", (6.4, 10), va="center")
     axes.annotate("", (9.0, 8.4), (6.4, 8.4), arrowprops={"arrowstyle": "->", "color": "#0072b2"})

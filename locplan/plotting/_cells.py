@@ -30,6 +30,12 @@ class CellImage(AxesImage):
     Matplotlib scales four times as many bytes, several times over, in ten times the time.
     """
 
+    def get_window_extent(self, renderer: Any = None) -> Bbox:
+        """Bounds of the image in pixels, whichever way the map is turned."""
+        x0, x1, y0, y1 = self.get_extent()
+        corners = self.get_transform().transform([(x0, y0), (x1, y0), (x0, y1), (x1, y1)])
+        return Bbox([corners.min(axis=0), corners.max(axis=0)])
+
     def make_image(
         self, renderer: Any, magnification: float = 1.0, unsampled: bool = False
     ) -> tuple[Any, float, float, Any]:
@@ -113,6 +119,12 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     return image
 
 
+def values_of(image: AxesImage) -> NDArray[np.float64]:
+    """The values that an image shows, NaN where it shows none."""
+    values: Any = image.get_array()
+    return np.asarray(np.ma.filled(values, np.nan))
+
+
 def shrunk(values: NDArray[Any], *, greatest: bool = False) -> NDArray[Any]:
     """The least or the greatest value of each block of cells; small maps stay as they are.
 
@@ -128,17 +140,27 @@ def shrunk(values: NDArray[Any], *, greatest: bool = False) -> NDArray[Any]:
 
 
 def field_cells(
-    field: CovarianceField, values: NDArray[np.float64], *, logarithmic: bool = True
+    field: CovarianceField,
+    values: NDArray[np.float64],
+    *,
+    logarithmic: bool = True,
+    part: OccupancyGrid | None = None,
 ) -> NDArray[np.float64]:
     """Values (h, w) on the field's lattice as `draw_cells` takes them, NaN but in free space.
 
-    The values of blocks are read in their middles: large maps are never filled cell by cell.
+    They are those of all cells of the map, or of a part of it. The values of blocks are read in
+    their middles: large maps are never filled cell by cell.
     """
-    cells = block(field.grid.shape)
-    if cells == 1:
+    drawn = part or field.grid
+    cells = block(drawn.shape)
+    if cells == 1 and drawn.shape == field.grid.shape:
         return field.on_map(values, logarithmic=logarithmic)
-    free = shrunk(field.grid.cells) == FREE
-    rows, cols = ((np.arange(size) + 0.5) * cells - 0.5 for size in free.shape)
+    first = np.round(field.grid.world_to_grid(*drawn.origin[:2]))
+    free = shrunk(drawn.cells) == FREE
+    rows, cols = (
+        (np.arange(size) + 0.5) * cells - 0.5 + float(start)
+        for size, start in zip(free.shape, first, strict=True)
+    )
     read = values_at(field, values, rows[:, None], cols[None, :], logarithmic=logarithmic)
     return np.where(free, read, np.nan)
 

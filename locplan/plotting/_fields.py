@@ -15,12 +15,13 @@ from matplotlib.patches import Wedge
 from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.plotting._captions import how
-from locplan.plotting._cells import draw_cells, field_cells, shrunk
+from locplan.plotting._captions import how, weak_spots
+from locplan.plotting._cells import draw_cells, field_cells, shrunk, values_of
 from locplan.plotting._maps import (
     draw_field,
     draw_map,
     field_bar,
+    limits_of,
     map_axes,
     map_size,
 )
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 E_COLOURS = "viridis"
+PANEL, PANELS = 3.6, 8.0
+"""Greatest width of a map among several, and of all of them together [inch]."""
 WALL_SHADE = 150
 """Opacity of the white that shows walls over e = 0, 0..255."""
 E_QUANTILE = 0.98
@@ -69,11 +72,16 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     image = draw_field(axes, field, name)
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
-    axes.set_title(f"{title}\n{how(field.config)}", fontsize="medium")
+    weak = weak_spots(field, values_of(image), name)
+    axes.set_title(f"{title}; {weak}\n{how(field.config)}", fontsize="medium")
     return figure
 
 
-def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e") -> Figure:
+def fields_figure(
+    rows: Sequence[Mapping[str, CovarianceField]],
+    name: str = "e",
+    parts: Sequence[OccupancyGrid] | None = None,
+) -> Figure:
     """Draw a scalar of several fields side by side on one scale, a row for each map.
 
     Parameters
@@ -82,26 +90,32 @@ def fields_figure(rows: Sequence[Mapping[str, CovarianceField]], name: str = "e"
         The fields of each map by the title to show; e has one unit in all of them.
     name : str
         Scalar or layer, see `field_figure`.
+    parts : sequence of OccupancyGrid, optional
+        The part of each map that is drawn, cut out of it along its cells; all of it by default.
     """
     columns = max(map(len, rows))
-    sizes = [map_size(next(iter(fields.values())).grid) for fields in rows]
-    heights = [height / width for width, height in sizes]
-    size = 3.6 * columns + 1, sum(3.6 * height + 0.6 for height in heights)
+    parts = parts or [next(iter(fields.values())).grid for fields in rows]
+    heights = [height / width for width, height in map(map_size, parts)]
+    wide = min(PANEL, PANELS / columns)
+    size = wide * columns + 1, sum(wide * height + 0.6 for height in heights)
     figure = Picture(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
     images, label_of_bar = [], ""
-    for axes_of_row, fields in zip(grid, rows, strict=True):
+    for axes_of_row, fields, part in zip(grid, rows, parts, strict=True):
         for axes, (label, field) in zip(axes_of_row, fields.items(), strict=False):
-            images.append(draw_field(axes, field, name))
+            images.append(draw_field(axes, field, name, part))
             label_of_bar = field.quantity(name).axis
             axes.set_title(label, fontsize="medium")
-            axes.set(xlabel="", ylabel="")
+            first = axes is axes_of_row[0]
+            axes.set(xlabel="", ylabel=(field.grid.name or "map") if first else "")
+            if part.shape != field.grid.shape:
+                xlim, ylim = limits_of(part, share=0.0)
+                axes.set(xlim=xlim, ylim=ylim)
     ends = np.array([image.get_clim() for image in images])  # of one scale for all
     for image in images:
         image.set_clim(ends[:, 0].min(), ends[:, 1].max())
     field_bar(figure, images[0], grid.ravel().tolist(), label_of_bar, shrink=0.6)
-    figure.supxlabel("x [m]", fontsize="medium")
-    figure.supylabel("y [m]", fontsize="medium")
+    figure.supxlabel("x and y [m]", fontsize="medium")
     return figure
 
 
@@ -142,6 +156,13 @@ def draw_ellipses(
     if not len(xy):
         return
     major, minor, direction = position_axes(covariance)
+    reach = np.maximum(magnify * major, WEDGE * spacing)[:, None]
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    low, high = (
+        np.minimum(low, (xy - reach).min(axis=0)),
+        np.maximum(high, (xy + reach).max(axis=0)),
+    )
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     along = (magnify * major)[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
     where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
     style: dict[str, Any] = {"facecolors": "none", "edgecolors": ELLIPSE, "linewidths": 1.4}

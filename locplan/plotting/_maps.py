@@ -13,14 +13,16 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
+from locplan.plotting._captions import HARMLESS
 from locplan.plotting._cells import draw_cells, field_cells, shrunk
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import label_plainly
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,64 +33,112 @@ if TYPE_CHECKING:
 
 FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
 """Colours of fields, never as dark as a wall."""
-MAP_COLOURS = ListedColormap(["black", "0.82", "white"])
-"""Colours of occupied, unknown and free cells."""
+MAP_COLOURS = ListedColormap(["black", "0.82", "white", "0.6"])
+"""Colours of occupied, unknown and free cells, and of the inside of what is solid."""
+MARGIN = 0.02
+"""Width of the margin around a map, as a share of its extent."""
+SOLID, RIM = 3, 0.006
+"""Shade of cells inside solid walls, and how deep they are: this share of the longer side."""
+LAYER_QUANTILE = 0.98
+"""Quantile of a layer's values at which its linear scale ends."""
+LEAST_LINEAR_SCALE = 0.02
+"""Least share of a linear scale between its anchors that is shown."""
+LIGHT_MAP = ListedColormap(["0.45", "0.9", "white", "0.7"])
+"""The same, lighter, for maps below much that is drawn."""
+MANY_DECADES = 500.0
+"""Ratio of the ends of small values' scale from which on it has powers of ten."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 
 
 def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
-    """Draw the map in world coordinates: walls black, unknown space grey, free space white."""
-    draw_cells(axes, grid, shrunk(grid.cells) // UNKNOWN, cmap=MAP_COLOURS, vmin=0, vmax=2)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    _limit_to(axes, grid)
+    """Draw the map in world coordinates: walls black, unknown space grey, free space white.
+
+    The inside of what is solid is grey, too, and only its rim black.
+    """
+    draw_cells(axes, grid, shades(grid), cmap=MAP_COLOURS, vmin=0, vmax=SOLID)
+    xlim, ylim = limits_of(grid)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=xlim, ylim=ylim)
 
 
-def draw_field(axes: Axes, field: CovarianceField, name: str | None = None) -> AxesImage:
+def shades(grid: OccupancyGrid) -> NDArray[np.uint8]:
+    """What `MAP_COLOURS` has a colour for, of each cell or block: 0 is a wall, or a solid's rim."""
+    import cv2
+
+    levels = np.asarray(shrunk(grid.cells) // UNKNOWN)
+    deep = max(3, round(RIM * max(levels.shape)))
+    around = np.ones((2 * deep + 1, 2 * deep + 1), np.uint8)
+    levels[cv2.erode((levels == 0).astype(np.uint8), around) == 1] = SOLID
+    return levels
+
+
+def draw_field(
+    axes: Axes,
+    field: CovarianceField,
+    name: str | None = None,
+    part: OccupancyGrid | None = None,
+) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
-    It is the one that degeneracy is made of unless another is named.
+    It is the one that degeneracy is made of unless another is named. `part` is the part of the
+    map that is drawn, all of it by default.
 
-    The scale ends at the anchors, except for scalars without Q: at their least and greatest values.
+    The scale begins at the anchor of a perfect match and ends at the greatest value drawn; that of
+    scalars without Q begins at their least value.
     """
     name = name or field.config.estimator.criterion
     values = field.scalar(name, headings="mean")
-    read = field_cells(field, values, logarithmic=name not in field.layers)
-    return draw_field_cells(axes, field, name, read)
+    read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
+    return draw_field_cells(axes, field, name, read, part)
 
 
 def draw_field_cells(
-    axes: Axes, field: CovarianceField, name: str, values: NDArray[np.float64]
+    axes: Axes,
+    field: CovarianceField,
+    name: str,
+    values: NDArray[np.float64],
+    part: OccupancyGrid | None = None,
 ) -> AxesImage:
     """Draw as `draw_field` does a scalar that has been read at the map's cells, or its blocks."""
-    draw_map(axes, field.grid)
+    drawn = part or field.grid
+    draw_map(axes, drawn)
     values = field.quantity(name).factor * values
     norm = field_norm(field, name, values)
-    return draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=norm)
+    return draw_cells(axes, drawn, values, cmap=FIELD_COLOURS, norm=norm)
 
 
 def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
-    """The scale of a scalar or layer of a field, in the unit that is shown, as are the values."""
+    """The scale of a scalar or layer of a field, in the unit that is shown, as are the values.
+
+    It ends at the greatest value, but is never so short that harmless values would look weak.
+    """
     factor = field.quantity(name).factor
     low, high = (factor * anchor for anchor in field.anchors(name))
+    known = np.isfinite(values).any()
     if name in field.layers:
-        return Normalize(low, high)
-    if not field.config.estimator.adds_q and field.evaluated.any():
+        least = low + LEAST_LINEAR_SCALE * (high - low)
+        most = float(np.nanquantile(values, LAYER_QUANTILE)) if known else high
+        return Normalize(low, min(high, max(least, most)))
+    if known and not field.config.estimator.adds_q:
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
-    return LogNorm(low, max(high, low * 1.001))
+    high = max(high, low * 1.001)
+    if known:
+        high = min(high, max(low * (high / low) ** HARMLESS, np.nanmax(values)))
+    return LogNorm(low, high)
 
 
 def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any) -> Colorbar:
     """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
-    bar = figure.colorbar(image, ax=axes, label=label, **options)
     low, high = image.get_clim()
+    values = image.get_array()
+    beyond = values is not None and high is not None and values.max() > 1.001 * high
+    extend = "max" if beyond else "neither"
+    bar = figure.colorbar(image, ax=axes, label=label, extend=extend, **options)
     if isinstance(image.norm, LogNorm) and low and high:
-        if low >= 0.1 and high <= 10_000:
-            bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            bar.ax.yaxis.set_minor_formatter(NullFormatter())
-        elif high >= 10 * low:
+        if (low >= 0.1 and high <= 10_000) or high < MANY_DECADES * low:
+            label_plainly(bar.ax.yaxis)
+        else:
             bar.ax.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
             bar.ax.yaxis.set_minor_formatter(NullFormatter())
     return bar
@@ -123,7 +173,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
         figure.savefig(temporary, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
 
 
-def _known(grid: OccupancyGrid) -> tuple[int, int, int, int]:
+def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
     """First row, end of the rows, first column and end of the columns with known cells."""
     known = grid.cells != UNKNOWN
     if not known.any():
@@ -132,12 +182,16 @@ def _known(grid: OccupancyGrid) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
 
 
-def _limit_to(axes: Axes, grid: OccupancyGrid) -> None:
-    """Limit the Axes to the known cells, with a margin."""
-    low, high, left, right = _known(grid)
+Ends = tuple[float, float]
+
+
+def limits_of(grid: OccupancyGrid, *, share: float = MARGIN) -> tuple[Ends, Ends]:
+    """Ends of x and of y around the known cells, with a margin of a share of their extent [m]."""
+    low, high, left, right = known_cells(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
-    margin = 0.02 * max(np.ptp(x), np.ptp(y)) + grid.resolution
-    axes.set(xlim=(x.min() - margin, x.max() + margin), ylim=(y.min() - margin, y.max() + margin))
+    margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
+    ends = [(float(each.min() - margin), float(each.max() + margin)) for each in (x, y)]
+    return ends[0], ends[1]
 
 
 def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
@@ -148,11 +202,11 @@ def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
 
 def map_size(grid: OccupancyGrid) -> tuple[float, float]:
     """Figure size [inch] for the known part of a map with a colour bar at its side."""
-    low, high, left, right = _known(grid)
+    low, high, left, right = known_cells(grid)
     height, width = high - low, right - left
     cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
     height, width = sin * width + cos * height, cos * width + sin * height
-    drawn_width = min(9.0, 8.0 * width / height)
+    drawn_width = min(7.6, 7.6 * width / height)
     return max(drawn_width, 5.0) + 1.6, max(drawn_width * height / width, 2.0) + 0.8
 
 

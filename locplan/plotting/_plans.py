@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,11 +12,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from locplan.costs import Costmap, profile
+from locplan.costs import Costmap, Path, profile
 from locplan.costs._metrics import DEGENERATE
 from locplan.field import CovarianceField
-from locplan.plotting._captions import how, request
-from locplan.plotting._cells import block, draw_cells, shrunk
+from locplan.maps import OccupancyGrid
+from locplan.plotting._captions import HARMLESS, how, made_of, request, weak_spots
+from locplan.plotting._cells import block, draw_cells, shrunk, values_of
 from locplan.plotting._maps import (
     END_STYLE,
     FIELD_COLOURS,
@@ -31,6 +32,8 @@ from locplan.plotting._maps import (
     outline,
 )
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import make_logarithmic
+from locplan.plotting._views import cut, draw_inset, zoomed_to
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +44,8 @@ if TYPE_CHECKING:
 FRONT_COLOURS = "viridis"
 FRONT_PATHS = 12
 """Greatest number of paths of a front that are drawn."""
+LEAST_RATIO = 1.01
+"""Least ratio of the ends of the scale of a front's lengths."""
 TITLE_LETTERS = 11
 """Number of letters of a title for which an inch has room."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
@@ -75,12 +80,16 @@ def plan_figure(
     verdict : str
         Verdict on the plans, which the title ends with; see `locplan.simulation.verdict`.
     """
-    width, height = map_size(costs.grid)
+    solved = {label: plan for label, plan in plans.items() if plan.path is not None}
+    shown = [path for plan in plans.values() for path in _drawn(plan)]
+    part = zoomed_to(costs.grid, shown)
+    width, height = map_size(part)
     figure = Picture(figsize=(width, height + 2.4), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.2))
-    image = _draw_field(upper, costs, field)
+    image = _draw_field(upper, costs, field, part)
+    draw_inset(upper, costs.grid, part, shown)
     field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
-    solved = {label: plan for label, plan in plans.items() if plan.path is not None}
+    same = _same(list(solved.values()))
     handles = []
     for (label, plan), style in zip(solved.items(), PATH_STYLES, strict=False):
         path, metrics = plan.path, plan.metrics
@@ -118,25 +127,48 @@ def plan_figure(
     lower.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
     lower.margins(x=0.01)
+    if same:
+        lower.set_title(
+            f"{'both' if len(solved) == 2 else 'all'} take the same path", fontsize="medium"
+        )
     if not solved:
         lower.text(0.5, 0.25, "no path", transform=lower.transAxes, ha="center", va="center")
         lower.set_xticks([])
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
-    made = f"{how(field.config)}; {field.saturated_share:.0%} saturated"
+    weak = weak_spots(field, values_of(image))
+    made = f"{how(field.config)}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     title = "\n".join([asked, made, *_lines(verdict, int(width * TITLE_LETTERS))])
     upper.set_title(title, fontsize="medium")
     return figure
 
 
-def _draw_field(axes: Axes, costs: Costmap, field: CovarianceField) -> AxesImage:
+def _drawn(plan: Plan) -> list[Path]:
+    """What a picture of a plan must show: its path, and the places that were asked for."""
+    asked = [plan.start, *plan.via, plan.goal]
+    places = Path(np.array([pose[:2] for pose in asked], dtype=float))
+    return [places] if plan.path is None else [plan.path, places]
+
+
+def _same(plans: Sequence[Plan]) -> bool:
+    """Whether several plans have one path."""
+    paths = [plan.path.xy for plan in plans if plan.path is not None]
+    return len(paths) > 1 and all(
+        path.shape == paths[0].shape and np.allclose(path, paths[0]) for path in paths
+    )
+
+
+def _draw_field(
+    axes: Axes, costs: Costmap, field: CovarianceField, part: OccupancyGrid
+) -> AxesImage:
     """Draw the field as `draw_field` does; e is taken from the costmap, which has read it."""
     of_field = costs.settings is not None and costs.settings.config == field.config
     plain = field.config.headings == 1 and field.config.estimator.criterion == "e"
-    if of_field and plain and costs.grid == field.grid and block(field.grid.shape) == 1:
+    whole = part is costs.grid and block(part.shape) == 1
+    if of_field and plain and whole and costs.grid == field.grid:
         return draw_field_cells(axes, field, "e", costs.e)
-    return draw_field(axes, field)
+    return draw_field(axes, field, part=part)
 
 
 def _lines(text: str, letters: int) -> list[str]:
@@ -154,7 +186,7 @@ def costmap_figure(costs: Costmap) -> Figure:
     costs : Costmap
         The costmap.
     """
-    return _u_figure(costs, f"robot radius {costs.robot_radius:g} m")[0]
+    return _u_figure(costs, f"robot radius {costs.robot_radius:g} m", costs.grid)[0]
 
 
 def path_figure(plan: Plan) -> Figure:
@@ -167,21 +199,28 @@ def path_figure(plan: Plan) -> Figure:
     """
     assert plan.costs is not None
     found = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
-    figure, axes = _u_figure(plan.costs, f"{plan.planner}, {found}")
+    shown = _drawn(plan)
+    part = zoomed_to(plan.costs.grid, shown)
+    figure, axes = _u_figure(plan.costs, f"{plan.planner}, {found}", part)
+    draw_inset(axes, plan.costs.grid, part, shown)
     if plan.path is not None:
         draw_path(axes, plan.path, **PATH_STYLES[1])
     draw_ends(axes, plan.start, plan.goal)
     return figure
 
 
-def _u_figure(costs: Costmap, title: str) -> tuple[Figure, Axes]:
-    figure, axes = map_axes(costs.grid)
-    axes.set_title(f"{costs.grid.name or 'map'}: {title}", fontsize="medium")
-    draw_map(axes, costs.grid)
-    u = shrunk(costs.u, greatest=True)
-    u = np.where(np.isfinite(shrunk(costs.density, greatest=True)), u, np.nan)
+def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
+    figure, axes = map_axes(part)
+    draw_map(axes, part)
+    u, density = (
+        shrunk(cut(each, costs.grid, part), greatest=True) for each in (costs.u, costs.density)
+    )
+    u = np.where(np.isfinite(density), u, np.nan)
+    greatest = float(np.nanmax(u, initial=0.0))
+    weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"
+    axes.set_title(f"{costs.grid.name or 'map'}: {title}{weak}", fontsize="medium")
     if np.isfinite(u).any():
-        image = draw_cells(axes, costs.grid, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
+        image = draw_cells(axes, part, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
         figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)
     return figure, axes
 
@@ -197,11 +236,15 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
         Unit of e, see `CovarianceField.e_unit`.
     """
     grid = front.costs.grid
-    width, height = map_size(grid)
+    ends = front.plan(0), front.plan(len(front) - 1)
+    shown = [path for plan in ends for path in _drawn(plan)]
+    part = zoomed_to(grid, shown)
+    width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 3.0))
-    draw_map(upper, grid)
-    norm = Normalize(front.length[0], max(front.length[-1], front.length[0] + 1))
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
+    norm = Normalize(front.length[0], max(front.length[-1], LEAST_RATIO * front.length[0]))
     wanted = np.linspace(front.length[0], front.length[-1], FRONT_PATHS)
     chosen = np.unique(np.abs(front.length[:, None] - wanted).argmin(axis=0))
     for index in chosen:
@@ -216,7 +259,10 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     draw_ends(upper, front.start, front.goal)
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
     name = grid.name or "map"
-    upper.set_title(f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}")
+    title = f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}"
+    if len(front) == 1:
+        title = f"{name}: one path, no other is less degenerate; front {epsilon}"
+    upper.set_title(f"{title}{made_of(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
     colours: dict[str, Any] = {"c": front.length, "cmap": FRONT_COLOURS, "norm": norm}
@@ -248,7 +294,9 @@ def history_figure(plans: Mapping[str, Plan]) -> Figure:
         name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
         axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
     labels = {"xlabel": "time since the search began [s]", "ylabel": "best cost J so far [m]"}
-    axes.set(xscale="log", **labels)
-    axes.set_title("best cost of each search over time", fontsize="medium")
+    axes.set(**labels)
+    make_logarithmic(axes.xaxis)
+    maps = {plan.costs.grid.name or "map": None for plan in plans.values() if plan.costs}
+    axes.set_title(f"{', '.join([*maps])}: best cost of each search over time", fontsize="medium")
     axes.legend(frameon=False)
     return figure

@@ -7,18 +7,21 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from locplan.costs import Path
 from locplan.field import position_axes
+from locplan.maps import OccupancyGrid
 from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_size
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import label_plainly
+from locplan.plotting._views import around, draw_inset
 from locplan.recordings._evaluation import DriveEvaluation
+from locplan.recordings._recording import Recording
 from locplan.recordings._verdict import PREFERRED
 
 MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
@@ -26,8 +29,6 @@ GAP = 3.0
 """Distance of scans from which on they are not joined by a line [m]."""
 DOT = 1e-3
 """Length of a line that is a dot [m]; one without length is not drawn."""
-AROUND = 0.15
-"""Width of the surroundings that are shown, as a share of the drive's."""
 ELLIPSES = 14
 """Number of poses along the drive at which ellipses are drawn."""
 LARGEST = 0.04
@@ -45,8 +46,10 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     ----------
     found : DriveEvaluation
     """
-    grid = found.matches.grid
-    width, height = map_size(grid)
+    grid, recording = found.matches.grid, found.matches.recording
+    shown = [Path(recording.poses[:, :2])]
+    part = around(grid, shown)
+    width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     name = next(
@@ -58,16 +61,17 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     both = both[np.isfinite(both)]
     low, high = np.quantile(both, (0.02, 0.98)).tolist()
     norm = LogNorm(low, max(high, 1.5 * low), clip=True)
-    draw_map(upper, grid)
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
     _draw_line(upper, found, 100 * predicted, 7.0, norm)
     _draw_line(upper, found, 100 * measured, 4.0, None)
     lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
     bar = figure.colorbar(lines, ax=upper, label="std. dev. of the position [cm]", shrink=0.8)
-    _label_by_numbers(bar.ax.yaxis)
+    label_plainly(bar.ax.yaxis)
     magnify = _draw_ellipses(upper, found, name)
-    xy = found.matches.recording.poses[:, :2]
+    xy = recording.poses[:, :2]
     upper.plot(*xy[found.outdated].T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
-    limit_to(upper, xy)
+    upper.set_title(title_of(recording, grid), fontsize="medium")
     handles = [
         Line2D([], [], color="0.6", linewidth=7, label=f"predicted by {name}"),
         Line2D([], [], color="0.3", linewidth=2.6, label="measured"),
@@ -118,14 +122,10 @@ def _draw_line(
     return drawn
 
 
-def limit_to(axes: Axes, xy: NDArray[np.float64]) -> None:
-    """Limit the map to the surroundings of the drive."""
-    for low, high, limits, limit in (
-        (*part, getattr(axes, f"get_{name}lim")(), getattr(axes, f"set_{name}lim"))
-        for name, part in zip("xy", np.array([xy.min(axis=0), xy.max(axis=0)]).T, strict=True)
-    ):
-        margin = AROUND * max(np.ptp(xy, axis=0).max(), 1.0)
-        limit(max(limits[0], low - margin), min(limits[1], high + margin))
+def title_of(recording: Recording, grid: OccupancyGrid) -> str:
+    """The map, the drive's file, and the lidar."""
+    file = recording.source.file
+    return f"{grid.name or 'map'}{f', {file}' if file else ''}: {recording.lidar.title}"
 
 
 def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
@@ -174,12 +174,5 @@ def _draw_profile(
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
     axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), xlabel="distance along the drive [m]")
     axes.set_ylabel("std. dev. [cm]")
-    _label_by_numbers(axes.yaxis)
+    label_plainly(axes.yaxis)
     axes.grid(alpha=0.3)
-
-
-def _label_by_numbers(axis: Axis) -> None:
-    """Label a logarithmic axis by 1, 2, 5, 10 and so on."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())

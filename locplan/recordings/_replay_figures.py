@@ -9,9 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from locplan.costs import Path
 from locplan.plotting._maps import draw_map, map_size
 from locplan.plotting._picture import Picture
-from locplan.recordings._figures import limit_to
+from locplan.plotting._views import around, draw_inset
+from locplan.recordings._figures import title_of
 from locplan.recordings._replay import Replay
 from locplan.simulation._drives import LOST
 
@@ -28,15 +30,18 @@ def replay_figure(replay: Replay) -> Figure:
     replay : Replay
     """
     grid, xy = replay.grid, replay.recording.poses[:, :2]
-    width, height = map_size(grid)
+    shown = [Path(xy)]
+    part = around(grid, shown)
+    width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    draw_map(upper, grid)
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
     for way in replay.poses[:MOST_RUNS, :, :2]:
         upper.plot(*way.T, color=ESTIMATED, linewidth=1.2, alpha=0.5, zorder=4)
     upper.plot(*xy.T, color=RECORDED, linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
     upper.plot(*xy[0], "o", color=RECORDED, markersize=6, zorder=6)
-    limit_to(upper, xy)
+    upper.set_title(title_of(replay.recording, grid), fontsize="medium")
     profile, spread = replay.drives.profile(), replay.filter_std
     way, known = profile[:, 0], np.isfinite(spread)
     low, high = profile[:, 6], profile[:, 7]
@@ -46,7 +51,9 @@ def replay_figure(replay: Replay) -> Figure:
     top = 1.1 * max(float(high.max()), float(spread[known].max(initial=0.0)))
     if top > LOST / 2:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
-        lower.text(way[-1], LOST, "lost", ha="right", va="bottom", color="0.4", fontsize="small")
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
+        style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
+        lower.annotate("lost", (0, LOST), (4, 2), textcoords="offset points", **style)
     lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top))
     lower.set(xlabel="distance along the drive [m]", ylabel="position [m]")
     lower.grid(alpha=0.3)

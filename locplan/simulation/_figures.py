@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,16 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
+from locplan.field import Lidar
+from locplan.field._field import SATURATION
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
 from locplan.plotting._plans import PATH_STYLES
+from locplan.plotting._ticks import label_plainly, make_logarithmic
+from locplan.plotting._views import draw_inset, zoomed_to
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation
@@ -31,10 +35,12 @@ LETTERS = 11.5
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
-SHORT = 1.5
-"""Ratio of the ends of an axis up to which it is linear."""
-LONG = 1000.0
-"""Ratio of the ends of an axis from which on it has one label a decade."""
+LABEL_AWAY = 6.0
+"""Distance of a point's number from it along both axes [points]."""
+PANEL_POINTS = 200.0
+"""Extent of the points of a panel, nearly [points]."""
+MAP_LETTERS = 60
+"""Number of letters from which on maps are counted, not named."""
 POOLED, WITHIN = "#0072b2", "#d55e00"
 MAP_MARKS = (
     ("#0072b2", "o"),
@@ -56,10 +62,13 @@ def simulation_figure(simulation: Simulation) -> Figure:
         Drives along at most four paths; with more, colours repeat.
     """
     grid = simulation.grid
-    width, height = map_size(grid)
+    shown = list(simulation.paths.values())
+    part = zoomed_to(grid, shown)
+    width, height = map_size(part)
     figure = Picture(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
-    draw_map(upper, grid)
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
     profiles = {name: each.profile() for name, each in simulation.drives.items()}
     every = np.concatenate([profile[:, 4] for profile in profiles.values()])
     low = max(MIN_ERROR, float(every.min()))
@@ -91,7 +100,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
         draw_ends(upper, xy[0], xy[-1])
     assert image is not None
     bar = figure.colorbar(image, ax=upper, label="mean position error [m]", shrink=0.9)
-    _plainly(bar.ax.yaxis)
+    label_plainly(bar.ax.yaxis)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     lower.annotate(
         "lost",
@@ -103,7 +112,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
         va="top",
     )
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
-    _logarithmic(lower.yaxis)
+    make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
     handles += [
         Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
@@ -121,31 +130,40 @@ def simulation_figure(simulation: Simulation) -> Figure:
 
 def queries_figure(routes: Routes) -> Figure:
     """RMSE and share of lost drives of both paths of each query, and the mean ratios."""
-    figure = Picture(figsize=(9.5, 4.6), layout="constrained")
-    left, right = figure.subplots(1, 2)
     rmse = np.array([each.rmse for each in routes.routes])
     lost = np.array([each.lost for each in routes.routes])
+    panels = 2 if lost.any() else 1
+    figure = Picture(figsize=(8.5 if panels == 2 else 6.6, 4.9), layout="constrained")
+    every = figure.subplots(1, panels, squeeze=False)[0]
+    left = every[0]
     ends = _equal_ends(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
     left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
     left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
-    right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
-    right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
-    right.set(
-        xlim=(-0.03, 1.03),
-        ylim=(-0.03, 1.03),
-        aspect="equal",
-        xlabel="lost on the shortest path, share of drives",
-        ylabel="lost on the aware path",
-    )
-    for number, xy in enumerate(rmse, 1):
-        left.annotate(str(number), xy, (4, 4), textcoords="offset points", fontsize="x-small")
-    figure.suptitle(
-        f"{routes.grid.name or 'map'}, {len(routes.routes)} queries: {routes.verdict}\n"
+    for right in every[1:]:
+        right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
+        right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
+        right.set(
+            xlim=(-0.03, 1.03),
+            ylim=(-0.03, 1.03),
+            aspect="equal",
+            xlabel="lost on the shortest path, share of drives",
+            ylabel="lost on the aware path",
+        )
+    for number, at in enumerate(_beside(np.log(rmse)), 1):
+        style = {"ha": "center", "va": "center", "fontsize": "small"}
+        left.annotate(str(number), rmse[number - 1], at, textcoords="offset points", **style)
+    lidar: Any = routes.about.get("lidar")
+    lines = [
+        f"{routes.grid.name or 'map'}{f', {Lidar(**lidar).title}' if lidar else ''},"
+        f" {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
-        fontsize="medium",
-    )
+        *([] if lost.any() else ["no drive was lost on either path"]),
+    ]
+    most = int(LETTERS * figure.get_figwidth())
+    title = "\n".join(textwrap.fill(line, most, break_on_hyphens=False) for line in lines)
+    figure.suptitle(title, fontsize="medium")
     return figure
 
 
@@ -153,7 +171,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     """Rank correlation of each predictor with both kinds of error, and two predictors' places."""
     predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
     rows = np.arange(len(predictors))[::-1]
-    figure = Picture(figsize=(11, 5.2 + 0.24 * len(predictors)), layout="constrained")
+    figure = Picture(figsize=(9, 5.2 + 0.24 * len(predictors)), layout="constrained")
     parts: Any = figure.subfigures(2, height_ratios=(1.2 + 0.26 * len(predictors), 4.2))
     upper, lower = parts
     panels: Any = upper.subplots(1, 2, sharey=True)
@@ -179,8 +197,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
     ]
     if several:
         upper.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False)
-    names = ", ".join(each.grid.name for each in evaluation.places)
-    title = names if len(names) < 60 else f"{len(evaluation.places)} maps"
+    title = _names([each.grid.name for each in evaluation.places])
     count = sum(len(each.points) for each in evaluation.places)
     about = f"{title}: {count} places\n{evaluation.lidar.title}"
     upper.suptitle(about, x=0.02, ha="left", fontsize="medium")
@@ -197,15 +214,13 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         unit = {"e": "m² rad", "position_std": "m"}.get(predictor.scalar, "")
         axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
         every = np.abs(np.concatenate([each[predictor] for each in evaluation.predictions]))
-        if every.max() > SHORT * every.min():
-            _logarithmic(axes.xaxis)
-        else:
-            axes.xaxis.set_major_locator(MaxNLocator(3))
-        if every.max() > LONG * every.min():
-            axes.xaxis.set_major_locator(LogLocator(subs=(1.0,)))
+        make_logarithmic(axes.xaxis, 6)
+        if every.max() < SATURATION * every.min():
+            axes.set_xlabel(f"{axes.get_xlabel()}: all alike within 5 %")
+            axes.set_xticks([np.median(every)], [f"{np.median(every):.3g}"])
         correlation = evaluation.ranks[predictor, "tracking"].spearman
         axes.set_title(f"{predictor}: correlation {short(correlation)}", fontsize="medium")
-        _logarithmic(axes.yaxis)
+        make_logarithmic(axes.yaxis)
     if few:
         lower.legend(
             *lower.axes[0].get_legend_handles_labels(),
@@ -233,7 +248,8 @@ def calibration_figure(calibration: Calibration) -> Figure:
     tau = f", τ = {calibration.tau:.3g} m²" if calibration.fitted_tau else ""
     warning = "" if calibration.in_metres else "NOT IN METRES: "
     axes.set_title(
-        f"{warning}{config.estimator.name}, k = {_formatted(calibration.noise_level)}{tau}\n"
+        f"{warning}{config.estimator.summary}; {_names(calibration.maps)}\n"
+        f"k = {_formatted(calibration.noise_level)}{tau}\n"
         f"typically off by a factor of {calibration.factor:.2f}"
         f" ({calibration.factor_before:.2f} before), {calibration.within_two:.0%} within 2",
         fontsize="medium",
@@ -246,22 +262,30 @@ def _equal_ends(axes: Any, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
     for axis in (axes.xaxis, axes.yaxis):
-        _logarithmic(axis)
+        make_logarithmic(axis)
     axes.set(xlim=tuple(ends), ylim=tuple(ends), aspect="equal")
     return ends
 
 
-def _logarithmic(axis: Any) -> None:
-    """Make an axis logarithmic, with plain numbers."""
-    getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
-    _plainly(axis)
+def _beside(points: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Where the number of each point stands from it, away from the others [points]."""
+    sides = LABEL_AWAY * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
+    extent = float(np.ptp(points, axis=0).max()) or 1.0
+    size = extent / PANEL_POINTS
+    taken, chosen = points, []
+    for n, point in enumerate(points):
+        others = np.delete(taken, n, axis=0)[:, None]
+        apart = np.hypot(*(point + sides * size - others).transpose(2, 0, 1))
+        best = int(apart.min(axis=0, initial=np.inf).argmax())
+        taken = np.vstack([taken, point + sides[best] * size])
+        chosen.append((float(sides[best, 0]), float(sides[best, 1])))
+    return chosen
 
 
-def _plainly(axis: Any) -> None:
-    """Label a logarithmic axis with plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
+def _names(maps: Sequence[str]) -> str:
+    """Names of maps, or their number where that is shorter."""
+    names = ", ".join(each or "map" for each in maps)
+    return names if len(names) < MAP_LETTERS else f"{len(maps)} maps"
 
 
 def _label(predictor: Predictor) -> str:

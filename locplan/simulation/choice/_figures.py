@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import textwrap
 from typing import TYPE_CHECKING, Any
@@ -12,13 +11,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.maps import OccupancyGrid
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import label_plainly
+from locplan.plotting._views import around, draw_inset
 from locplan.simulation._drives import LOST
 from locplan.simulation._formats import in_metres
 from locplan.simulation._settings import differing
@@ -32,14 +31,8 @@ MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
 COLOURS = ("black", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "0.55")
 """Colours of the candidates in turn; their numbers tell apart those of one colour."""
-MARGIN = 0.15
-"""Width of the map around the candidates, as a share of the extent of all of them."""
-MIN_MARGIN = 3.0
-"""Least width of the map around the candidates [m]."""
-WIDTH = 10.5
+WIDTH = 8.6
 """Least width of the figure [inch]."""
-MANY_DECADES = 200.0
-"""Ratio of an axis' ends above which its numbers are those of whole decades."""
 NUMBER_SIZE = 0.035
 """Least distance between the numbers of two paths, as a share of the paths' extent."""
 PANELS = 3
@@ -56,7 +49,8 @@ def choice_figure(choice: Choice) -> Figure:
     """
     paths = [each.path for each in choice.candidates]
     ends = Path(np.array([choice.start[:2], choice.goal[:2]]))
-    grid = around(choice.costs.grid, [*paths, ends])
+    shown = [*paths, ends]
+    grid = around(choice.costs.grid, shown)
     width, height = map_size(grid)
     width = max(width, WIDTH)
     columns = 2 if len(paths) in (2, 4) else min(PANELS, max(1, len(paths)))
@@ -68,11 +62,13 @@ def choice_figure(choice: Choice) -> Figure:
     if not rows:
         upper = figure.subplots()
         draw_map(upper, grid)
+        draw_inset(upper, choice.costs.grid, grid, shown)
         draw_ends(upper, choice.start, choice.goal)
         return figure
     parts: Any = figure.subfigures(2, height_ratios=(height + 0.3, below))
     upper = parts[0].subplots()
     draw_map(upper, grid)
+    draw_inset(upper, choice.costs.grid, grid, shown)
     panels = parts[1].subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     _draw_candidates(parts[0], upper, choice)
     for n, axes in enumerate(panels.flat):
@@ -83,29 +79,13 @@ def choice_figure(choice: Choice) -> Figure:
     first = panels.flat[0]
     first.set_yscale("log")
     first.set_ylim(bottom=max(MIN_ERROR / 2, first.get_ylim()[0]))
-    _plainly(first.yaxis)
+    label_plainly(first.yaxis, 4)
     at = "axes fraction", "data"
     style = {"ha": "right", "va": "top", "fontsize": "small"}
     first.annotate("lost", (1, LOST), (-5, -2), at, "offset points", **style)
     parts[1].supxlabel("distance along the path [m]", fontsize="medium")
     parts[1].supylabel("position error [m]", fontsize="medium")
     return figure
-
-
-def around(grid: OccupancyGrid, paths: list[Path]) -> OccupancyGrid:
-    """Part of a map around some paths, whose margin is not drawn where it is no map."""
-    at = np.concatenate([path.xy for path in paths])
-    rows, cols = grid.world_to_grid(*at.T)
-    extent = max(float(np.ptp(rows)), float(np.ptp(cols)))
-    margin = max(MARGIN * extent, MIN_MARGIN / grid.resolution)
-    ends = [
-        (max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
-        for values, size in zip((rows, cols), grid.shape, strict=True)
-    ]
-    (top, bottom), (left, right) = ends
-    x, y = grid.grid_to_world(top, left)
-    origin = float(x), float(y), grid.origin[2]
-    return dataclasses.replace(grid, cells=grid.cells[top:bottom, left:right], origin=origin)
 
 
 def _titles(choice: Choice) -> list[str]:
@@ -145,7 +125,7 @@ def _draw_candidates(figure: Any, axes: Axes, choice: Choice) -> None:
         image = axes.add_collection(lines)
     assert image is not None
     bar = figure.colorbar(image, ax=axes, label="mean position error [m]", shrink=0.9)
-    _plainly(bar.ax.yaxis)
+    label_plainly(bar.ax.yaxis)
     draw_ends(axes, choice.start, choice.goal)
     paths = [each.path.resampled(0.25).xy for each in choice.candidates]
     for n, (x, y) in enumerate(places_of_numbers(paths)):
@@ -208,12 +188,3 @@ def _wrapped(lines: list[str], width: float) -> str:
     """Lines that fit into a width [inch] in letters of medium size."""
     most = int(12.5 * width)
     return "\n".join(itertools.chain(*(textwrap.wrap(line, most) or [""] for line in lines)))
-
-
-def _plainly(axis: Any) -> None:
-    """Label a logarithmic axis with plain numbers, not too many."""
-    low, high = axis.get_view_interval()
-    few = high / low > MANY_DECADES
-    axis.set_major_locator(LogLocator(subs=(1.0,) if few else (1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())

@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from locplan.plotting._picture import Picture
+from locplan.plotting._ticks import make_logarithmic
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
 
 COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00")
 MARKERS = ("o", "s", "D", "^", "v")
 KEPT, BACK = "#0072b2", "0.7"
-WIDTH = 46
+WIDTH = 8.6
+"""Width of the figure [inch]."""
+LETTERS = 11.5
+"""Number of letters of a title that fit within an inch."""
+LABEL = 46
 """Number of letters after which a line of a label ends."""
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
     """Errors of the settings that were judged at each level, and what each change gains."""
     gains = sorted(tuning.contributions.items(), key=lambda each: each[1])
-    figure = Picture(figsize=(12, 4.8), layout="constrained")
-    panels: Any = figure.subplots(1, 3, width_ratios=(3.4, 3.0, 2.6))
-    errors, lost, changes = panels
+    below = 1.1 + 0.28 * len(gains) if gains else 0.0
+    figure = Picture(figsize=(WIDTH, 4.6 + below), layout="constrained")
+    rows: Any = [["errors", "lost"], *([["changes"] * 2] if gains else [])]
+    heights = [3.4, below][: len(rows)]
+    panels: Any = figure.subplot_mosaic(rows, height_ratios=heights)
+    errors, lost = panels["errors"], panels["lost"]
     at = np.arange(len(tuning.levels))
     count = len(tuning.judged)
     for n, each in enumerate(tuning.judged):
@@ -45,25 +54,15 @@ def tuning_figure(tuning: Tuning) -> Figure:
     for axes in (errors, lost):
         axes.set_xticks(at, [level.name for level in tuning.levels])
         if not tuning.drive:
-            axes.set_xlabel("odometry's errors, relative to those asked for")
+            axes.set_xlabel("odometry's errors, relative to those asked")
         axes.grid(axis="y", color="0.92")
-    errors.set_yscale("log")
-    errors.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    errors.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    errors.yaxis.set_minor_formatter(NullFormatter())
+        axes.margins(x=0.1)
+    make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
     lost.set_ylabel(f"lost {'replays' if tuning.drive else 'drives'} [%]")
     lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
-    kept = {axis.name for axis in changed_axes(tuning.own, tuning.candidate)}
-    ratios = [ratio for _, ratio in gains]
-    colours = [KEPT if name in kept else BACK for name, _ in gains]
-    changes.barh([name for name, _ in gains], [100 * (v - 1) for v in ratios], color=colours)
-    changes.axvline(0, color="0.4", linewidth=0.8)
-    changes.set_xlabel("increase of the RMSE without it [%]\n(grey: put back)")
-    where = "" if tuning.drive else ", at its worst level"
-    changes.set_title(f"what each change gains{where}", fontsize="medium")
-    if not gains:
-        changes.set_axis_off()
+    if gains:
+        _draw_gains(panels["changes"], tuning, gains)
     handles, labels = errors.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
     what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
@@ -72,12 +71,25 @@ def tuning_figure(tuning: Tuning) -> Figure:
     errors.set_title(f"geometric mean over the {parts}, 95 %", fontsize="medium")
     lost.set_title(f"share of all {runs}, 95 %", fontsize="medium")
     verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
-    figure.suptitle(
+    title = (
         f"{tuning.grid.name or 'map'}, {tuning.lidar.title}: {tuning.paths} {what},"
-        f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}",
-        fontsize="medium",
+        f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}"
     )
+    most = int(LETTERS * WIDTH)
+    figure.suptitle(textwrap.fill(title, most, break_on_hyphens=False), fontsize="medium")
     return figure
+
+
+def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:
+    """Draw how much each change gains, the largest on top."""
+    kept = {axis.name for axis in changed_axes(tuning.own, tuning.candidate)}
+    colours = [KEPT if name in kept else BACK for name, _ in gains]
+    percent = [100 * (ratio - 1) for _, ratio in gains]
+    axes.barh([name for name, _ in gains], percent, color=colours)
+    axes.axvline(0, color="0.4", linewidth=0.8)
+    axes.set_xlabel("increase of the RMSE without it [%] (grey: put back)")
+    where = "" if tuning.drive else ", at its worst level"
+    axes.set_title(f"what each change gains{where}", fontsize="medium")
 
 
 def _cpu(tuning: Tuning, n: int) -> float:
@@ -86,10 +98,10 @@ def _cpu(tuning: Tuning, n: int) -> float:
 
 
 def _broken(text: str) -> str:
-    """Text on lines of about `WIDTH` letters."""
+    """Text on lines of about `LABEL` letters."""
     lines = [""]
     for part in text.split(", "):
-        if lines[-1] and len(lines[-1]) + len(part) > WIDTH:
+        if lines[-1] and len(lines[-1]) + len(part) > LABEL:
             lines.append("")
         lines[-1] += f"{', ' if lines[-1] else ''}{part}"
     return ",\n".join(lines)

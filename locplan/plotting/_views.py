@@ -1,0 +1,134 @@
+"""The part of a map that a picture shows: all of it, or what lies around some paths."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
+
+from locplan.costs import Path
+from locplan.maps import OccupancyGrid
+from locplan.plotting._maps import LIGHT_MAP, draw_map, known_cells, limits_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MARGIN = 0.15
+"""Width of the map around the paths, as a share of the extent of all of them."""
+MIN_MARGIN = 3.0
+"""Least width of the map around the paths [m]."""
+SMALL = 0.6
+"""Share of the map's extent below which a part of it is small: an inset shows where it lies."""
+INSET = 0.3
+"""Longest side of the inset, as a share of that side of the Axes."""
+INSET_CELLS = 300
+"""Most cells along a side of an inset."""
+VISIBLE = 0.06
+"""Share of the inset below which its outline of the part gets a dot, too."""
+HERE = "#d55e00"
+
+
+def around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
+    """Part of a map around some paths, whose margin is not drawn where it is no map."""
+    at = np.concatenate([path.xy for path in paths])
+    rows, cols = grid.world_to_grid(*at.T)
+    extent = max(float(np.ptp(rows)), float(np.ptp(cols)))
+    margin = max(MARGIN * extent, MIN_MARGIN / grid.resolution)
+    ends = [
+        (max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
+        for values, size in zip((rows, cols), grid.shape, strict=True)
+    ]
+    (top, bottom), (left, right) = ends
+    if top >= bottom or left >= right:  # the paths are beside the map
+        return grid
+    x, y = grid.grid_to_world(top, left)
+    origin = float(x), float(y), grid.origin[2]
+    return dataclasses.replace(grid, cells=grid.cells[top:bottom, left:right], origin=origin)
+
+
+def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
+    """The part of a map around some paths where that is small, else the map itself."""
+    part = around(grid, paths) if paths else grid
+    return part if is_small(grid, part) else grid
+
+
+def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
+    """Whether a part is so small that a picture of the map would hardly show what is in it."""
+    sizes = []
+    for each in (part, grid):
+        low, high, left, right = known_cells(each)
+        sizes.append(max(high - low, right - left))
+    return sizes[0] < SMALL * sizes[1]
+
+
+def cut(values: NDArray[np.float64], grid: OccupancyGrid, part: OccupancyGrid) -> Any:
+    """Values of the cells of a part, from those of all the map's cells."""
+    top, left = np.round(grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
+    height, width = part.shape
+    return values[top : top + height, left : left + width]
+
+
+def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequence[Path]) -> None:
+    """Show in a corner without paths where a small part lies on its map, if it is small.
+
+    The part is drawn without a margin, since the map goes on there.
+    """
+    if part.shape != grid.shape:
+        xlim, ylim = limits_of(part, share=0.0)
+        axes.set(xlim=xlim, ylim=ylim)
+    if not is_small(grid, part):
+        return
+    points = [path.resampled(0.5).xy if path.length else path.xy for path in paths]
+    size = _size(axes, grid)
+    inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
+    draw_map(inset, coarse(grid))
+    inset.images[0].set_cmap(LIGHT_MAP)
+    inset.set(**dict(zip(("xlim", "ylim"), limits_of(grid), strict=True)))
+    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6)
+    height, width = part.shape
+    x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
+    corners = np.stack([x, y], axis=1)
+    inset.add_patch(Polygon(corners, fill=False, edgecolor=HERE, linewidth=2.2, zorder=5))
+    if max(part.shape) < VISIBLE * max(grid.shape):
+        inset.plot(*corners.mean(axis=0), "o", color=HERE, markersize=5, zorder=5)
+
+
+def coarse(grid: OccupancyGrid) -> OccupancyGrid:
+    """A map of few cells, in which walls stay."""
+    size = -(-max(grid.shape) // INSET_CELLS)
+    rows, cols = (np.arange(0, each, size) for each in grid.shape)
+    cells = np.minimum.reduceat(np.minimum.reduceat(grid.cells, rows, axis=0), cols, axis=1)
+    return dataclasses.replace(grid, cells=cells, resolution=size * grid.resolution)
+
+
+def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
+    """Width and height of an inset that shows a map, as shares of those of the Axes."""
+    across, along = (
+        float(np.ptp(own) / np.ptp(all_of_it))
+        for own, all_of_it in zip(limits_of(grid), (axes.get_xlim(), axes.get_ylim()), strict=True)
+    )
+    scale = INSET / max(across, along)
+    return across * scale, along * scale
+
+
+def _free_corner(
+    axes: Axes, xy: NDArray[np.float64], size: tuple[float, float]
+) -> tuple[float, float]:
+    """Lower left end, in shares of the Axes, of the inset in the corner with fewest points."""
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    at = (xy - low) / (high - low)
+    gap = 0.015
+    far = 1 - np.array(size) - gap
+    corners = [(gap, far[1]), (far[0], far[1]), (far[0], gap), (gap, gap)]
+    near = gap + 0.03
+
+    def count(corner: tuple[float, float]) -> int:
+        inside = (at > np.array(corner) - near) & (at < np.array(corner) + size + near)
+        return int(inside.all(axis=1).sum())
+
+    x, y = min(corners, key=count)
+    return float(x), float(y)
