@@ -20,8 +20,8 @@ from locplan.maps import OccupancyGrid
 from locplan.plotting._cells import DRAWN, draw_cells, shrunk
 from locplan.plotting._maps import draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
+from locplan.plotting._views import around
 from locplan.simulation._drives import LOST
-from locplan.simulation.choice._figures import around
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,10 +13,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from numpy.typing import ArrayLike, NDArray
 
+from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.plotting._maps import draw_map, map_size
 from locplan.plotting._picture import Picture
-from locplan.recordings._figures import limit_to
+from locplan.plotting._views import draw_inset, zoomed_to
 from locplan.recordings._geometry import ends_in_map, ends_on_robot
 from locplan.twins._located_drive import LocatedDrive
 from locplan.twins._location import Location, Mode
@@ -172,12 +173,15 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     found : LocatedDrive
     """
     grid, drive = found.grid, found.recording.poses[:, :2]
-    width, height = map_size(grid)
-    figure = Picture(figsize=(width, height + 1.4), layout="constrained")
-    axes = figure.add_subplot()
-    draw_map(axes, grid)
     poses, right, certain = found.poses[:, :2], found.right, found.certain
     known = np.isfinite(poses[:, 0])
+    shown = [Path(np.concatenate([drive, poses[known]]))]
+    part = zoomed_to(grid, shown)
+    width, height = map_size(part)
+    figure = Picture(figsize=(width, height + 1.4), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, part)
+    draw_inset(axes, grid, part, shown)
     wrong = known & ~right
     kinds: list[tuple[str, NDArray[np.bool_], dict[str, Any]]] = [
         ("right, certain", right & certain, {"marker": "o", "color": OTHER}),
@@ -208,7 +212,6 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
         if chosen.any():
             text = f"{label}: {int(chosen.sum())}"
             axes.plot(*drive[chosen].T, linestyle="", markersize=5, label=text, zorder=5, **style)
-    limit_to(axes, np.concatenate([drive, poses[known]]))
     if wrong.any():
         axes.plot([], [], "+", color=BEST, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
