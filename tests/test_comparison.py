@@ -232,7 +232,13 @@ def test_all_files_are_written(compared, tmp_path, monkeypatch):
     assert len(about["summaries"]) == 2 * 2 * 2 * 4
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") > 8
-    for text in ("locplan compare", "exact front", ">length [m]<", "∫e ds [m² rad m]", "detour, "):
+    for text in (
+        "locplan compare",
+        "front of the grid",
+        ">length [m]<",
+        "∫e ds [m² rad m]",
+        "detour, ",
+    ):
         assert text in page
     milliseconds = {
         f"{1000 * float(np.median(seconds)):.2f}"

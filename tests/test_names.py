@@ -83,6 +83,14 @@ def test_tables_show_markup_as_it_is():
     assert "[red]a[/red]" in text
 
 
+def test_tables_are_text_in_a_notebook_too(monkeypatch):
+    shown = []
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    monkeypatch.setattr("rich.jupyter.display", lambda *parts: shown.append(parts))
+    assert "map" in table(["map"], [["a"]])
+    assert shown == []
+
+
 def test_maps_of_ros_take_any_name(tmp_path):
     grid = named("r\udcffm[red]$")
     field = locplan.covariance_field(grid, locplan.Sad(range=3.0))

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import io
 import math
 import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
+from scipy.ndimage import binary_erosion
 
 import locplan
 from locplan.comparison._runs import MEASURES, Run, Task
 from locplan.comparison.report import ReportData, Row, Scene, write_report
-from locplan.comparison.report._html import SCRIPT
-from locplan.maps import environments
+from locplan.comparison.report._figures import Look
+from locplan.comparison.report._script import SCRIPT
+from locplan.comparison.report._thumbnails import Backdrop, _line
+from locplan.maps import OCCUPIED, environments
 
 pytestmark = pytest.mark.draws
 
@@ -30,11 +37,20 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     grid = dataclasses.replace(grid, name=HOSTILE)
     field = locplan.covariance_field(grid, locplan.FieldConfig(stride=4))
     costs = locplan.Costmap.from_field(grid, field, robot_radius=0.25)
-    return Scene(costs, field, {HOSTILE: ENDS}, locplan.pareto_front(costs, *ENDS), HOSTILE)
+    front = locplan.pareto_front(costs, *ENDS)
+    return Scene(field, {HOSTILE: ENDS, "second": ENDS}, front, HOSTILE)
 
 
-def run_of(planner: str, status: str = "solved", seed: int = 1, factor: float = 1.0) -> Run:
-    task = Task(HOSTILE, HOSTILE, HOSTILE, 4.0, planner, seed)
+def run_of(
+    planner: str,
+    status: str = "solved",
+    seed: int = 1,
+    factor: float = 1.0,
+    *,
+    query: str = HOSTILE,
+    weight: float = 4.0,
+) -> Run:
+    task = Task(HOSTILE, HOSTILE, query, weight, planner, seed)
     if status != "solved":
         return Run(task, status, 1.0, 1.0, note=HOSTILE)
     measures = dict.fromkeys(MEASURES, 40.0 * factor)
@@ -131,7 +147,91 @@ def test_identifiers_are_unique_and_pictures_have_texts(tmp_path: Path, scene: S
     assert set(re.findall(r"url\(#([^)]*)\)", page)) <= set(identifiers)
     pictures = [told for tag, told in elements.found if tag == "svg"]
     assert all(told.get("aria-label") or told.get("aria-hidden") for told in pictures)
-    assert sum("aria-label" in told for told in pictures) == 3
+    assert sum("aria-label" in told for told in pictures) == 5
+
+
+def several(scene: Scene) -> ReportData:
+    """Two planners on two queries at two weights, one run of which has no path."""
+    runs = [
+        run_of(planner, factor=factor, query=query, weight=weight)
+        for query in (HOSTILE, "second")
+        for weight in (0.0, 4.0)
+        for planner, factor in (("any-angle", 1.0), ("grid", 1.25))
+    ]
+    runs[-1] = run_of("grid", "timeout", query="second")
+    rows = [summary_of("any-angle"), summary_of("grid", 1.25)]
+    return ReportData(runs, rows, {(HOSTILE, HOSTILE): scene}, "any-angle")
+
+
+def test_every_query_is_shown_at_every_weight_with_the_j_of_each_planner(
+    tmp_path: Path, scene: Scene
+) -> None:
+    elements = Elements(written(tmp_path, several(scene)))
+    labels = [label for label in elements.attributes("aria-label") if label.startswith("Paths of ")]
+    assert labels == [
+        f"Paths of {HOSTILE}, weight 0, J [m]: any-angle 40.0; grid 50.0.",
+        f"Paths of {HOSTILE}, weight 4, J [m]: any-angle 40.0; grid 50.0.",
+        "Paths of second, weight 0, J [m]: any-angle 40.0; grid 50.0.",
+        "Paths of second, weight 4, J [m]: any-angle 40.0; grid no path.",
+    ]
+    images = [told for tag, told in elements.found if tag == "image" and told.get("id") == "map-0"]
+    assert len(images) == 1
+    assert sum(told.get("href") == "#map-0" for _, told in elements.found) == 4
+
+
+def test_pictures_beyond_the_limit_are_counted(
+    tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("locplan.comparison.report._thumbnails.MAX_THUMBNAILS", 3)
+    monkeypatch.setattr("locplan.comparison.report._every_run.MAX_RUNS", 5)
+    page = written(tmp_path, several(scene))
+    assert page.count('aria-label="Paths of ') == 3
+    assert "1 picture left out" in page
+    assert "The first 5 of 8 runs are shown" in page
+
+
+def test_j_of_every_query_stands_beside_the_baselines(tmp_path: Path, scene: Scene) -> None:
+    page = written(tmp_path, several(scene))
+    assert "weight 0. Medians: any-angle 1.000; grid 1.250." in page
+    assert page.count("second, 40.0 m</text>") == 2
+
+
+def test_paths_lie_on_the_map_as_in_the_world(scene: Scene) -> None:
+    backdrop, grid = Backdrop.of(scene, "map-0"), scene.field.grid
+    data = re.search('base64,([^"]*)', backdrop.image)
+    assert data is not None
+    image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data[1]))).convert("L"))
+    rows, cols = np.nonzero(binary_erosion(grid.cells == OCCUPIED, np.ones((2, 2))))
+    corners = np.transpose(grid.grid_to_world(rows, cols))  # of four occupied cells each
+    x, y = np.floor(backdrop.pixels(corners)).astype(int).T
+    assert len(x) > 50
+    assert (image[y, x] < 40).mean() > 0.98
+    assert (image < 40).mean() < 0.2
+
+
+def test_a_path_keeps_its_vertices_and_loses_what_lies_between() -> None:
+    points = np.array([(0, 0), (10, 0.1), (20, 0), (20, 30)], np.float32)
+    drawn = _line(points, Look(1, 0, 0), 2.0, "grid")
+    assert drawn.count('d="M0.0 0.0 20.0 0.0 20.0 30.0"') == 2
+
+
+def test_parts_of_pictures_are_filtered_by_their_planner(tmp_path: Path, scene: Scene) -> None:
+    elements = Elements(written(tmp_path, several(scene)))
+    parts = [
+        told["data-planner"]
+        for tag, told in elements.found
+        if tag == "g" and "data-planner" in told
+    ]
+    assert {"any-angle", "grid"} == set(parts)
+    assert not any("planner-" in name for name in elements.attributes("id"))
+    buttons = [told for tag, told in elements.found if tag == "button" and "data-kind" in told]
+    values = [(told["data-kind"], told["data-value"]) for told in buttons]
+    assert values == [
+        *(("weight", "0"), ("weight", "4")),
+        *(("planner", "any-angle"), ("planner", "grid")),
+        *(("status", "solved"), ("status", "timeout")),
+    ]
+    assert next(told for _, told in elements.found if told.get("id") == "filters")["hidden"]
 
 
 def test_the_same_data_give_the_same_file(tmp_path: Path, scene: Scene) -> None:

@@ -49,7 +49,7 @@ def table(
     grid = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
     for row in rows:
         grid.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
-    console = Console(width=width)
+    console = Console(width=width, force_jupyter=False)  # text, in a notebook, too
     with console.capture() as capture:
         console.print(grid)
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())

@@ -71,21 +71,21 @@ class Source:
             return tuple(read_scenarios(wanted, self.grid, count=MAX_SCENARIOS))
         return queries_of(costs, wanted, least_distance, seed, headed)
 
-    def scene(self, paths: int, front_time: float) -> Scene | None:
-        """The case with some queries and the front of the first, for pictures; None without e."""
+    def scene(self, name: str, front_time: float | None) -> Scene | None:
+        """The case with its queries, for pictures; None without a field.
+
+        It has the front of the named query, of length against degenerate metres, unless
+        `front_time` [s] is None.
+        """
         costs, field = self.costmap()
         if field is None:
             return None
-        first = self.queries[0]
-        ends = first.start[:2], first.goal[:2]
-        front = pareto_front(costs, *ends, objective="e", time_limit=front_time)
-        return Scene(
-            costs,
-            field,
-            {query.name: (query.start, query.goal) for query in self.queries[:paths]},
-            front if len(front) else None,
-            first.name,
-        )
+        queries = {query.name: (query.start, query.goal) for query in self.queries}
+        start, goal = queries[name]
+        front = None
+        if front_time is not None:
+            front = pareto_front(costs, start[:2], goal[:2], time_limit=front_time)
+        return Scene(field, queries, front if front is not None and len(front) else None, name)
 
 
 def named_configs(

@@ -30,8 +30,8 @@ from locplan.comparison._verdicts import (
 from locplan.comparison.report import write_report
 from locplan.comparison.report._data import Case, ReportData, Row
 
-MAX_SCENES, PATHS_EACH = 8, 2
-"""Greatest number of cases that a report draws, and of queries whose paths it shows on each."""
+MAX_SCENES, MAX_FRONTS = 24, 8
+"""Greatest number of cases that a report draws, and of those with the front of a query."""
 REPORTED = (
     *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers", "began"),
     *("time_limit", "random_queries"),
@@ -149,9 +149,23 @@ class Comparison:
         """The rows as text, as wide as the terminal."""
         return comparison_table(self.rows(), self.baseline)
 
+    def _telling_query(self, case: Case) -> str:
+        """The query of a case in which the baseline's degenerate metres differ most."""
+        names = [query.name for query in self.sources[case].queries]
+        found: dict[str, list[float]] = {name: [] for name in names}
+        for run in self.runs:
+            task = run.task
+            if (task.map, task.config, task.planner) == (*case, self.baseline) and run.measures:
+                found[run.task.query].append(run.measures["integrated_u"])
+        spans = {name: max(own) - min(own) if own else -1.0 for name, own in found.items()}
+        return max(names, key=spans.__getitem__)
+
     def _report(self, command: str) -> ReportData:
         chosen = list(self.sources.items())[:MAX_SCENES]
-        drawn = {case: source.scene(PATHS_EACH, FRONT_TIME) for case, source in chosen}
+        drawn = {
+            case: source.scene(self._telling_query(case), FRONT_TIME if n < MAX_FRONTS else None)
+            for n, (case, source) in enumerate(chosen)
+        }
         scenes = {case: scene for case, scene in drawn.items() if scene is not None}
         settings = {key: str(self.about[key]) for key in REPORTED if key in self.about}
         for source in self.sources.values():

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TypedDict
 
 from locplan.comparison._runs import Run
-from locplan.costs import Costmap
 from locplan.field import CovarianceField
 from locplan.planners import ParetoFront
 
@@ -42,7 +41,6 @@ class Row(TypedDict):
 class Scene:
     """A map with one config, for pictures."""
 
-    costs: Costmap
     field: CovarianceField
     queries: Mapping[str, Ends]
     """The queries whose paths are drawn, by name."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -80,11 +80,12 @@ def marker_sizes(weights: Sequence[float]) -> dict[float, float]:
 
 
 def trade_off_picture(
-    scene: Scene, runs: Sequence[Run], looks: Mapping[str, Look], alt: str
+    scene: Scene, runs: Sequence[Run], looks: Mapping[str, Look], baseline: str, alt: str
 ) -> tuple[str, int]:
     """Length against the integral of the runs of one query, and its exact front.
 
-    A line joins the medians of each planner's weights. Returned are the SVG and the number of runs
+    A line joins the medians of each planner's weights. Dotted are the lines of the baseline's J,
+    one for each weight, if the integral is that of u. Returned are the SVG and the number of runs
     that lie too far from the front to be shown.
     """
     front = scene.front
@@ -104,29 +105,56 @@ def trade_off_picture(
         axes = figure.subplots()
         alone = "." if len(front) == 1 else ""
         axes.step(front.length, front.integral, "-", marker=alone, where="post", color=MUTED)
-        for planner, own in points.items():
-            _draw_trade_offs(axes, own[(own[:, 1:] <= edge).all(1)], looks[planner], sizes)
-        unit = f"{scene.field.e_unit} m"
+        if front.objective == "u" and len(points.get(baseline, ())):
+            _draw_equal_costs(axes, points[baseline], sizes)
+        for n, (planner, own) in enumerate(points.items()):
+            near = own[(own[:, 1:] <= edge).all(1)]
+            _draw_trade_offs(axes, near, looks[planner], sizes, filtered(n))
+        unit = integral_unit(scene)
         axes.set(xlabel="length [m]", ylabel=f"{MEASURES[measure][0]} [{unit}]")
         axes.margins(0.06)
         axes.grid()
 
     outside = sum(int((own[:, 1:] > edge).any(axis=1).sum()) for own in points.values())
-    return _svg(draw, 2.5, alt), outside
+    return svg_of(draw, 2.5, alt, list(looks)), outside
+
+
+def integral_unit(scene: Scene) -> str:
+    """The unit of what the scene's front integrates."""
+    of_e = scene.front is not None and scene.front.objective == "e"
+    return f"{scene.field.e_unit} m" if of_e else MEASURES["integrated_u"][1]
+
+
+def _draw_equal_costs(axes: Axes, points: NDArray[np.float64], weights: Iterable[float]) -> None:
+    """The line of all lengths and integrals of u whose J is that of the points' median."""
+    for weight in weights:
+        group = points[points[:, 0] == weight, 1:]
+        if not len(group):
+            continue
+        length, integral = np.median(group, axis=0)
+        style: dict[str, Any] = {"color": MUTED, "linewidth": 0.9, "linestyle": (0, (1, 2))}
+        if weight:
+            axes.axline((length, integral), slope=-1 / weight, **style)
+        else:
+            axes.axvline(length, **style)
 
 
 def _draw_trade_offs(
-    axes: Axes, points: NDArray[np.float64], look: Look, sizes: Mapping[float, float]
+    axes: Axes,
+    points: NDArray[np.float64],
+    look: Look,
+    sizes: Mapping[float, float],
+    part: str,
 ) -> None:
     """A marker for each of (weight, length, integral), and a line through the weights' medians."""
     groups = {weight: points[points[:, 0] == weight, 1:] for weight in sizes}
     medians = [np.median(group, axis=0) for group in groups.values() if len(group)]
     if medians:
-        axes.plot(*np.transpose(medians), **look.line, linewidth=1.0)
+        axes.plot(*np.transpose(medians), **look.line, linewidth=1.0, gid=part)
     hollow: dict[str, Any] = {"markerfacecolor": "none", "markeredgewidth": 1.2}
     for weight, group in groups.items():
         style = {"color": COLOURS[look.colour], "markersize": sizes[weight], **hollow}
-        axes.plot(*group.T, MARKERS[look.marker], **style)
+        axes.plot(*group.T, MARKERS[look.marker], gid=part, **style)
 
 
 def progress_picture(curves: Mapping[str, Convergence], looks: Mapping[str, Look], alt: str) -> str:
@@ -143,14 +171,15 @@ def progress_picture(curves: Mapping[str, Convergence], looks: Mapping[str, Look
             low, middle, high = np.minimum(quartiles, 10 * top)
             line = looks[planner].line
             band = {"alpha": 0.2, "linewidth": 0, "color": line["color"]}
-            axes.fill_between(curve.times, low, high, step="post", **band)
-            axes.step(curve.times, middle, where="post", linewidth=1.8, **line)
+            part = filtered(list(looks).index(planner))
+            axes.fill_between(curve.times, low, high, step="post", gid=part, **band)
+            axes.step(curve.times, middle, where="post", linewidth=1.8, gid=part, **line)
         axes.set(xscale="log", ylim=(bottom - margin, top + margin))
         axes.set(xlabel="time since the search began [s]", ylabel="best J / baseline's J")
         _plain_decades(axes.xaxis)
         axes.grid()
 
-    return _svg(draw, 2.3, alt)
+    return svg_of(draw, 2.3, alt, list(looks))
 
 
 def _shown_until(curve: Convergence) -> float:
@@ -174,7 +203,8 @@ def paths_picture(
         widths = [2.2] if len(paths) == 1 else np.linspace(4.2, 1.5, len(paths)).tolist()
         for (planner, path), width in zip(paths.items(), widths, strict=True):
             outline = [Stroke(linewidth=width + 1.2, foreground="white"), Normal()]
-            draw_path(axes, path, **looks[planner].line, linewidth=width, path_effects=outline)
+            style = {"linewidth": width, "path_effects": outline, **looks[planner].line}
+            draw_path(axes, path, gid=filtered(list(looks).index(planner)), **style)
         draw_ends(axes, *ends)
         label = f"{scene.field.quantity().axis}, x and y [m]"
         bar = figure.colorbar(image, ax=axes, label=label, location="bottom", aspect=40, pad=0.04)
@@ -183,7 +213,7 @@ def paths_picture(
         width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
         figure.set_size_inches(WIDTH, min((WIDTH - 0.35) * height / width + 0.85, TALLEST))
 
-    return _svg(draw, TALLEST, alt)
+    return svg_of(draw, TALLEST, alt, list(looks))
 
 
 def _plain_decades(axis: Axis) -> None:
@@ -193,8 +223,18 @@ def _plain_decades(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _svg(draw: Callable[[Figure], None], height: float, alt: str) -> str:
-    """A picture with alternative text, colours of the page and unique identifiers, as SVG."""
+def filtered(planner: int) -> str:
+    """The `gid` of what is drawn of a planner, by its place; with it the page can be filtered."""
+    return f"planner-{planner}"
+
+
+def svg_of(
+    draw: Callable[[Figure], None], height: float, alt: str, planners: Sequence[str] = ()
+) -> str:
+    """A picture with alternative text, colours of the page and unique identifiers, as SVG.
+
+    Parts with the `gid` of `filtered` get the attribute data-planner.
+    """
     with mpl.rc_context(SETTINGS):
         figure = Picture(figsize=(WIDTH, height), layout="constrained")
         draw(figure)
@@ -206,4 +246,9 @@ def _svg(draw: Callable[[Figure], None], height: float, alt: str) -> str:
     svg = re.sub(r'(<[^>]* id="|url\(#|href="#)', rf"\g<1>{own}-", svg)
     for colour, name in THEME.items():
         svg = svg.replace(colour, f"var(--{name})")
+    svg = re.sub(
+        rf'(<g) id="{own}-{filtered(0)[:-1]}(\d+)"',
+        lambda found: f'{found[1]} data-planner="{escape(planners[int(found[2])], quote=True)}"',
+        svg,
+    )
     return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(alt, quote=True)}" ', 1)

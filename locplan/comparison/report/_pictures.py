@@ -2,40 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from locplan.comparison._convergence import Convergence, convergence
-from locplan.comparison._runs import MEASURES, Run
+from locplan.comparison._runs import MEASURES
 from locplan.comparison.report._data import Case, ReportData
 from locplan.comparison.report._figures import (
     MARKERS,
     Look,
+    integral_unit,
     marker_sizes,
     paths_picture,
     progress_picture,
     trade_off_picture,
 )
+from locplan.comparison.report._filters import of_case
 from locplan.comparison.report._html import Html, counted, element, html, picture
 from locplan.comparison.report._marks import legend, line, swatch
+from locplan.comparison.report._query_costs import query_costs
+from locplan.comparison.report._thumbnails import thumbnails, typical
 from locplan.costs import Path
 
 
 def trade_offs(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
-    """Length against the integral of e, with the exact front."""
+    """Length against degenerate metres with the exact front, and J of every query."""
     note = (
-        "Every run of one query: shorter to the left, safer below. Markers grow with the weight,"
-        " a line joins the medians of a planner's weights. The grey line is the Pareto front of"
-        " paths from cell to cell, exact unless the legend says otherwise; paths that leave its"
-        " eight directions can lie below it."
+        "Planners minimise J = length + weight × ∫u ds. The first picture of each map has every run"
+        " of one query: shorter to the left, less degenerate below. Markers grow with the weight,"
+        " a line joins the medians of a planner's weights. Along a dotted line J is that of"
+        f" {data.baseline}, at one weight; what lies to its left or below has less. The grey line"
+        " is the Pareto front of the grid, which is exact on the grid only: no path from cell to"
+        " cell over 8 neighbours is better in both. any-angle and the planners of OMPL leave these"
+        " eight directions, in which the same way is up to 8 % longer. So their runs may lie left"
+        " of the front and below it. The other pictures have the J of each query as a multiple of"
+        f" that of {data.baseline}, the median over seeds; an arrow at the edge stands for more."
     )
-    yield element("p", note, kind="muted")
+    yield element("p", note, kind="muted note")
     yield _gallery(
-        _trade_off(data, case, looks)
-        for case, scene in data.scenes.items()
-        if scene.front is not None and len(scene.front)
+        part
+        for case in data.cases
+        for part in (*_front(data, case, looks), *query_costs(data, case, looks))
     )
+
+
+def _front(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Iterator[Html]:
+    scene = data.scenes.get(case)
+    if scene is not None and scene.front is not None and len(scene.front):
+        yield _trade_off(data, case, looks)
 
 
 def _trade_off(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Html:
@@ -43,21 +58,23 @@ def _trade_off(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Html:
     front, query = scene.front, scene.front_query
     assert front is not None
     runs = [run for run in data.of_case(case) if run.task.query == query and run.measures]
-    what, unit = MEASURES[f"integrated_{front.objective}"][0], f"{scene.field.e_unit} m"
+    what, unit = MEASURES[f"integrated_{front.objective}"][0], integral_unit(scene)
     ends = [f"{front.length[n]:.1f} m and {front.integral[n]:.3g} {unit}" for n in (0, -1)]
     alt = f"Length against {what} on {_name(case, query)}. The front goes from {' to '.join(ends)}."
-    drawn, outside = trade_off_picture(scene, runs, looks, alt)
+    drawn, outside = trade_off_picture(scene, runs, looks, data.baseline, alt)
     caption = _name(case, query)
     if outside:
         caption += f"; {counted(outside, 'run')} too far out to show"
     used = {run.task.planner for run in runs}
     entries = [(line(look, marked=True), name) for name, look in looks.items() if name in used]
-    exact = "exact front" if front.epsilon == 0 else f"front within {front.epsilon:.2%}"
-    entries.append((swatch("muted"), f"{exact}, {counted(len(front), 'path')}"))
+    exact = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
+    entries.append((swatch("muted"), f"front of the grid, {exact}, {counted(len(front), 'path')}"))
+    if front.objective == "u" and data.baseline in used:
+        entries.append((swatch("muted", 2), f"J of {data.baseline}"))
     sizes = marker_sizes(sorted({run.task.weight for run in runs}))
     for weight, size in sizes.items():
         entries.append((swatch("muted", -1, MARKERS[0], size), f"weight {weight:g}"))
-    return picture(drawn, legend(entries), caption)
+    return picture(drawn, legend(entries), caption, **of_case(case))
 
 
 def over_time(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
@@ -67,7 +84,7 @@ def over_time(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
         " same query: the median over queries, of which each is the median over its seeds, and the"
         " interquartile band. A line begins when half of the queries have a path."
     )
-    yield element("p", note, kind="muted")
+    yield element("p", note, kind="muted note")
     yield _gallery(part for case in data.cases for part in _over_time(data, case, looks))
 
 
@@ -81,7 +98,9 @@ def _over_time(data: ReportData, case: Case, looks: Mapping[str, Look]) -> Itera
         alt = f"Best J over time as a multiple of that of {data.baseline}, {caption}: {courses}."
         entries = [(swatch("muted"), f"{data.baseline}, the baseline")]
         entries += [(line(looks[name]), name) for name in own]
-        yield picture(progress_picture(own, looks, alt), legend(entries), caption)
+        yield picture(
+            progress_picture(own, looks, alt), legend(entries), caption, **of_case(case, weight)
+        )
 
 
 def _course(curve: Convergence) -> str:
@@ -93,11 +112,18 @@ def paths(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
     """Paths over the map and its field."""
     note = (
         "The darker a place, the less a match there tells where the robot is. Lines that coincide"
-        " lie on one another, ever thinner. Of several seeds the path of median J is drawn."
+        " lie on one another, ever thinner. Of several seeds the path of median J is drawn. First"
+        " comes one query of each map with its scales, at the greatest weight, then every query:"
+        " circle and star are start and goal, and the numbers are J [m]."
     )
-    yield element("p", note, kind="muted")
-    asked = ((case, query) for case, scene in data.scenes.items() for query in scene.queries)
-    yield _gallery((_paths(data, *each, looks) for each in asked), "large")
+    yield element("p", note, kind="muted note")
+    asked = (
+        (case, query)
+        for case, scene in data.scenes.items()
+        if (query := scene.front_query or next(iter(scene.queries), ""))
+    )
+    yield _gallery((_paths(data, *each, looks) for each in asked), "wide")
+    yield from thumbnails(data, looks)
 
 
 def _paths(data: ReportData, case: Case, query: str, looks: Mapping[str, Look]) -> Html:
@@ -105,8 +131,8 @@ def _paths(data: ReportData, case: Case, query: str, looks: Mapping[str, Look]) 
     asked = [run for run in data.of_case(case) if run.task.query == query]
     weight = max((run.task.weight for run in asked), default=0.0)
     runs = [run for run in asked if run.task.weight == weight and run.xy]
-    typical = {name: _typical(runs, name) for name in looks}
-    drawn = {name: run for name, run in typical.items() if run is not None}
+    found = {name: typical(runs, name) for name in looks}
+    drawn = {name: run for name, run in found.items() if run is not None}
     caption = f"{_name(case, query)}, weight {weight:g}"
     lengths = {name: f"{name}, {run.measures['length']:.1f} m" for name, run in drawn.items()}
     scene = data.scenes[case]
@@ -121,13 +147,7 @@ def _paths(data: ReportData, case: Case, query: str, looks: Mapping[str, Look]) 
     missing = {run.task.planner for run in asked} - set(drawn)
     entries += [(html("–"), f"{name}: no path") for name in looks if name in missing]
     entries += [(swatch("ink", -1, "o"), "start"), (swatch("ink", -1, "*"), "goal")]
-    return picture(svg, legend(entries), caption, "map")
-
-
-def _typical(runs: Sequence[Run], planner: str) -> Run | None:
-    """The planner's run of median J."""
-    own = [run for run in runs if run.task.planner == planner]
-    return sorted(own, key=lambda run: run.measures["cost"])[(len(own) - 1) // 2] if own else None
+    return picture(svg, legend(entries), caption, "map", **of_case(case, weight))
 
 
 def _name(case: Case, query: str) -> str:

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 
 from locplan._util.files import replacing
 from locplan.comparison.report._data import ReportData
+from locplan.comparison.report._every_run import every_run
 from locplan.comparison.report._figures import looks_of
+from locplan.comparison.report._filters import filter_bar
 from locplan.comparison.report._html import Html, breakable, counted, element, page
 from locplan.comparison.report._marks import palette
 from locplan.comparison.report._pictures import over_time, paths, trade_offs
@@ -33,9 +35,10 @@ def _parts(data: ReportData) -> Iterator[Html]:
     looks = looks_of(data.planners)
     sections: dict[str, Iterator[Html]] = {
         "Results": results(data, looks),
-        "Length and uncertainty": trade_offs(data, looks),
+        "Trade-offs": trade_offs(data, looks),
         "Progress over time": over_time(data, looks),
         "Paths": paths(data, looks),
+        "Runs": every_run(data, looks),
         "Failures": failures(data),
         "Settings": _settings(data),
     }
@@ -45,6 +48,7 @@ def _parts(data: ReportData) -> Iterator[Html]:
     yield element("p", _extent(data), kind="muted")
     yield element("ul", *answers, kind="answers")
     yield element("nav", *links, aria_label="sections")
+    yield from filter_bar(data.runs, looks)
     for title, parts in sections.items():
         yield element("h2", title, id=_anchor(title))
         yield from parts

@@ -11,9 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from locplan.comparison._runs import MEASURES, Run
 from locplan.comparison.report._data import ReportData, Row
 from locplan.comparison.report._figures import Look
+from locplan.comparison.report._filters import of_case
 from locplan.comparison.report._html import (
     Cell,
     Html,
+    Line,
     breakable,
     counted,
     element,
@@ -41,20 +43,25 @@ def results(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
         " their interquartile ranges below. Bold: the least median J of the planners that solve"
         " most."
     )
-    yield element("p", note, kind="muted")
+    yield element("p", note, kind="muted note")
     measured = HEADS | {"integrated_e": f"{MEASURES['integrated_e'][0]} [{data.e_unit} m]"}
     heads = ["planner", "J / baseline's J", "solved", *(measured[name] for name in COLUMNS)]
     for case, in_case in itertools.groupby(data.rows, lambda row: (row["map"], row["config"])):
         name = ", ".join(case)
         tables = [
-            table(f"{name}, weight {weight:g}", heads, _rows(list(rows), data, looks))
+            table(
+                f"{name}, weight {weight:g}",
+                heads,
+                _rows(list(rows), data, looks),
+                **of_case(case, weight),
+            )
             for weight, rows in itertools.groupby(in_case, lambda row: row["weight"])
         ]
         title = element("summary", element("h3", name))
-        yield element("details", title, *tables, open="open")
+        yield element("details", title, *tables, open="open", **of_case(case))
 
 
-def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> Iterator[list[Cell]]:
+def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> Iterator[Line]:
     scale = Scale.of([(row["ratio_low"], row["ratio_high"]) for row in rows])
     most = max(row["solved_share"] for row in rows)
     least = min(_median(row, "cost") for row in rows if row["solved_share"] == most)
@@ -67,7 +74,8 @@ def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> I
             costs = dataclasses.replace(costs, kind="best")
         percent = f"{share:.0%}".replace("%", f"{NO_BREAK}%")
         solved = Cell(percent, share, "" if share == 1 else "few")
-        yield [Cell(name), _ratio_cell(row, data.baseline, scale), solved, costs, *others]
+        cells = [Cell(name), _ratio_cell(row, data.baseline, scale), solved, costs, *others]
+        yield Line(cells, {"data_planner": label})
 
 
 def _median(row: Row, measure: str) -> float:
@@ -80,7 +88,7 @@ def _measure_cell(row: Row, measure: str) -> Cell:
     if not math.isfinite(quartiles[0]):
         return Cell("–", math.nan)
     factor = 1000 if measure == "seconds" else 1
-    middle, low, high = (_number(factor * value) for value in quartiles)
+    middle, low, high = (number(factor * value) for value in quartiles)
     return Cell(joined([middle, element("small", f"{low} – {high}")]), quartiles[0])
 
 
@@ -95,7 +103,7 @@ def _ratio_cell(row: Row, baseline: str, scale: Scale) -> Cell:
     return Cell(joined([text, drawn, element("small", note)]), ratio, "ratio")
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
     """Text with four significant digits above 10, three above 1 and two below."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else "–"
@@ -127,17 +135,18 @@ def failures(data: ReportData) -> Iterator[Html]:
         yield element("p", f"And {len(groups) - MAX_GROUPS:,} kinds more.")
 
 
-def _failure_row(key: tuple[str, ...], runs: Sequence[Run]) -> list[Cell]:
+def _failure_row(key: tuple[str, ...], runs: Sequence[Run]) -> Line:
     status, planner, name, config, note = key
     which = [f"{r.task.query}, weight {r.task.weight:g}, seed {r.task.seed}" for r in runs[:3]]
     which += ["…"] if len(runs) > 3 else []
     longest = max(run.wall_seconds for run in runs)
-    return [
+    cells = [
         Cell(breakable(planner)),
         Cell(status),
         Cell(note or "–", kind="note"),
         Cell(str(len(runs)), float(len(runs))),
-        Cell(_number(longest), longest),
+        Cell(number(longest), longest),
         Cell(f"{name}, {config}"),
         Cell(Html("<br>".join(map(html, which)))),
     ]
+    return Line(cells, of_case((name, config)) | {"data_planner": planner, "data_status": status})
