@@ -134,6 +134,11 @@ def place_landmarks(
         If an argument is out of its range, a path leaves the free cells, the robot cannot be in the
         region, no object may stand anywhere, or an existing one is not in the map.
 
+    See Also
+    --------
+    locplan.landmarks.best_of_trials : Drives this placement and others, and keeps the best.
+    Landmarks.verify : Drives before, after, and with as many objects at random places.
+
     Examples
     --------
     >>> import locplan

@@ -86,7 +86,10 @@ def landmarks_table(
     ]
     if setting.region is not None:
         area = float(setting.region.sum()) * made.grid.resolution**2
-        after.append(f"region of {area:.0f} m2; {len(setting.routes)} routes across it are driven")
+        after.append(
+            f"the robot can be in {area:.0f} m2 of the region, and {len(setting.routes)} routes lead"
+            " across it"
+        )
     after += _driven_beside(made)
     after += _number_that_pays(made, verification)
     if made.existing:
