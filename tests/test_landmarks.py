@@ -469,6 +469,28 @@ def test_landmarks_leave_the_route_and_each_other_alone(placed):
     assert (placed.grid.cells == OCCUPIED).sum() > (placed.before.cells == OCCUPIED).sum()
 
 
+def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
+    yaw, lidar = 0.7, Lidar(range=3.0, field_of_view_deg=200.0, mount_x=0.2, mount_yaw_deg=17.0)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([(cos, sin), (-sin, cos)])  # rows times this are turned counter-clockwise
+    x, y = np.array(hallway.origin[:2]) @ turn
+    turned = dataclasses.replace(hallway, origin=(x, y, hallway.origin[2] + yaw))
+    given = {"amcl": PRODUCT, "lidar": lidar}
+    stands = np.array([(-3.0, 0.8, math.pi / 2)])
+    kind = Box(0.4, 0.2)
+    found = []
+    for grid, angle, frame in ((hallway, 0.0, np.eye(2)), (turned, yaw, turn)):
+        own = np.column_stack([stands[:, :2] @ frame, stands[:, 2] + angle])
+        drawn_in = with_objects(grid, kind, own)
+        route = {"middle": ROUTE["middle"] @ frame}
+        found.append(place_landmarks(drawn_in, kind, 2, paths=route, existing=own, **given))
+    plain, other = found
+    np.testing.assert_allclose(other.positions, plain.positions @ turn, atol=1e-6)
+    np.testing.assert_allclose(other.poses[:, 2], plain.poses[:, 2] + yaw, atol=1e-6)
+    np.testing.assert_allclose(other.curve, plain.curve, rtol=1e-4)
+    assert (other.grid.cells == plain.grid.cells).all()
+
+
 def test_what_two_close_together_is_refused_beside_the_first(hallway):
     route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
     made = place_landmarks(hallway, kind, 2, paths=route, amcl=PRODUCT, lidar=SHORT, margin=0.1)

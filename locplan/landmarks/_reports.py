@@ -86,10 +86,8 @@ def landmarks_table(
     ]
     if setting.region is not None:
         area = float(setting.region.sum()) * made.grid.resolution**2
-        after.append(
-            f"the robot can be in {area:.0f} m2 of the region, and {len(setting.routes)} routes lead"
-            " across it"
-        )
+        routes = f"{len(setting.routes)} routes lead across it"
+        after.append(f"the robot can be in {area:.0f} m2 of the region, and {routes}")
     after += _driven_beside(made)
     after += _number_that_pays(made, verification)
     if made.existing:
