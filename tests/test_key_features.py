@@ -456,6 +456,8 @@ def test_progress_ends_with_all(with_pole):
         ({"count": 0}, "count"),
         ({"count": 51}, "count"),
         ({"piece": 0.0}, "piece"),
+        ({"piece": 1000.0}, "piece"),
+        ({"gap": 50.0}, "gap"),
         ({"largest": -1.0}, "largest"),
         ({"gap": -0.1}, "gap"),
         ({"shift": math.nan}, "shift"),

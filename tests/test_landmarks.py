@@ -27,6 +27,7 @@ from locplan.field._surfaces import surface_normals
 from locplan.landmarks import _search, best_of_trials, landmarks_figure, with_objects
 from locplan.landmarks._candidates import (
     AT_WALL,
+    BEYOND,
     FREE_CLEARANCE,
     IN_PASSAGE,
     KEPT_OUT,
@@ -37,20 +38,22 @@ from locplan.landmarks._candidates import (
     free_standing,
     too_close,
 )
+from locplan.landmarks._empty_figures import panels
 from locplan.landmarks._existing import without_objects
 from locplan.landmarks._objectives import MeanDegeneracy
 from locplan.landmarks._objects import Shape, filled_cells, parsed_object
+from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._passages import Passages
 from locplan.landmarks._problem import cells_in
 from locplan.landmarks._region import poses_in, where_robot_is
 from locplan.landmarks._regular import regularity
-from locplan.landmarks._reports import to_geojson
+from locplan.landmarks._reports import landmarks_table, to_geojson
 from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import BESIDE_OTHERS, TOO_NEAR
-from locplan.landmarks._surroundings import hits_on, motion_of, swing_of, told_by
+from locplan.landmarks._surroundings import hits_on, motion_of, rays_at, swing_of, told_by
 from locplan.landmarks._trials import score
-from locplan.landmarks._verification import paths_on
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.landmarks._verification import Verification, paths_on
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances, Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
@@ -234,6 +237,40 @@ def test_each_refusal_has_its_reason():
         keep=0.3,
     )
     assert door.reasons == (IN_PASSAGE,)
+
+
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2, 0.6])
+def test_no_object_reaches_beyond_the_map_or_into_what_is_unknown(heading):
+    cells = np.full((40, 60), FREE, np.uint8)
+    cells[:, 40:] = UNKNOWN
+    grid = OccupancyGrid(cells, 0.1)
+    shape = Box(1.0, 0.4).shape
+    high = abs(math.sin(heading)) * 5 + abs(math.cos(heading)) * 2
+    wide = abs(math.cos(heading)) * 5 + abs(math.sin(heading)) * 2
+    places = [(high + 0.2, 20), (high - 0.2, 20), (20, wide + 0.2), (20, wide - 0.2), (20, 39)]
+    poses = np.array([(*at, heading) for at in places])
+    passages = Passages(grid, shape, 0.3, 0.0)
+    found = checked(poses, grid, shape, passages, routes=np.empty((0, 2)), keep=0.3)
+    assert found.poses.tolist() == poses[[0, 2]].tolist()
+    assert found.reasons == (BEYOND,) * 3
+
+
+def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
+    grid = open_floor()
+    lidar = Lidar(range=3.0, field_of_view_deg=300.0)
+    shape = Box(1.0, 0.1).shape
+    rays = rays_at(np.array([[6.0, 4.0, 0.0]]), shape, lidar, Amcl(), grid.resolution)
+    assert not rays.all_round
+    hits = hits_on(grid, rays)
+    before = hits.copy()
+    behind = 5.4, 4.0, math.pi / 2
+    kernels.add_object(hits, rays, kernels.Outline(*shape), *behind, np.zeros(1, bool))
+    met = np.flatnonzero(hits[0, :, 0] < before[0, :, 0])
+    assert met[0] == 0
+    assert met[-1] == rays.beams - 1
+    bearings = np.abs(rays.first[0] + met * rays.step)
+    assert bearings.min() == pytest.approx(math.pi - math.atan2(0.5, 0.55), abs=0.02)
+    assert (met < rays.beams / 2).sum() == (met > rays.beams / 2).sum()
 
 
 def test_boxes_are_apart_by_their_outlines():
@@ -432,6 +469,28 @@ def test_landmarks_leave_the_route_and_each_other_alone(placed):
     assert (placed.grid.cells == OCCUPIED).sum() > (placed.before.cells == OCCUPIED).sum()
 
 
+def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
+    yaw, lidar = 0.7, Lidar(range=3.0, field_of_view_deg=200.0, mount_x=0.2, mount_yaw_deg=17.0)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([(cos, sin), (-sin, cos)])  # rows times this are turned counter-clockwise
+    x, y = np.array(hallway.origin[:2]) @ turn
+    turned = dataclasses.replace(hallway, origin=(x, y, hallway.origin[2] + yaw))
+    given = {"amcl": PRODUCT, "lidar": lidar}
+    stands = np.array([(-3.0, 0.8, math.pi / 2)])
+    kind = Box(0.4, 0.2)
+    found = []
+    for grid, angle, frame in ((hallway, 0.0, np.eye(2)), (turned, yaw, turn)):
+        own = np.column_stack([stands[:, :2] @ frame, stands[:, 2] + angle])
+        drawn_in = with_objects(grid, kind, own)
+        route = {"middle": ROUTE["middle"] @ frame}
+        found.append(place_landmarks(drawn_in, kind, 2, paths=route, existing=own, **given))
+    plain, other = found
+    np.testing.assert_allclose(other.positions, plain.positions @ turn, atol=1e-6)
+    np.testing.assert_allclose(other.poses[:, 2], plain.poses[:, 2] + yaw, atol=1e-6)
+    np.testing.assert_allclose(other.curve, plain.curve, rtol=1e-4)
+    assert (other.grid.cells == plain.grid.cells).all()
+
+
 def test_what_two_close_together_is_refused_beside_the_first(hallway):
     route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
     made = place_landmarks(hallway, kind, 2, paths=route, amcl=PRODUCT, lidar=SHORT, margin=0.1)
@@ -510,6 +569,13 @@ def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
         ({"margin": -1}, "margin"),
         ({"spacing": 0}, "spacing"),
         ({"existing": [(1,)]}, "existing"),
+        ({"existing": [(3.0, 0.5)]}, "no pole of 0.2 m is drawn in the map at 3,0.5"),
+        ({"existing": [(90.0, 0.5)]}, "no pole of 0.2 m is drawn in the map at 90,0.5"),
+        ({"existing": [(3.0, 1.2), (3.0, 1.25)]}, "two existing objects are given at one place"),
+        ({"keep_out": [(0, 0, 1, 1), (0, 0, 1)]}, "keep_out must be a mask"),
+        ({"keep_out": [(0, 0, 1, math.nan)]}, "keep_out must be a mask"),
+        ({"lidar": 0}, "lidar"),
+        ({"amcl": {}}, "amcl"),
         ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
         ({"paths": {}}, "at least one"),
     ],
@@ -542,7 +608,39 @@ def test_where_nothing_is_lost_there_is_nothing_to_gain():
     made = place_landmarks(grid, Pole(0.2), 1, paths=route)
     driven = made.verify(4, random_sets=1)
     assert driven.nothing_to_gain
-    assert driven.verdict.startswith("nothing to gain: 0% of the drives are lost")
+    assert driven.verdict.startswith("nothing to gain: no drive was lost to begin with; error 0.")
+
+
+def driven_with(lost: float, error: float, count: int = 40) -> Outcome:
+    """Drives of which a share is lost at the last pose, and all err about as much."""
+    errors = np.zeros((count, 50, 3))
+    errors[:, :, 0] = error * np.linspace(0.9, 1.1, count)[:, None]
+    errors[: round(lost * count), -1, 0] = 1.5
+    return Outcome((Drives(np.zeros((50, 3)), errors),))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "verdict"),
+    [
+        ((0.5, 0.3), (0.1, 0.3), "they help: 50% of the drives lost before, 10% after"),
+        (
+            (0.0, 0.15),
+            (0.0, 0.04),
+            "they help: no drive was lost to begin with; error 0.15",
+        ),
+        ((0.0, 0.15), (0.0, 0.14), "nothing to gain: no drive was lost to begin with"),
+        ((0.0, 0.04), (0.0, 0.15), "they hurt: no drive was lost to begin with"),
+        ((0.0, 0.15), (0.1, 0.04), "not shown to help: 0% of the drives lost before, 10% after"),
+        ((0.1, 0.3), (0.5, 0.3), "they hurt: 10% of the drives lost before, 50% after"),
+        ((0.5, 0.3), (0.4, 0.3), "not shown to help"),
+    ],
+)
+def test_the_verdict_looks_at_lost_drives_and_at_the_error(before, after, verdict):
+    driven = Verification(driven_with(*before), driven_with(*after), None, {}, {}, 1)
+    assert driven.verdict.startswith(verdict)
+    assert driven.helps == verdict.startswith("they help")
+    assert driven.hurts == verdict.startswith("they hurt")
+    assert driven.nothing_to_gain == verdict.startswith("nothing to gain")
 
 
 def test_trials_keep_a_placement_of_as_many(placed):
@@ -789,6 +887,34 @@ def test_the_figure_is_drawn(placed, verification, tmp_path):
         assert file.stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(("rows", "cols"), [(20, 200), (90, 100), (100, 100), (200, 60), (300, 20)])
+@pytest.mark.parametrize("maps", [1, 2])
+def test_maps_fill_their_part_of_a_figure(rows, cols, maps):
+    grid = open_floor(rows, cols)
+    figure, _, axes, plots = panels(grid, ["title"], maps, 3)
+    for own in axes:
+        own.imshow(grid.cells)
+    assert figure.get_figwidth() < 14
+    figure.draw_without_rendering()
+    inches = [own.get_window_extent().size / figure.dpi for own in axes]
+    beside = plots[0].get_window_extent().x0 > axes[0].get_window_extent().x1
+    assert beside == (rows > 1.5 * cols * maps)
+    side_by_side = maps == 2 and rows > 0.9 * cols
+    used = sum(size[0] for size in inches) if side_by_side else inches[0][0]
+    width = figure.get_figwidth() - (4.6 if beside else 0.0)
+    assert width - used < 3.0 or used > 0.6 * width
+
+
+def test_the_table_tells_how_many_landmarks_pay(placed, verification):
+    few = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
+    assert "from number 3 on each lowers it by less than 5%: 2 may do" in landmarks_table(few, None)
+    none = dataclasses.replace(placed, curve=np.array([1.0, 0.98, 0.96, 0.94]))
+    assert "each lowers it by less than 5%: drive them to know" in landmarks_table(none, None)
+    assert "5%: whether they help is what the drives say" in landmarks_table(none, verification)
+    all_pay = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.1]))
+    assert "less than 5%" not in landmarks_table(all_pay, None)
+
+
 def test_geojson_has_outlines_with_sizes(placed):
     made = to_geojson(placed)
     assert [each["properties"]["number"] for each in made["features"]] == [1, 2, 3]
@@ -841,7 +967,8 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     }
 
 
-def test_the_command_takes_places_and_existing_objects(run, map_file, tmp_path):
+def test_the_command_takes_places_and_existing_objects(run, map_file, hallway, tmp_path):
+    save_map(with_objects(hallway, Pole(0.2), [(-6, 0.9)]), map_file)
     (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
     given = ["--places", tmp_path / "places.csv", "--existing", "-6,0.9,10", "--drives", 0]
     code, said, err = run("landmarks", map_file, *given, "--count", 1, "--range", 3, "--json")

@@ -146,8 +146,11 @@ def meeting(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[i
     begin, end = int(np.ceil(middle - half - 1e-6)), int(np.floor(middle + half + 1e-6))
     if rays.all_round:
         return begin, min(end - begin + 1, rays.beams)
+    from_behind = int(np.floor(middle + half + 1e-6 - turn))
+    if begin < rays.beams <= end and from_behind >= 0:
+        return 0, rays.beams  # it reaches into the view at both ends
     if begin >= rays.beams:  # it may still reach over the first ray from behind
-        begin, end = 0, int(np.floor(middle + half + 1e-6 - turn))
+        begin, end = 0, from_behind
     end = min(end, rays.beams - 1)
     return begin, max(end - begin + 1, 0)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import shutil
+import textwrap
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,6 +16,9 @@ from numpy.typing import NDArray
 from locplan._util.files import replacing
 
 T = TypeVar("T")
+
+TEXT_WIDTH = 105
+"""Greatest width of text beside tables [characters]."""
 
 
 def write_csv(target: Path, values: NDArray[np.float64], header: str, number: str = "%.6f") -> None:
@@ -53,6 +58,12 @@ def table(
     with console.capture() as capture:
         console.print(grid)
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
+
+
+def wrapped(lines: Sequence[str]) -> list[str]:
+    """Lines broken where they are wider than the terminal, or than text is easy to read."""
+    width = min(shutil.get_terminal_size((TEXT_WIDTH, 24)).columns, TEXT_WIDTH)
+    return [part for line in lines for part in textwrap.wrap(line, width)]
 
 
 def in_bytes(size: float) -> str:

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from locplan.cli._groups import (
     COSTS,
     GENERAL,
-    INPUT,
     Count,
     Force,
     Json,
     MapFile,
-    Text,
     command,
     option_group,
     results,
 )
-from locplan.cli._landmarks import LidarOptions
 from locplan.cli._options import RobotRadius, Threads, radius_of
+from locplan.cli._route_options import LidarOptions, RouteOptions
 from locplan.cli._simulation_options import SimulationOptions
-from locplan.cli._values import load, read_paths, show, two_numbers
-from locplan.errors import ConfigError
+from locplan.cli._values import load, show
 
 app = command(
     "features",
@@ -35,16 +32,8 @@ app = command(
 
 @option_group(GENERAL)
 class Taking:
-    """The routes, and what counts as a feature."""
+    """What counts as a feature, and how many are taken away."""
 
-    start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The robot drives the shortest path from here [m]."""
-    goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The shortest path leads here [m]."""
-    path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """The robot drives this path (x_m,y_m); repeatable."""
-    places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
-    """The robot drives between all places in this file (name,x,y)."""
     count: Count = 3
     """So many features are taken away together, 3 by default."""
     piece: float = 1.0
@@ -64,6 +53,7 @@ def features(
     map_file: MapFile,
     /,
     *,
+    routes: RouteOptions = RouteOptions(),
     taking: Taking = Taking(),
     simulation: SimulationOptions = SimulationOptions(),
     robot_radius: Annotated[RobotRadius, Parameter(group=COSTS)] = None,
@@ -84,31 +74,19 @@ def features(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.landmarks import _feature_reports as reports
-    from locplan.planners import read_stations
     from locplan.simulation._drives import check_drives
 
-    start, goal, drives = taking.start, taking.goal, taking.drives
-    asked = bool(taking.path), bool(start or goal), taking.places is not None
-    if asked.count(True) != 1 or bool(start) != bool(goal):
-        raise ConfigError("give one of --path, --start with --goal, and --places")
+    drives, ways = taking.drives, routes.given()
     if drives:
         check_drives(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
     grid = load(map_file)
-    routes: dict[str, Any]
-    if taking.path:
-        routes = {"paths": read_paths(taking.path)}
-    elif taking.places:
-        routes = {"places": {s.name: (s.x, s.y) for s in read_stations(taking.places)}}
-    else:
-        ends = two_numbers("start", start or ""), two_numbers("goal", goal or "")
-        routes = {"places": {"start": ends[0], "goal": ends[1]}}
     folder = reports.FEATURES.into(output, force=force) if output else None
     with progress_bar("taking features away", "features") as progress:
         found = core.key_features(
             grid,
-            **routes,
+            **ways,
             lidar=lidar,
             **robot,
             robot_radius=radius_of(robot_radius),

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from locplan.cli._groups import (
     COSTS,
-    FIELD,
     GENERAL,
-    INPUT,
     Count,
     Force,
     Json,
     MapFile,
-    Text,
     command,
     option_group,
     results,
 )
 from locplan.cli._options import RobotRadius, Threads, radius_of
+from locplan.cli._route_options import LidarOptions, RouteOptions
 from locplan.cli._simulation_options import SimulationOptions
-from locplan.cli._values import load, numbers, position, read_paths, show, two_numbers
-from locplan.errors import ConfigError
-from locplan.field._lidar_presets import PRESETS
-
-if TYPE_CHECKING:
-    from locplan.field import Lidar
+from locplan.cli._values import load, numbers, position, show
 
 app = command(
     "landmarks",
@@ -40,20 +33,12 @@ app = command(
 
 @option_group(GENERAL)
 class Placing:
-    """The objects, the routes or the region that they serve, and where they may stand."""
+    """The objects, the region that they serve if it is no route, and where they may stand."""
 
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2"
     """They are poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH) [m]; pole:0.2 by default."""
     count: Annotated[int, Parameter()] = 6
     """So many are placed at most, 6 by default."""
-    start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The robot drives the shortest path from here [m]."""
-    goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The shortest path leads here [m]."""
-    path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """The robot drives this path (x_m,y_m); repeatable."""
-    places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
-    """The robot drives between all places in this file (name,x,y)."""
     region: Annotated[
         tuple[str, ...], Parameter(metavar="X0,Y0,X1,Y1", allow_leading_hyphen=True)
     ] = ()
@@ -80,32 +65,12 @@ class Placing:
     default, and 1 without drives. Along routes the first two are by the two objectives."""
 
 
-@option_group(FIELD)
-class LidarOptions:
-    """The lidar."""
-
-    lidar: Annotated[str | None, Parameter(choices=tuple(PRESETS))] = None
-    """The lidar, or the robot that carries it, is one of these; one of 6 m by default."""
-    range: float | None = None
-    """The lidar's range [m] is that of its data sheet, or 6 by default where none is named."""
-    field_of_view: float | None = None
-    """The lidar's field of view [deg] is that of its data sheet, or 360 where none is named."""
-
-    def named(self) -> Lidar:
-        """The lidar that was named, or a short one, with its own range and view where given."""
-        from locplan.cli._options import _changed
-        from locplan.field import Lidar
-        from locplan.simulation._settings import SHORT_LIDAR
-
-        lidar = Lidar.preset(self.lidar) if self.lidar else SHORT_LIDAR
-        return _changed(lidar, self.range, self.field_of_view)
-
-
 @app.default
 def landmarks(
     map_file: MapFile,
     /,
     *,
+    routes: RouteOptions = RouteOptions(),
     placing: Placing = Placing(),
     simulation: SimulationOptions = SimulationOptions(),
     robot_radius: Annotated[RobotRadius, Parameter(group=COSTS)] = None,
@@ -133,39 +98,28 @@ def landmarks(
     from locplan.landmarks import _reports as reports
     from locplan.landmarks._objects import parsed_object
     from locplan.landmarks._trials import TRIALS, best_of_trials
-    from locplan.planners import read_stations
     from locplan.simulation._drives import check_drives
 
-    start, goal, drives = placing.start, placing.goal, placing.drives
-    asked = bool(placing.path), bool(start or goal), bool(placing.places), bool(placing.region)
-    if asked.count(True) != 1 or bool(start) != bool(goal):
-        raise ConfigError("give one of --path, --start with --goal, --places, and --region")
+    drives = placing.drives
+    driven = routes.given(region=placing.region)
     kind = parsed_object(placing.object)
     if drives:
         check_drives(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
     existing = [position("existing", text) for text in placing.existing]
-    region = [numbers("region", text, 4) for text in placing.region if text != "all"]
     keep_out = [numbers("keep-out", text, 4) for text in placing.keep_out]
+    region = [numbers("region", text, 4) for text in placing.region if text != "all"]
     grid = load(map_file)
-    routes: dict[str, Any]
-    if placing.path:
-        routes = {"paths": read_paths(placing.path)}
-    elif placing.region:
-        routes = {"region": np.ones(grid.shape, bool) if "all" in placing.region else region}
-    elif placing.places:
-        routes = {"places": {s.name: (s.x, s.y) for s in read_stations(placing.places)}}
-    else:
-        ends = two_numbers("start", start or ""), two_numbers("goal", goal or "")
-        routes = {"places": {"start": ends[0], "goal": ends[1]}}
+    if placing.region:
+        driven = {"region": np.ones(grid.shape, bool) if "all" in placing.region else region}
     folder = reports.LANDMARKS.into(output, force=force) if output else None
     with progress_bar("placing landmarks", "steps") as progress:
         made = core.place_landmarks(
             grid,
             kind,
             placing.count,
-            **routes,
+            **driven,
             lidar=lidar,
             **robot,
             robot_radius=radius_of(robot_radius),

@@ -10,9 +10,10 @@ from ._objects import (
     Pole as Pole,
     with_objects as with_objects,
 )
+from ._outcomes import Outcome as Outcome
 from ._place import place_landmarks as place_landmarks
 from ._regular import Regularity as Regularity
 from ._rows import Shift as Shift
 from ._setting import Setting as Setting
 from ._trials import best_of_trials as best_of_trials
-from ._verification import Outcome as Outcome, Verification as Verification
+from ._verification import Verification as Verification

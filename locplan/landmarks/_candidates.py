@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from locplan.costs import Path
 from locplan.landmarks._objects import Shape, filled_cells
 from locplan.landmarks._passages import Passages
-from locplan.maps import OccupancyGrid
+from locplan.maps import UNKNOWN, OccupancyGrid
 
 WALL_GAP = 0.05
 """Least distance of an object from a wall [m]."""
@@ -32,6 +32,7 @@ Where: TypeAlias = Literal["walls", "free", "both"]
 """Kinds of places that are tried."""
 WHERE = ("walls", "free", "both")
 AT_WALL = "less than 5 cm from a wall or another object"
+BEYOND = "reaches beyond the map or into what is unknown"
 KEPT_OUT = "in an area that is kept out"
 ON_ROUTE = "in the way of a route"
 IN_PASSAGE = "cuts a passage for the robot"
@@ -189,13 +190,15 @@ def checked(
     from scipy.spatial import cKDTree
 
     least = WALL_GAP + grid.resolution / 2 - 1e-9
-    taken = ~grid.free | (grid.clearance < least)
+    unknown, taken = grid.cells == UNKNOWN, grid.clearance < least
     tree = cKDTree(routes) if len(routes) else None
     kept, refused, reasons = [], [], []
     for row, col, heading in places:
         cells = filled_cells(shape, row, col, heading, grid.resolution, grid.shape)
         reason = ""
-        if cells[0].size == 0 or taken[cells].any():
+        if _beyond(shape, (row, col, heading), grid) or unknown[cells].any():
+            reason = BEYOND
+        elif taken[cells].any():
             reason = AT_WALL
         elif keep_out is not None and keep_out[cells].any():
             reason = KEPT_OUT
@@ -215,6 +218,19 @@ def checked(
     return Candidates(
         np.array(kept).reshape(-1, 3), np.array(refused).reshape(-1, 3), tuple(reasons)
     )
+
+
+def _beyond(shape: Shape, pose: tuple[float, float, float], grid: OccupancyGrid) -> bool:
+    """Whether an object at a pose [cells, cells, rad] reaches beyond the map."""
+    row, col, heading = pose
+    high = wide = shape.half_length
+    if not shape.is_round:
+        cos, sin = abs(math.cos(heading)), abs(math.sin(heading))
+        wide = cos * shape.half_length + sin * shape.half_width
+        high = sin * shape.half_length + cos * shape.half_width
+    high, wide = high / grid.resolution - 1e-6, wide / grid.resolution - 1e-6
+    rows, cols = grid.shape
+    return not (high <= row <= rows - high and wide <= col <= cols - wide)
 
 
 def too_close(

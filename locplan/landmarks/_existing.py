@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan.errors import ConfigError
 from locplan.landmarks._objects import LandmarkObject, Shape, filled_cells, on_grid
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 
@@ -28,10 +29,21 @@ def without_objects(
     An object is sought up to a cell from its pose, where the least of it is free. Cells stay that
     a straight wall holds, which goes on at both sides of the object. Of the cells around it, only
     those go that hang together with nothing else: a wall that it touches stays.
+
+    Raises
+    ------
+    ConfigError
+        If nothing is drawn where an object should be, or two are given at one place.
     """
+    _check_apart(kind, poses)
     cells, occupied = grid.cells.copy(), grid.cells == OCCUPIED
-    for row, col, heading in on_grid(grid, poses):
+    for (x, y, _), (row, col, heading) in zip(poses.tolist(), on_grid(grid, poses), strict=True):
         rows, cols = _drawn_cells(grid, kind.shape, row, col, heading)
+        if not rows.size:
+            raise ConfigError(
+                f"no {kind.title} is drawn in the map at {x:g},{y:g}; an existing object must be"
+                " there, within a cell"
+            )
         reach = kind.shape.reach / grid.resolution + BEYOND
         own = [
             not _in_wall(occupied, i, j, (row, col), reach)
@@ -41,6 +53,16 @@ def without_objects(
         cells[at] = FREE
         cells[_rim(cells, at)] = FREE
     return dataclasses.replace(grid, cells=cells)
+
+
+def _check_apart(kind: LandmarkObject, poses: NDArray[np.float64]) -> None:
+    """Raise a ConfigError if two objects are given whose middles lie in each other."""
+    for (x, y, _), (other_x, other_y, _) in combinations(poses.tolist(), 2):
+        if math.hypot(x - other_x, y - other_y) < kind.shape.half_width:
+            raise ConfigError(
+                f"two existing objects are given at one place, {x:g},{y:g} and"
+                f" {other_x:g},{other_y:g}; leave one out"
+            )
 
 
 def _drawn_cells(

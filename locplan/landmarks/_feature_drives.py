@@ -13,7 +13,7 @@ from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Path
 from locplan.field import Lidar
-from locplan.landmarks._verification import Outcome
+from locplan.landmarks._outcomes import Outcome
 from locplan.maps import FREE, OccupancyGrid
 from locplan.simulation import Amcl, Disturbances, Drives, Simulator
 from locplan.simulation._drives import check_drives
@@ -48,15 +48,16 @@ class FeatureDrives:
 
     @property
     def hurts(self) -> bool:
-        """Whether more drives are lost without, or all err more, with intervals that part."""
-        lost = self.without.lost_rate.low > self.before.lost_rate.high
-        return lost or self.without.rmse.low > self.before.rmse.high
+        """Whether more drives are lost without, or as many with clearly more error.
+
+        The intervals do not touch, and the error rises by a tenth or more.
+        """
+        return self.before.better_than(self.without)
 
     @property
     def helps(self) -> bool:
-        """Whether no more are lost without, and all err less, with intervals that part."""
-        lost = self.without.lost_rate.value <= self.before.lost_rate.value
-        return lost and self.without.rmse.high < self.before.rmse.low
+        """Whether fewer are lost without, or as few with clearly less error."""
+        return self.without.better_than(self.before)
 
     @property
     def verdict(self) -> str:

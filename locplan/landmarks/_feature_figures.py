@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from locplan.landmarks._empty_figures import panels
 from locplan.landmarks._feature_drives import FeatureDrives
 from locplan.landmarks._features import MATTERS_M, Feature, KeyFeatures
 from locplan.landmarks._figures import MIN_ERROR, _plainly
 from locplan.maps import OccupancyGrid
 from locplan.plotting._cells import DRAWN, draw_cells, shrunk
-from locplan.plotting._maps import draw_ends, draw_map, draw_path, map_size
-from locplan.plotting._picture import Picture
+from locplan.plotting._maps import draw_ends, draw_map, draw_path
 from locplan.plotting._views import around
 from locplan.simulation._drives import LOST
 
@@ -33,8 +32,6 @@ PALE = ListedColormap(["0.72", "0.92", "white"])
 ALL, FIRST, FEW = "black", "#d55e00", "#0072b2"
 NUMBERED = 8
 """Greatest number of features with their number beside them."""
-WIDTH = 9.5
-"""Least width of the figure [inch]."""
 MARK = 9.0
 """Least area of the mark of a cell that loses something [points^2]."""
 
@@ -50,19 +47,10 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
         Drives; with them their mean error along the first route is drawn, too.
     """
     grid = around(found.grid, list(found.routes.values()))
-    width, height = map_size(grid)
-    if width < WIDTH:
-        height = min(height * WIDTH / width, 8.0)
-    width = max(width, WIDTH)
-    figure = Picture(figsize=(width, height + 3.8), layout="constrained")
     said = [f"{found.grid.name or 'map'}: {found.verdict}"]
     said.append(drives.verdict if drives else "not verified by drives")
     said.append(f"with {found.amcl.title}; {found.lidar.title}")
-    letters = int(11 * width)
-    lines = [part for line in said for part in textwrap.wrap(line, letters)]
-    figure.suptitle("\n".join(lines), fontsize="medium")
-    parts: Any = figure.subfigures(2, height_ratios=(height, 2.9))
-    axes = parts[0].subplots()
+    figure, part, (axes,), plots = panels(grid, said, 1, 2)
     draw_map(axes, grid)
     axes.images[-1].remove()
     draw_cells(axes, grid, shrunk(grid.cells) // 127, cmap=PALE, vmin=0, vmax=2)
@@ -70,13 +58,13 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
         draw_path(axes, path, color="0.35", linewidth=1.5)
         draw_ends(axes, path.xy[0], path.xy[-1])
     if found.features:
-        _draw_losses(parts[0], axes, found, grid)
-    lower = parts[1].subplots(1, 2)
-    _draw_profiles(lower[0], found)
+        axes.set_autoscale_on(False)  # features may lie beyond what is drawn
+        _draw_losses(part, axes, found, grid)
+    _draw_profiles(plots[0], found)
     if drives:
-        _draw_errors(lower[1], found, drives)
+        _draw_errors(plots[1], found, drives)
     else:
-        _draw_curve(lower[1], found)
+        _draw_curve(plots[1], found)
     return figure
 
 

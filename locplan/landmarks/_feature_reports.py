@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from locplan._util.results import ResultFolder, Results
-from locplan._util.tables import table
+from locplan._util.tables import table, wrapped
 from locplan.landmarks._feature_drives import FeatureDrives
 from locplan.landmarks._features import Feature, KeyFeatures
-from locplan.landmarks._verification import Outcome
-from locplan.simulation._formats import in_percent, with_unit
+from locplan.landmarks._outcomes import (
+    COLUMNS as OUTCOMES,
+    Named,
+    outcomes_rows,
+    outcomes_table,
+)
 from locplan.simulation._settings import differing
 from locplan.simulation._writing import write_json, write_rows
 
@@ -35,18 +37,10 @@ COLUMNS = (
     *("matters", "together"),
 )
 """Names of the columns of features.csv; together says which of the few it is, or nothing."""
-DRIVEN = (
-    "features",
-    "drives",
-    *("lost_rate", "lost_rate_low", "lost_rate_high"),
-    *("rmse_m", "rmse_low_m", "rmse_high_m"),
-    "kept_rmse_m",
-)
+DRIVEN = ("features", *OUTCOMES)
 """Names of the columns of verification.csv."""
 LISTED = 10
 """Number of features in the table for people."""
-WIDTH = 105
-"""Usual width of the text [characters]."""
 
 
 def features_table(
@@ -60,13 +54,7 @@ def features_table(
     lines = [found.verdict]
     driven = ""
     if drives:
-        rows = [
-            [name, str(each.number), in_percent(each.lost_rate), with_unit(each.rmse, "m"),
-             with_unit(each.kept_rmse, "m")]
-            for name, each in _outcomes(drives)
-        ]  # fmt: skip
-        heads = ["in the world", "drives", "lost (> 1 m) [95 %]", "error, all drives", "not lost"]
-        driven = table(heads, rows) + "\n"
+        driven = outcomes_table("in the world", _outcomes(drives)) + "\n"
         lines.append(drives.verdict)
     else:
         lines.append("not verified: nothing was driven")
@@ -93,9 +81,9 @@ def features_table(
         )
         after.append(f"expected deviation as they go one after the other: without {steps}")
     rows = [_row(each) for each in shown]
-    parts = [driven + "\n".join(_wrapped(lines))]
+    parts = [driven + "\n".join(wrapped(lines))]
     if rows:
-        parts += [table(heads, rows), "\n".join(_wrapped(after))]
+        parts += [table(heads, rows), "\n".join(wrapped(after))]
     return "\n".join(parts)
 
 
@@ -111,12 +99,7 @@ def _row(each: Feature) -> list[str]:
     ]
 
 
-def _wrapped(lines: Sequence[str]) -> list[str]:
-    width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDTH)
-    return [part for line in lines for part in textwrap.wrap(line, width)]
-
-
-def _outcomes(drives: FeatureDrives) -> list[tuple[str, Outcome]]:
+def _outcomes(drives: FeatureDrives) -> Named:
     named = [("all features", drives.before)]
     named += [(f"without {number}", each) for number, each in drives.alone.items()]
     named.append((f"without the {drives.count}", drives.without))
@@ -202,10 +185,7 @@ def write_features(
             write_rows(
                 folder / "verification.csv",
                 DRIVEN,
-                (
-                    [name, each.number, *each.lost_rate, *each.rmse, each.kept_rmse.value]
-                    for name, each in _outcomes(drives)
-                ),
+                outcomes_rows(_outcomes(drives)),
             )
         written = sorted(file.name for file in folder.iterdir())
     return [results.folder / name for name in written]

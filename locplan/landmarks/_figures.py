@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
+from locplan.landmarks._empty_figures import panels
 from locplan.landmarks._landmarks import PAYS, Landmarks
 from locplan.landmarks._objects import outline_of
 from locplan.landmarks._verification import Verification
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import draw_ends, draw_map, draw_path, map_size
-from locplan.plotting._picture import Picture
+from locplan.plotting._maps import draw_ends, draw_map, draw_path
 from locplan.plotting._views import around
 from locplan.simulation import Drives
 from locplan.simulation._drives import LOST
@@ -30,10 +29,6 @@ ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
 BEFORE, AFTER, MARK, REGION = "#0072b2", "#d55e00", "#d55e00", "#56b4e9"
-WIDTH = 11.0
-"""Least width of the figure [inch]."""
-STACKED = 1.2
-"""Ratio of a map's width to its height from which on the maps stand above each other."""
 
 
 def landmarks_figure(made: Landmarks, verification: Verification | None = None) -> Figure:
@@ -47,28 +42,16 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
         Drives; with them the routes are coloured by the mean position error there.
     """
     grids = [around(grid, list(made.setting.routes.values())) for grid in (made.before, made.grid)]
-    width, height = map_size(grids[0])
-    stacked = width > STACKED * height
-    if not stacked:
-        height = height * WIDTH / (2 * width)
-    width = max(width, WIDTH)
-    maps = 2 * height if stacked else height
-    figure = Picture(figsize=(width, maps + 3.6), layout="constrained")
     title = f"{made.before.name or 'map'}: {len(made)} x {made.setting.kind.title}"
-    said = [title, verification.verdict] if verification else [title, "not verified by drives"]
+    said = [title, verification.verdict if verification else "not verified by drives"]
     said.append(f"with {made.setting.amcl.title}; {made.setting.lidar.title}")
-    letters = int(11 * width)
-    lines = [part for line in said for part in textwrap.wrap(line, letters)]
-    figure.suptitle("\n".join(lines), fontsize="medium")
-    parts: Any = figure.subfigures(2, height_ratios=(maps, 2.8))
-    upper: Any = parts[0].subplots(*((2, 1) if stacked else (1, 2)), sharex=True, sharey=True)
-    lower: Any = parts[1].subplots(1, 3 if verification else 1, squeeze=False)[0]
+    figure, part, maps, plots = panels(grids[0], said, 2, 3 if verification else 1)
     profiles = list(verification.profiles.values()) if verification else []
-    _draw_maps(parts[0], upper, grids, made, profiles)
-    _draw_gains(lower[0], made)
+    _draw_maps(part, maps, grids, made, profiles)
+    _draw_gains(plots[0], made)
     if verification:
-        _draw_errors(lower[1], verification)
-        _draw_matches(lower[2], verification)
+        _draw_errors(plots[1], verification)
+        _draw_matches(plots[2], verification)
     return figure
 
 

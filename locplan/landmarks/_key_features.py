@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, number, positive, whole
+from locplan._util.checks import number, positive, whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Path
 from locplan.errors import ConfigError
@@ -17,11 +17,10 @@ from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._features import Feature, KeyFeatures
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._pieces import pieces_of
-from locplan.landmarks._problem import routes_of
+from locplan.landmarks._problem import robot_of, routes_of
 from locplan.landmarks._surroundings import lines_along, step_of, surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.simulation import Amcl, Disturbances
-from locplan.simulation._settings import SHORT_LIDAR
 
 COUNT = 3
 """Default number of features that are taken away together."""
@@ -32,6 +31,8 @@ LARGEST = 4.0
 """Default greatest extent of an object [m]."""
 GAP = 0.1
 """Default greatest gap between the parts of one object [m]."""
+GREATEST_PIECE, GREATEST_GAP = 20.0, 2.0
+"""Greatest length of a piece of wall, and of a gap: searches of their size take long [m]."""
 SHIFT = 0.3
 """Default distance by which a feature is thought to be moved [m]."""
 ACROSS = 2
@@ -77,11 +78,13 @@ def key_features(
         Number of features that are taken away together, 1 to 50: the worst one, then the worst
         beside it, and so on, since features that stand in for each other hide their loss.
     piece : float
-        Length of the pieces that walls are divided into, about their corners and ends [m].
+        Length of the pieces that walls are divided into, about their corners and ends, up to
+        20 [m].
     largest : float
         Greatest extent of what counts as one object [m]; what hangs together farther is a wall.
     gap : float
         Greatest gap between the parts of one object [m]; outlines on maps are often broken.
+        It is at most 2 m.
     shift : float
         Distance for `Feature.error` by which a feature has been moved in the world [m].
     progress : callable, optional
@@ -117,16 +120,12 @@ def key_features(
     """
     check_grid(grid)
     number("robot_radius", robot_radius, 0.0)
-    number("gap", gap, 0.0)
+    number("gap", gap, 0.0, GREATEST_GAP)
+    number("piece", piece, 0.0, GREATEST_PIECE)
     whole("count", count, 1, MAX_COUNT)
     for name, value in (("piece", piece), ("largest", largest), ("shift", shift)):
         positive(name, value, "m")
-    lidar = SHORT_LIDAR if lidar is None else lidar
-    amcl = Amcl() if amcl is None else amcl
-    disturbances = Disturbances() if disturbances is None else disturbances
-    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-    instance("amcl", amcl, Amcl)
-    instance("disturbances", disturbances, Disturbances)
+    lidar, amcl, disturbances = robot_of(lidar, amcl, disturbances)
     if (paths is None) == (places is None):
         raise ConfigError("give paths, or places that routes lead between, and not both")
     routes = routes_of(grid, paths, places, robot_radius)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 COVER = 0.6
 """Greatest distance of a wall's cell from the middle of its piece, in lengths of a piece."""
+MOST_AROUND = 200
+"""Greatest distance of what cornerness looks at [cells]."""
 SHARP = 0.3
 """Least cornerness of a corner, as a share of that of a right angle."""
 OBJECT, CORNER, WALL = "object", "corner", "wall"
@@ -129,7 +131,7 @@ def _cornerness(solid: NDArray[np.bool_], piece: float, resolution: float) -> ND
     """How far the outline turns about each cell, 1 for a right angle, (h, w)."""
     import cv2
 
-    size = 2 * max(1, round(piece / 4 / resolution)) + 1
+    size = 2 * min(max(1, round(piece / 4 / resolution)), MOST_AROUND) + 1
     edge: Any = {"borderType": cv2.BORDER_CONSTANT}
 
     def response(cells: NDArray[np.bool_]) -> NDArray[np.float64]:

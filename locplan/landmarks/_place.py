@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, number, one_of, positive, whole
+from locplan._util.checks import number, one_of, positive, whole
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Path
 from locplan.errors import ConfigError
 from locplan.field import Lidar
-from locplan.landmarks._candidates import WHERE, Rejected, Where, checked, places_of
+from locplan.landmarks._candidates import (
+    WHERE,
+    Candidates,
+    Rejected,
+    Where,
+    checked,
+    places_of,
+)
 from locplan.landmarks._existing import without_objects
 from locplan.landmarks._landmarks import Landmarks
 from locplan.landmarks._objectives import AlongRoutes, MeanDegeneracy, Objective, anchors_of
@@ -25,16 +32,21 @@ from locplan.landmarks._objects import (
     on_grid,
 )
 from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import cells_in, routes_of
+from locplan.landmarks._problem import Robot, cells_in, robot_of, routes_of
 from locplan.landmarks._region import poses_in, routes_across, where_robot_is
 from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import Search, in_world
 from locplan.landmarks._setting import Setting
 from locplan.landmarks._sight import Sight
-from locplan.landmarks._surroundings import lines_along, step_of, surroundings
+from locplan.landmarks._surroundings import (
+    Surroundings,
+    lines_along,
+    step_of,
+    surroundings,
+)
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.simulation import Amcl, Disturbances
-from locplan.simulation._settings import SHORT_LIDAR
+from locplan.simulation._motion import Poses
 
 MARGIN = 0.2
 """Default distance that the robot keeps from landmarks besides its radius [m]."""
@@ -105,7 +117,8 @@ def place_landmarks(
     keep_out : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
         Cells, or rectangles in the world [m], that no object may stand in.
     existing : iterable of (x, y) or (x, y, heading)
-        Objects of this kind that are drawn in the map and may be moved [m, m, rad].
+        Objects of this kind that are drawn in the map and may be moved [m, m, rad]. There must be
+        occupied cells within a cell of where each would be.
     threads : int, optional
         Number of threads; all cores by default. The result does not depend on it.
     progress : callable, optional
@@ -119,7 +132,12 @@ def place_landmarks(
     ------
     LocplanError
         If an argument is out of its range, a path leaves the free cells, the robot cannot be in the
-        region, or no object may stand anywhere.
+        region, no object may stand anywhere, or an existing one is not in the map.
+
+    See Also
+    --------
+    locplan.landmarks.best_of_trials : Drives this placement and others, and keeps the best.
+    Landmarks.verify : Drives before, after, and with as many objects at random places.
 
     Examples
     --------
@@ -139,51 +157,33 @@ def place_landmarks(
     number("margin", margin, 0.0)
     positive("spacing", spacing, "m")
     one_of("where", where, WHERE)
-    lidar, amcl = lidar or SHORT_LIDAR, amcl or Amcl()
-    disturbances = disturbances or Disturbances()
-    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-    instance("amcl", amcl, Amcl)
-    instance("disturbances", disturbances, Disturbances)
+    robot = robot_of(lidar, amcl, disturbances)
     threads = check_threads(threads)
     given = {"paths": paths, "places": places, "region": region}
     if sum(each is not None for each in given.values()) != 1:
         raise ConfigError("give one of paths, places and region")
     area = cells_in(grid, keep_out, "keep_out")
     empty = without_objects(grid, kind, moved) if len(moved) else grid
-    shape, keep, robot = kind.shape, robot_radius + margin, (lidar, amcl, disturbances)
-    step, where_driven = step_of(amcl), None
     if region is not None:
-        where_driven = where_robot_is(empty, _region(empty, region), robot_radius)
-        routes = routes_across(empty, where_driven, robot_radius)
-        lines = [poses_in(empty, where_driven, lidar)]
-        clear_of = np.concatenate([path.xy[[0, -1]] for path in routes.values()])
+        ways = _ways_in(empty, region, robot, robot_radius)
     else:
-        routes = routes_of(empty, paths, places, robot_radius)
-        lines = lines_along(empty, routes, step)
+        ways = _ways_along(empty, routes_of(empty, paths, places, robot_radius), robot)
         if paths is not None and len(moved):
-            lines_along(grid, routes, step)  # nor may an existing object stand on them
-        fine = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
-        clear_of = np.concatenate(fine)
-    setting = Setting(empty, kind, routes, where_driven, paths is None, *robot, robot_radius)
-    seen = surroundings(empty, lines, step, shape, *robot)
-    passages = Passages(empty, shape, robot_radius, margin)
-    on_ways = np.column_stack(empty.world_to_grid(*clear_of.T))
-    tried = places_of(empty, shape, where, spacing, routes.values() if region is None else (), keep)
-    poses = np.concatenate([line[:, :2] for line in lines])
-    at = np.column_stack(empty.world_to_grid(*poses.T))
-    tried = _within(tried, at, (seen.rays.most + shape.reach) / grid.resolution)
-    candidates = checked(tried, empty, shape, passages, routes=on_ways, keep=keep, keep_out=area)
-    standing = on_grid(empty, moved)
-    every = np.concatenate([standing, candidates.poses])
+            lines_along(grid, ways.routes, step_of(robot[1]))  # nor may an object stand on them
+    setting = Setting(empty, kind, ways.routes, ways.region, paths is None, *robot, robot_radius)
+    passages = Passages(empty, kind.shape, robot_radius, margin)
+    seen = surroundings(empty, ways.lines, step_of(robot[1]), kind.shape, *robot)
+    candidates = _candidates(setting, ways, passages, seen, where, spacing, margin, area)
+    every = np.concatenate([on_grid(empty, moved), candidates.poses])
     if not len(every):
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
             f" {_reasons(candidates.reasons)}; allow where='both', a smaller object or margin"
         )
-    sight = Sight(seen, shape, every, grid.resolution, threads)
+    sight = Sight(seen, kind.shape, every, grid.resolution, threads)
     objective: Objective = AlongRoutes(sight)
     if region is not None:
-        objective = MeanDegeneracy(sight, anchors_of(lidar, grid.resolution))
+        objective = MeanDegeneracy(sight, anchors_of(setting.lidar, grid.resolution))
     search = Search(objective, passages, np.arange(len(every)))
     order, shifts = without_rows(search, search.run(list(range(len(moved))), count, progress))
     refused = np.concatenate([candidates.refused, every[list(search.refused)]], dtype=np.float64)
@@ -193,6 +193,55 @@ def place_landmarks(
         for (x, y, heading), reason in zip(in_world(empty, refused).tolist(), reasons, strict=True)
     )
     return Landmarks.of(setting, search, order, rejected, grid, len(moved), shifts)
+
+
+class _Ways(NamedTuple):
+    """Where the robot is."""
+
+    routes: dict[str, Path]
+    """Routes that are driven."""
+    region: NDArray[np.bool_] | None
+    """Cells of a region, (H, W), or None where the robot drives the routes only."""
+    lines: list[Poses]
+    """Poses at which it looks around, along each route or in the region."""
+    clear_of: NDArray[np.float64]
+    """World x and y that objects keep away from, (n, 2) [m]."""
+
+
+def _ways_along(grid: OccupancyGrid, routes: dict[str, Path], robot: Robot) -> _Ways:
+    """Poses along routes."""
+    fine = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
+    lines = lines_along(grid, routes, step_of(robot[1]))
+    return _Ways(routes, None, lines, np.concatenate(fine))
+
+
+def _ways_in(grid: OccupancyGrid, region: Any, robot: Robot, robot_radius: float) -> _Ways:
+    """Poses in a region, and the routes across it."""
+    cells = where_robot_is(grid, _region(grid, region), robot_radius)
+    routes = routes_across(grid, cells, robot_radius)
+    ends = np.concatenate([path.xy[[0, -1]] for path in routes.values()])
+    return _Ways(routes, cells, [poses_in(grid, cells, robot[0])], ends)
+
+
+def _candidates(
+    setting: Setting,
+    ways: _Ways,
+    passages: Passages,
+    seen: Surroundings,
+    where: Where,
+    spacing: float,
+    margin: float,
+    keep_out: NDArray[np.bool_] | None,
+) -> Candidates:
+    """Places within the lidar's range of the robot, those that are refused apart."""
+    grid, shape, keep = setting.grid, setting.kind.shape, setting.robot_radius + margin
+    beside = setting.routes.values() if setting.region is None else ()
+    tried = places_of(grid, shape, where, spacing, beside, keep)
+    poses = np.concatenate([line[:, :2] for line in ways.lines])
+    at = np.column_stack(grid.world_to_grid(*poses.T))
+    tried = _within(tried, at, (seen.rays.most + shape.reach) / grid.resolution)
+    routes = np.column_stack(grid.world_to_grid(*ways.clear_of.T))
+    return checked(tried, grid, shape, passages, routes=routes, keep=keep, keep_out=keep_out)
 
 
 def _region(grid: OccupancyGrid, region: Any) -> NDArray[np.bool_]:

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import position, shown
+from locplan._util.checks import instance, position, shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
+from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
+from locplan.simulation import Amcl, Disturbances
+from locplan.simulation._settings import SHORT_LIDAR
 
+Robot: TypeAlias = tuple[Lidar, Amcl, Disturbances]
+"""The robot's lidar, its filter, and the disturbances."""
 MAX_PLACES = 8
 """Greatest number of places; all of them are joined by routes."""
-SHIFTS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-"""Shifts of an existing object's drawing along rows and columns that are tried [cells]."""
 
 
 def routes_of(
@@ -74,6 +77,23 @@ def _named_places(places: Any) -> dict[str, tuple[float, float]]:
     return {str(name): position(xy, name=f"place {name}") for name, xy in places.items()}
 
 
+def robot_of(lidar: Lidar | None, amcl: Amcl | None, disturbances: Disturbances | None) -> Robot:
+    """The lidar, the filter and the disturbances that were given, or the usual ones.
+
+    Raises
+    ------
+    ConfigError
+        If one is something else.
+    """
+    lidar = SHORT_LIDAR if lidar is None else lidar
+    amcl = Amcl() if amcl is None else amcl
+    disturbances = Disturbances() if disturbances is None else disturbances
+    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+    instance("amcl", amcl, Amcl)
+    instance("disturbances", disturbances, Disturbances)
+    return lidar, amcl, disturbances
+
+
 def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:
     """Cells of a mask (H, W) or of rectangles in the world, or None without any.
 
@@ -84,7 +104,13 @@ def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | 
     """
     if areas is None:
         return None
-    values = np.asarray(areas)
+    wrong = ConfigError(
+        f"{name} must be a mask (H, W) of bool, or rectangles (x0, y0, x1, y1) in metres"
+    )
+    try:
+        values = np.asarray(areas)
+    except ValueError:  # rectangles of unequal length
+        raise wrong from None
     if values.dtype == bool:
         if values.shape != grid.shape:
             raise ConfigError(f"{name} has shape {values.shape}, but the map {grid.shape}")
@@ -92,9 +118,9 @@ def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | 
     if values.size == 0:
         return None
     if values.ndim != 2 or values.shape[1] != 4 or not np.issubdtype(values.dtype, np.number):
-        raise ConfigError(
-            f"{name} must be a mask (H, W) of bool, or rectangles (x0, y0, x1, y1) in metres"
-        )
+        raise wrong
+    if not np.isfinite(values).all():
+        raise wrong
     rows, cols = np.indices(grid.shape)
     x, y = grid.grid_to_world(rows + 0.5, cols + 0.5)
     inside = np.zeros(grid.shape, bool)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,11 +11,16 @@ from typing import Any
 import numpy as np
 
 from locplan._util.results import ResultFolder, Results
-from locplan._util.tables import table
+from locplan._util.tables import table, wrapped
 from locplan.landmarks._landmarks import PAYS, Landmarks
 from locplan.landmarks._objects import Pole, outline_of
-from locplan.landmarks._verification import Outcome, Verification
-from locplan.simulation._formats import in_percent, with_unit
+from locplan.landmarks._outcomes import (
+    COLUMNS as OUTCOMES,
+    Named,
+    outcomes_rows,
+    outcomes_table,
+)
+from locplan.landmarks._verification import Verification
 from locplan.simulation._settings import differing
 from locplan.simulation._writing import write_json, write_rows
 
@@ -41,16 +44,8 @@ COLUMNS = ("number", "x_m", "y_m", "heading_deg", "length_m", "width_m", "gain",
 A gain is what a landmark takes off the objective: mean P_xx + P_yy along routes [m^2], with the
 expected deviation [m], its root, as what is expected; or of a region, both times, the mean u.
 """
-DRIVEN = (
-    "landmarks",
-    "drives",
-    *("lost_rate", "lost_rate_low", "lost_rate_high"),
-    *("rmse_m", "rmse_low_m", "rmse_high_m"),
-    "kept_rmse_m",
-)
+DRIVEN = ("landmarks", *OUTCOMES)
 """Names of the columns of verification.csv."""
-WIDTH = 105
-"""Usual width of the text [characters]."""
 
 
 def landmarks_table(
@@ -64,12 +59,7 @@ def landmarks_table(
     kinds = ", ".join(differing(setting.disturbances))
     driven, lines = "", []
     if verification:
-        rows = [
-            [name, str(each.number), in_percent(each.lost_rate), *_errors(each)]
-            for name, each in _outcomes(verification)
-        ]
-        heads = ["landmarks", "drives", "lost (> 1 m) [95 %]", "error, all drives", "not lost"]
-        driven = table(heads, rows) + "\n"
+        driven = outcomes_table("landmarks", _outcomes(verification)) + "\n"
         lines.append(verification.verdict)
         (before, high), (after, high_after) = verification.match_deviations.tolist()
         lines.append(
@@ -96,13 +86,10 @@ def landmarks_table(
     ]
     if setting.region is not None:
         area = float(setting.region.sum()) * made.grid.resolution**2
-        after.append(f"region of {area:.0f} m2; {len(setting.routes)} routes across it are driven")
+        routes = f"{len(setting.routes)} routes lead across it"
+        after.append(f"the robot can be in {area:.0f} m2 of the region, and {routes}")
     after += _driven_beside(made)
-    if made.paying < len(made):
-        after.append(
-            f"from number {made.paying + 1} on each lowers it by less than {PAYS:.0%}:"
-            f" {made.paying} may do; drive them to know"
-        )
+    after += _number_that_pays(made, verification)
     if made.existing:
         after.append(f"{made.kept} of {made.existing} existing objects stay where they are")
     after += [f"{shift}" for shift in made.shifts]
@@ -113,8 +100,21 @@ def landmarks_table(
     if made.rejected:
         counts = ", ".join(f"{count} {reason}" for reason, count in made.reasons().items())
         after.append(f"places refused: {counts}")
-    said = [driven + "\n".join(_wrapped(lines)), table(heads, placed), "\n".join(_wrapped(after))]
+    said = [driven + "\n".join(wrapped(lines)), table(heads, placed), "\n".join(wrapped(after))]
     return "\n".join(part for part in said if part)
+
+
+def _number_that_pays(made: Landmarks, verification: Verification | None) -> list[str]:
+    """From which number on landmarks gain little, if there is one."""
+    if made.paying == len(made):
+        return []
+    if made.paying == 0:
+        known = "whether they help is what the drives say" if verification else "drive them to know"
+        return [f"each lowers it by less than {PAYS:.0%}: {known}"]
+    return [
+        f"from number {made.paying + 1} on each lowers it by less than {PAYS:.0%}:"
+        f" {made.paying} may do; drive them to know"
+    ]
 
 
 def _driven_beside(made: Landmarks) -> list[str]:
@@ -130,20 +130,11 @@ def _driven_beside(made: Landmarks) -> list[str]:
     ]
 
 
-def _wrapped(lines: Sequence[str]) -> list[str]:
-    width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDTH)
-    return [part for line in lines for part in textwrap.wrap(line, width)]
-
-
-def _outcomes(verification: Verification) -> list[tuple[str, Outcome]]:
+def _outcomes(verification: Verification) -> Named:
     named = [("none", verification.before), ("proposed", verification.after)]
     if verification.random:
         named.append(("as many at random", verification.random))
     return named
-
-
-def _errors(outcome: Outcome) -> tuple[str, str]:
-    return with_unit(outcome.rmse, "m"), with_unit(outcome.kept_rmse, "m")
 
 
 def to_geojson(made: Landmarks, frame: str = "map") -> dict[str, Any]:
@@ -214,10 +205,7 @@ def write_landmarks(
             write_rows(
                 folder / "verification.csv",
                 DRIVEN,
-                (
-                    [name, each.number, *each.lost_rate, *each.rmse, each.kept_rmse.value]
-                    for name, each in _outcomes(verification)
-                ),
+                outcomes_rows(_outcomes(verification)),
             )
         save_map(made.grid, folder / f"{MAP}.yaml")
         written = sorted(file.name for file in folder.iterdir())

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.landmarks._fields import Profile, fields_along
 from locplan.landmarks._objects import with_objects
+from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._search import Search
 from locplan.landmarks._setting import Setting
 from locplan.maps import OccupancyGrid
@@ -29,54 +28,6 @@ FEW_LOST = 0.02
 """Share of lost drives up to which none counts as lost to begin with."""
 RANDOM_PLACES = 100
 """Stream of random numbers of places at random, beside those of `Simulator`."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Outcome:
-    """Drives along some routes with one set of objects, or several."""
-
-    drives: tuple[Drives, ...]
-    """Drives of each route and set."""
-
-    @property
-    def number(self) -> int:
-        """Number of drives."""
-        return sum(len(each.errors) for each in self.drives)
-
-    @property
-    def lost_rate(self) -> Interval:
-        """Share of the drives that were lost at any time."""
-        lost = np.concatenate([each.lost for each in self.drives])
-        return wilson(float(lost.mean()), len(lost))
-
-    @property
-    def rmse(self) -> Interval:
-        """Root mean square of the position error along the way [m]."""
-        return of_rms(self._mean_squares)
-
-    @property
-    def kept_rmse(self) -> Interval:
-        """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
-        lost = np.concatenate([each.lost for each in self.drives])
-        return of_rms(self._mean_squares[~lost])
-
-    @property
-    def _mean_squares(self) -> NDArray[np.float64]:
-        return np.concatenate([each.mean_squares for each in self.drives])
-
-    def __repr__(self) -> str:
-        return f"Outcome({self.number} drives, {self.lost_rate.value:.0%} lost)"
-
-    def summary(self) -> dict[str, object]:
-        """Errors and share of lost drives in numbers, fit for JSON."""
-        return finite(
-            {
-                "drives": self.number,
-                "lost_rate": list(self.lost_rate),
-                "rmse_m": list(self.rmse),
-                "kept_rmse_m": list(self.kept_rmse),
-            }
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,31 +48,43 @@ class Verification:
         return f"Verification({self.verdict})"
 
     @property
-    def nothing_to_gain(self) -> bool:
-        """Whether no drive was lost to begin with, but for 2 %."""
-        return self.before.lost_rate.value <= FEW_LOST
+    def helps(self) -> bool:
+        """Whether fewer are lost after, or as few with clearly less error.
+
+        The intervals do not touch, and the error falls by a tenth or more.
+        """
+        return self.after.better_than(self.before)
 
     @property
-    def helps(self) -> bool:
-        """Whether fewer are lost after, with intervals that do not touch."""
-        return self.after.lost_rate.high < self.before.lost_rate.low
+    def hurts(self) -> bool:
+        """Whether more are lost after, or as many with clearly more error."""
+        return self.before.better_than(self.after)
+
+    @property
+    def none_lost(self) -> bool:
+        """Whether no drive was lost before and after, but for 2 %."""
+        return max(self.before.lost_rate.value, self.after.lost_rate.value) <= FEW_LOST
+
+    @property
+    def nothing_to_gain(self) -> bool:
+        """Whether no drive was lost to begin with, and the error is not clearly another after."""
+        return self.none_lost and not self.helps and not self.hurts
 
     @property
     def verdict(self) -> str:
         """What the drives say, in one line."""
-        before, after = self.before, self.after
-        error = f"error {before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
-        if self.nothing_to_gain:
-            return (
-                f"nothing to gain: {before.lost_rate.value:.0%} of the drives are lost without"
-                f" landmarks ({error})"
-            )
-        lost = f"{before.lost_rate.value:.0%} of the drives lost before,"
-        lost += f" {after.lost_rate.value:.0%} after"
-        if self.random is not None:
-            lost += f", {self.random.lost_rate.value:.0%} at random places"
-        said = "they help" if self.helps else "not shown to help"
-        return f"{said}: {lost}; {error}"
+        before, after, random = self.before, self.after, self.random
+        lost = before.lost_rate.value
+        error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
+        said = "they hurt" if self.hurts else "they help" if self.helps else "not shown to help"
+        if self.none_lost:
+            said = "nothing to gain" if self.nothing_to_gain else said
+            few = f"{lost:.0%} of the drives were" if lost else "no drive was"
+            said += f": {few} lost to begin with; error {error}"
+            return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
+        said += f": {lost:.0%} of the drives lost before, {after.lost_rate.value:.0%} after"
+        said += f", {random.lost_rate.value:.0%} at random places" if random else ""
+        return f"{said}; error {error}"
 
     @property
     def match_deviations(self) -> NDArray[np.float64]:
@@ -135,6 +98,7 @@ class Verification:
             "verdict": self.verdict,
             "nothing_to_gain": self.nothing_to_gain,
             "helps": self.helps,
+            "hurts": self.hurts,
             "before": self.before.summary(),
             "after": self.after.summary(),
             "random": self.random.summary() if self.random else None,

@@ -202,12 +202,18 @@ def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
 
 def map_size(grid: OccupancyGrid) -> tuple[float, float]:
     """Figure size [inch] for the known part of a map with a colour bar at its side."""
+    width, height = drawn_size(grid)
+    return max(width, 5.0) + 1.6, max(height, 2.0) + 0.8
+
+
+def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Width and height [inch] of the known part of a map, at most 7.6 each."""
     low, high, left, right = known_cells(grid)
     height, width = high - low, right - left
     cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
     height, width = sin * width + cos * height, cos * width + sin * height
     drawn_width = min(7.6, 7.6 * width / height)
-    return max(drawn_width, 5.0) + 1.6, max(drawn_width * height / width, 2.0) + 0.8
+    return drawn_width, drawn_width * height / width
 
 
 def outline() -> list[Any]:
