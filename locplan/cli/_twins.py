@@ -21,8 +21,8 @@ from locplan.cli._groups import (
     option_group,
     results,
 )
-from locplan.cli._landmarks import LidarOptions
 from locplan.cli._options import RobotRadius, Threads, radius_of
+from locplan.cli._route_options import LidarOptions
 from locplan.cli._values import load, refuse, show, two_numbers
 
 app = command(
