@@ -8,6 +8,8 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -19,6 +21,22 @@ from locplan.explorer import _explore
 from locplan.maps import OCCUPIED, OccupancyGrid
 
 ARGUMENTS = ("--range", "1", "--stride", "0.4", "--no-browser")
+
+
+AS_IN_A_TERMINAL = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    "from locplan.__main__ import main; main()"
+)
+"""The command; a process in the background may have inherited that SIGINT is ignored."""
+
+
+@contextmanager
+def killed_at_last(process: subprocess.Popen) -> Iterator[None]:
+    """A process that does not end by itself is not waited for."""
+    try:
+        yield
+    finally:
+        process.kill()
 
 
 def room() -> OccupancyGrid:
@@ -35,10 +53,13 @@ def map_file(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT")
 def test_the_command_serves_until_ctrl_c(map_file):
-    command = [sys.executable, "-m", "locplan", "explore", str(map_file), *ARGUMENTS]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ}
-    ) as process:
+    command = [sys.executable, "-c", AS_IN_A_TERMINAL, "explore", str(map_file), *ARGUMENTS]
+    with (
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ}
+        ) as process,
+        killed_at_last(process),
+    ):
         address = process.stdout.readline().strip()
         begin, _, token = address.partition("/?token=")
         port = int(begin.rpartition(":")[2])
