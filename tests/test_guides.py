@@ -19,7 +19,7 @@ from sybil.parsers.markdown import CodeBlockParser
 PROJECT = Path(__file__).resolve().parent.parent
 GUIDES = PROJECT / "examples" / "guides"
 PAGES = sorted(set(GUIDES.glob("*.md")) - {GUIDES / "README.md"})
-"""Pages whose blocks are run. The project's README.md joins them once its blocks use `GIVEN`."""
+"""The guides; their blocks are run, and those of the project's README.md."""
 LINKING = (
     *(PROJECT / name for name in ("README.md", "CONTRIBUTING.md")),
     *sorted((PROJECT / "examples").rglob("*.md")),
@@ -63,8 +63,8 @@ def given_folder(tmp_path, monkeypatch):
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="the guides are for the shells of Unix")
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_all_blocks_of_a_guide_run_in_their_order(page, given_folder):
+@pytest.mark.parametrize("page", [PROJECT / "README.md", *PAGES], ids=lambda page: page.stem)
+def test_all_blocks_of_a_page_run_in_their_order(page, given_folder):
     document = PARSED.parse(page)
     document.namespace["__name__"] = "__main__"  # functions go to other processes by value
     for example in document.examples():
