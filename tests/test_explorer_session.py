@@ -6,6 +6,10 @@ import dataclasses
 import itertools
 import json
 import math
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -15,7 +19,7 @@ import locplan
 from locplan.errors import LocplanError
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
-from locplan.explorer._edits import Stroke, drawn as patch_of
+from locplan.explorer._edits import Stroke, drawn as patch_of, last_ones
 from locplan.explorer._plans import planned
 from locplan.explorer._points import clearance_at
 from locplan.explorer._profiles import path_answer
@@ -367,6 +371,16 @@ def test_thin_walls_have_no_gaps():
     assert parts.label((2.0, 0.2)) != parts.label((2.0, 3.8)) > 0
 
 
+def test_cells_kept_for_undoing_are_bounded(session, monkeypatch):
+    patch = patch_of(session.grid, [Stroke("wall", ((2.0, 0.0), (8.0, 3.0)), (0.2, 0.2))])
+    monkeypatch.setattr("locplan.explorer._edits.UNDO_BYTES", 3.5 * patch.bytes)
+    assert len(last_ones([patch] * 9)) == 3
+    monkeypatch.setattr("locplan.explorer._edits.UNDO_BYTES", 0)
+    assert last_ones([patch] * 9) == [patch]
+    monkeypatch.setattr("locplan.explorer._edits.UNDO_BYTES", 1e9)
+    assert len(last_ones([patch] * 300)) == 200
+
+
 def test_an_edit_outside_the_map_changes_nothing(session):
     stroke = {"tool": "pole", "points": [[500.0, 500.0]], "width": 0.3}
     before = session.grid.digest
@@ -380,7 +394,8 @@ def test_maps_are_saved_under_the_folder_only(tmp_path):
     (x, y), *_ = free_places(session, 1)
     answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
     assert session.edited
-    for name in ("../x", "a/b", "/etc/x", "..", ".x", "", " ", "x\0", "a" * 300, "x\n", None, 3):
+    hidden, other = (".x", ".yaml", " .yaml", " .x"), ("", " ", "x\0", "a" * 300, "x\n", None, 3)
+    for name in ("../x", "a/b", "/etc/x", "..", *hidden, *other):
         with pytest.raises(LocplanError):
             answer(session, "save", name=name)
     assert not (tmp_path / "out").exists()
@@ -486,6 +501,68 @@ def test_cancelled_settings_leave_the_old_field():
     assert session.config == SAD
     assert session.scene.digest == before.digest
     assert session.scene.whole
+
+
+def test_settings_hear_of_their_own_field_only(tmp_path):
+    session = session_of(rooms(), cache_dir=tmp_path)
+    for cancelled in (False, True):
+        cancel, told = Cancel(), []
+
+        def progress(done, total, cancel=cancel, told=told, cancelled=cancelled):
+            told.append(done)
+            if cancelled:
+                cancel.cancel()
+            cancel.check()
+
+        changed = ask("configure", range=1.2 if not cancelled else 2.0)
+        with suppress(Cancelled):
+            ASKS["configure"].load()(session, changed, Work(progress, cancel))
+        assert told
+        told.clear()
+        cancel.cancel()  # its page has gone
+        (place,) = free_places(session, 1)
+        answer(session, "edit", strokes=[{"tool": "pole", "points": [place], "width": 0.3}])
+        session.upkeep.latest.result()
+        assert told == []
+        assert session.scene.whole
+        assert session.config.estimator.range == 1.2
+
+
+def test_settings_end_with_the_session(tmp_path):
+    session, begun = session_of(rooms(), cache_dir=tmp_path), threading.Event()
+    work = Work(lambda done, total: begun.set() or time.sleep(0.01), Cancel())
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(ASKS["configure"].load(), session, ask("configure", range=2.0), work)
+        assert begun.wait(30)
+        session.upkeep.close()
+        with pytest.raises(Cancelled):
+            asked.result(30)
+
+
+def test_released_plans_end_within_their_searches(session, monkeypatch):
+    places = free_places(session, 40, seed=5)
+    start, goal = min(places), max(places)
+
+    def looks(stretch, most):
+        monkeypatch.setattr("locplan._kernels.search.STRETCH", stretch)
+        session.kept.forget(lambda key: key[0] == "halved")
+        left = itertools.count(1)
+
+        def check():
+            if next(left) > most:
+                raise Cancelled
+
+        return planned(session, [start, goal], 4.0, check=check), next(left) - 1
+
+    few = looks(10**6, 10**6)[1]
+    found, many = looks(10, 10**6)
+    assert many > few + 5
+    plans = plan_beside_shortest(session.costs(4.0), start, goal)
+    np.testing.assert_array_equal(found.aware.xy, plans[AWARE].path.xy)
+    for most in range(0, many, 5):
+        with pytest.raises(Cancelled):
+            looks(10, most)
+        assert not any(key[0] == "flood" for key in session.kept._results)
 
 
 def test_drives_along_a_turned_map_are_in_the_world():

@@ -88,6 +88,28 @@ def test_of_waiting_questions_of_a_kind_the_newest_is_answered(page, held):
     assert told[others[-1]]["n"] == 4
 
 
+def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
+    begun, let_go = threading.Semaphore(0), threading.Event()
+
+    def work_on(session, ask, work):
+        begun.release()
+        assert let_go.wait(30)
+        work.progress(1, 2)
+        return {"n": ask.whole("n", 0, 100, 0)}
+
+    module = type("module", (), {"work_on": staticmethod(work_on)})
+    monkeypatch.setitem(__import__("sys").modules, "working_answers", module)
+    monkeypatch.setitem(ASKS, "work", Entry("working_answers:work_on", "long"))
+    first = page.send("work", n=1)
+    begun.acquire()
+    second = page.send("work", n=2)
+    assert page.ask("at", x=1.0, y=1.0)["re"]
+    let_go.set()
+    told = {number: page.wait(number) for number in (first, second)}
+    assert told[first].get("stale")
+    assert told[second]["n"] == 2
+
+
 def test_every_edit_is_answered_though_newer_ones_wait(page, held):
     begun, let_go = held
     numbers = [page.send("each", n=n) for n in (1, 2, 3)]

@@ -23,6 +23,8 @@ from locplan.explorer._wire import Ask
 from locplan.field import Lidar
 from locplan.recordings import Recording
 from locplan.simulation import Amcl
+from locplan.simulation._settings import lidar_of
+from locplan.twins import _scan_database, find_twins
 
 WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
 LONG = ("front", "simulate", "landmarks", "reproduce", "export")
@@ -218,7 +220,7 @@ def test_a_recorded_drive_is_told_of_and_answered():
 def found_twins(excess):
     """What `find_twins` gives, of three twins."""
 
-    def find_twins(grid, *, lidar, places, robot_radius, threads, progress):
+    def find_twins(grid, *, lidar, places, robot_radius, database, threads, progress):
         progress and progress(1, 1)
         return types.SimpleNamespace(
             places=np.array(places),
@@ -242,6 +244,26 @@ def test_twins_that_explain_a_scan_much_worse_are_none(session, monkeypatch):
     assert told["twins"][0]["likelihood"] == 1.0
     assert told["twins"][1]["likelihood"] == pytest.approx(np.exp(-1))
     assert (told["share"], told["modes"]) == (0.4, 2)
+
+
+def test_look_alikes_are_those_of_the_library_from_one_database(session, monkeypatch):
+    made, make = [], _scan_database.make_database
+    session.kept.forget(lambda key: key[0] != "scans")
+    monkeypatch.setattr(
+        _scan_database, "make_database", lambda *given: made.append(given) or make(*given)
+    )
+    lidar = session.lidar or lidar_of(session.config)
+    for x, y in ((2.0, 3.0), (2.4, 3.0), (2.0, 3.4)):
+        told = answered(session, "twins", x=x, y=y)
+        place, radius = (told["x"], told["y"]), session.robot_radius
+        found = find_twins(session.grid, lidar=lidar, places=[place], robot_radius=radius)
+        assert told["share"] == pytest.approx(found.elsewhere[0])
+        assert told["modes"] == found.modes[0]
+        alike = [each for each in found.of(0) if each.excess <= _twins.ALIKE]
+        assert [(each["x"], each["y"]) for each in told["twins"]] == [(e.x, e.y) for e in alike]
+    assert len(made) == 1
+    kept = session.kept._results["scans", session.scene.serial, session.grid.digest, lidar]
+    assert kept[1] > 4 * session.grid.cells.size  # the losses alone take four bytes a cell
 
 
 def test_a_place_without_twins_has_no_excess(session, monkeypatch):

@@ -14,7 +14,7 @@ import locplan
 from locplan import Lidar, LocplanError, find_twins
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
 from locplan.simulation import Disturbances
-from locplan.twins import LAYERS, Matching, twins_figure
+from locplan.twins import LAYERS, Matching, ScanDatabase, _find, twins_figure
 from locplan.twins._database import make_database, places_every, reachable
 from locplan.twins._modes import find_all_modes, find_modes
 from locplan.twins._reports import twins_table
@@ -320,6 +320,39 @@ def test_specks_of_free_space_are_not_reachable_unless_asked_for():
 def test_bad_arguments_are_refused(settings, says):
     with pytest.raises(LocplanError, match=says):
         find_twins(**({"grid": side_by_side(room()), "lidar": LIDAR} | settings))
+
+
+def test_a_database_serves_many_searches(monkeypatch):
+    grid = side_by_side(room())
+    cells = grid.cells.copy()
+    cells[-8:, -8:] = OCCUPIED
+    cells[-6:-1, -6:-1] = FREE  # a closet, too small to be looked at unasked
+    grid = OccupancyGrid(cells, grid.resolution)
+    closet = grid.cell_to_world(grid.shape[0] - 4, grid.shape[1] - 4)
+    asked = [
+        {"places": [(1.2, 3.0)], "count_missing": True},
+        {"places": [(1.2, 3.0), closet], "global_effective_beams": 20.0},
+        {"spacing": 2.0},
+    ]
+    expected = [find_twins(grid, lidar=LIDAR, robot_radius=0.15, **each) for each in asked]
+    database = ScanDatabase(grid, LIDAR, 0.15)
+    assert not database.everywhere.fits[grid.world_to_cell(*closet)]
+    made = []
+    monkeypatch.setattr(
+        _find, "make_database", lambda *given: made.append(given) or make_database(*given)
+    )
+    for each, twins in zip(asked, expected, strict=True):
+        found = find_twins(grid, lidar=LIDAR, robot_radius=0.15, database=database, **each)
+        np.testing.assert_array_equal(found.places, twins.places)
+        np.testing.assert_array_equal(found.twins, twins.twins)
+        for name in twins.values:
+            np.testing.assert_array_equal(found.values[name], twins.values[name])
+        assert found.matching == twins.matching
+    assert len(made) == 1  # for the closet
+    for other in ({"lidar": Lidar(range=5.0)}, {"robot_radius": 0.2}, {"grid": two_rooms()}):
+        given = {"grid": grid, "lidar": LIDAR, "robot_radius": 0.15, **other}
+        with pytest.raises(LocplanError, match="another map, lidar or radius"):
+            find_twins(**given, database=database)
 
 
 def test_a_map_without_walls_is_refused():

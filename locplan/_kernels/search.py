@@ -16,6 +16,7 @@ far from the start a front of cells has outgrown the caches.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ AHEAD = 2
 ROOM = 4096
 """Number of cells for which there is room at first, in the queue and in its batch."""
 STRETCH = 1 << 20
-"""Number of expansions between two looks at the clock."""
+"""Number of expansions between two looks at the clock, and two calls of a check."""
 _UNUSED, _USED, _WAITING, _LOWEST, _EXPANDED, _LEFT = range(6)
 _FINISHED, _OUT_OF_ROOM, _PAUSED = range(3)
 
@@ -110,6 +111,7 @@ def search(
     *,
     guided: bool = False,
     until: float = np.inf,
+    check: Callable[[], None] | None = None,
 ) -> Searched:
     """Search from a cell as `shortest_costs` does, and count the cells that are expanded.
 
@@ -123,6 +125,8 @@ def search(
         those that Dijkstra's algorithm finds.
     until : float
         Time of `time.perf_counter` after which the search ends unfinished [s].
+    check : callable, optional
+        Called now and then; what it raises ends the search.
     """
     cost = np.full(half.size, np.inf)
     if half[start] == np.inf:
@@ -152,6 +156,8 @@ def search(
             queue = queue._replace(cells=cells, following=following)
         elif status == _FINISHED or time.perf_counter() > until:
             return Searched(cost, int(queue.state[_EXPANDED]), status == _FINISHED)
+        elif check is not None:
+            check()
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from locplan.explorer._cancelling import Cancelled
 from locplan.explorer._session import Session
+from locplan.explorer._upkeep import Upkeep
 from locplan.explorer._wire import Ask
 from locplan.field import ESTIMATORS, PRESETS, FieldConfig, Lidar
 from locplan.field._lidar import MAX_RANGE
@@ -53,33 +54,33 @@ def config_of(session: Session, ask: Ask) -> FieldConfig:
 
 def configure(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Compute the field with other settings; the old one stays until it is there."""
-    upkeep = session.upkeep
-    config = config_of(session, ask)
-    before = session.config
+    config, before = config_of(session, ask), session.config
     work.cancel.check()
     session.config = config
+    try:
+        _await_field(session.upkeep, work)
+    except BaseException:
+        session.config = before
+        session.upkeep.begin()
+        raise
+    return {"ok": True}
+
+
+def _await_field(upkeep: Upkeep, work: Work) -> None:
+    """Begin to compute the field, and wait for it, also where edits begin that anew."""
     upkeep.listener = work.progress
-    task = upkeep.begin()
-    while True:
-        try:
-            task.result()
-            return {"ok": True}
-        except (Cancelled, CancelledError):
-            latest = upkeep.latest
-            if work.cancel.cancelled or session.config is not config or latest is None:
-                if session.config is config:
-                    session.config = before
-                    upkeep.begin()
-                raise Cancelled from None
-            task = latest  # an edit came in between
-        except Exception:
-            if session.config is config:
-                session.config = before
-                upkeep.begin()
-            raise
-        finally:
-            if session.config is not config:
-                upkeep.listener = None
+    try:
+        task = upkeep.begin()
+        while True:
+            try:
+                return task.result()
+            except (Cancelled, CancelledError):
+                latest = upkeep.latest
+                if work.cancel.cancelled or latest is None or latest is task:
+                    raise Cancelled from None
+                task = latest  # an edit came in between
+    finally:
+        upkeep.listener = None
 
 
 def _present_lidar(session: Session, ask: Ask) -> Lidar | None:

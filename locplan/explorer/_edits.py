@@ -28,6 +28,8 @@ GREATEST_WIDTH = 20.0
 """Greatest breadth of a stroke [m]."""
 MAX_UNDO = 200
 """Greatest number of edits that can be undone."""
+UNDO_BYTES = 64e6
+"""Bytes of cells that are kept for undoing; the last edit can be undone whatever it takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,11 @@ class Patch:
     """Its cells before."""
     after: NDArray[np.uint8]
     """Its cells after."""
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of its cells."""
+        return self.before.nbytes + self.after.nbytes
 
     def limits(self, grid: OccupancyGrid) -> list[float]:
         """Least and greatest x and y of the window in the world, x0, y0, x1, y1 [m]."""
@@ -86,10 +93,19 @@ def edit(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         if patch is None:
             return {"changed": []}
         history = session.history
-        history.before = [*history.before[1 - MAX_UNDO :], patch]
+        history.before = last_ones([*history.before, patch])
         history.undone = []
         _apply(session, patch, patch.after)
     return {"changed": [patch.limits(session.grid)]}
+
+
+def last_ones(patches: list[Patch]) -> list[Patch]:
+    """The last of some changes: as many as can be undone."""
+    first, left = len(patches) - 1, UNDO_BYTES - patches[-1].bytes
+    while first > 0 and len(patches) - first < MAX_UNDO and patches[first - 1].bytes <= left:
+        first -= 1
+        left -= patches[first].bytes
+    return patches[first:]
 
 
 def undo(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
@@ -121,10 +137,10 @@ def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     name = ask.text("name")
     if session.folder is None:
         raise ConfigError("name a folder for files with --folder, then maps can be saved")
-    plain = name is not None and all(c.isalnum() or c in "-_. " for c in name)
-    if not name or not plain or name.startswith(".") or not name.strip(". "):
+    stem = "" if name is None else name.strip().removesuffix(".yaml").strip()
+    plain = all(c.isalnum() or c in "-_. " for c in stem)
+    if not plain or stem.startswith(".") or not stem.strip(". "):
         raise ConfigError("a map's name has letters, digits, spaces, - and _ only")
-    stem = name.strip().removesuffix(".yaml")
     target = session.folder / f"{stem}.yaml"
     with session.changing:  # two pages may save one name at once
         for file in (target, target.with_suffix(".pgm")):

@@ -97,7 +97,7 @@ def planned(
     draft : bool
         True takes a coarser map where the map is large.
     check : callable
-        It is called between the paths, and raises to end the plan.
+        It is called between the paths and in their searches, and raises to end the plan.
     """
     scene = session.scene
     placed = snapped(session.parts(scene), stops, held)
@@ -135,7 +135,7 @@ def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
             break  # one search would only push out another
         for each in weights:
             work.cancel.check()
-            _flood(session, scene, each, stop)
+            _flood(session, scene, each, stop, work.cancel.check)
     return {"ok": True}
 
 
@@ -174,7 +174,7 @@ def _over(
     for n, (start, goal) in enumerate(itertools.pairwise(stops)):
         check()
         moving = None if held is None else {n: "start", n + 1: "goal"}.get(held)
-        leg = _leg(session, scene, weight, start, goal, moving)
+        leg = _leg(session, scene, weight, start, goal, moving, check)
         if leg is None:
             return None
         legs.append(leg)
@@ -188,8 +188,12 @@ def _leg(
     start: Position,
     goal: Position,
     moving: str | None,
+    check: Check,
 ) -> Path | None:
-    """The any-angle path of a leg, of which one end may be moving; None if there is none."""
+    """The any-angle path of a leg, of which one end may be moving; None if there is none.
+
+    A search from an end that rests is finished even where the plan is not: the next one needs it.
+    """
     halved = _halved(session, scene, weight)
     costs, bordered = halved.costs, halved.bordered
     if moving == "start":
@@ -207,7 +211,8 @@ def _leg(
         cells = flood.cells_to(index_of(costs, goal))
         path = None if cells is None else any_angle_path(costs, bordered, cells, start, goal)
     else:
-        path = AnyAngle().solve_prepared(costs, bordered, start, goal).path
+        check()
+        path = AnyAngle().solve_prepared(costs, bordered, start, goal, check).path
     if path is not None and moving is None:
         session.kept.put(key, path, PATH_BYTES)
     return path
@@ -229,14 +234,16 @@ def _flood_key(scene: Scene, weight: float, source: int) -> tuple[object, ...]:
     return "flood", scene.serial, weight, source
 
 
-def _flood(session: Session, scene: Scene, weight: float, end: Position) -> Flood:
+def _flood(
+    session: Session, scene: Scene, weight: float, end: Position, check: Check | None = None
+) -> Flood:
     """The search from an end of a leg, which is kept."""
     halved = _halved(session, scene, weight)
     source = index_of(halved.costs, end)
     key = _flood_key(scene, weight, source)
     return session.kept.made(
         key,
-        lambda: Flood.of(halved.bordered, source),
+        lambda: Flood.of(halved.bordered, source, check),
         lambda made: made.cost.nbytes,
         halved.bordered.half.nbytes,
     )

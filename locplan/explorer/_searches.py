@@ -113,12 +113,13 @@ class Flood:
     """Costs, flat with the border [density x cells]."""
 
     @classmethod
-    def of(cls, bordered: Bordered, source: int) -> Flood:
-        """Search all that can be reached from a cell."""
+    def of(cls, bordered: Bordered, source: int, check: Callable[[], None] | None = None) -> Flood:
+        """Search all that can be reached from a cell; what `check` raises ends that early."""
         from locplan._kernels.search import search
 
         half, columns, scale = bordered
-        return cls(bordered, source, search(half, columns, source, -1, False, scale).cost)
+        found = search(half, columns, source, -1, False, scale, check=check)
+        return cls(bordered, source, found.cost)
 
     def cells_to(self, target: int) -> NDArray[np.int64] | None:
         """Cells (n, 2) of (row, col) of the cheapest path to a cell; None if there is none.

@@ -111,7 +111,7 @@ class Link:
     async def _answer(self, ask: Ask, cancel: Cancel, turn: int) -> None:
         """Answer a question in its lane."""
         entry, overtaken = ASKS[ask.do], _Overtaken(self._newest, ask.do, turn, cancel)
-        work = Work(self._progress(ask.id, cancel), overtaken)
+        work = Work(self._progress(ask.id, overtaken), overtaken)
         try:
             lane = self._lanes[entry.lane_of(self._session, ask)]
             told = await self._loop.run_in_executor(lane, self._work, ask, work)

@@ -16,7 +16,7 @@ from locplan.explorer._snap import snapped
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.simulation._settings import lidar_of
-from locplan.twins import find_twins
+from locplan.twins import ScanDatabase, find_twins
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -81,6 +81,7 @@ def twins_of(
     place: Sequence[float],
     *,
     robot_radius: float = ROBOT_RADIUS,
+    database: ScanDatabase | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> LookAlikes:
@@ -96,11 +97,13 @@ def twins_of(
         The place in the world [m].
     robot_radius : float
         Radius of the robot [m].
+    database : ScanDatabase, optional
+        What the lidar sees at all places of the map.
     threads : int, optional
         Number of threads; all cores by default.
     progress : callable, optional
-        Called with (done, total) headings at the place. What is made of the whole map before them
-        has no progress, and runs out.
+        Called with (done, total) headings at the place. A database of the whole map that is made
+        before them has no progress, and runs out.
 
     Raises
     ------
@@ -112,6 +115,7 @@ def twins_of(
         lidar=lidar,
         places=[tuple(place[:2])],
         robot_radius=robot_radius,
+        database=database,
         threads=threads,
         progress=progress,
     )
@@ -134,7 +138,15 @@ def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         raise ConfigError("look-alikes need a place: x and y in metres")
     (place,) = snapped(session.parts(), [(x, y)])
     work.progress(0, 1, "comparing places")
+    grid, radius = session.grid, session.robot_radius
     lidar = session.lidar or lidar_of(session.config)
-    radius = session.robot_radius
-    found = twins_of(session.grid, lidar, place, robot_radius=radius, progress=work.progress)
+    database = session.kept.made(
+        ("scans", session.scene.serial, grid.digest, lidar),
+        lambda: ScanDatabase(grid, lidar, radius),
+        lambda made: made.everywhere.bytes,
+    )
+    work.progress(0, 1, "comparing places")
+    found = twins_of(
+        grid, lidar, place, robot_radius=radius, database=database, progress=work.progress
+    )
     return found.summary()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -67,22 +68,35 @@ class Upkeep:
     def __init__(self, session: Host) -> None:
         self.session = session
         self._lane = ThreadPoolExecutor(1, "field")
+        self._beginning = threading.Lock()
         self._cancel = Cancel()
         self._known: Patchwork | None = None
-        self.latest: Future[None] | None = None
+        self._latest: Future[None] | None = None
+        self._closed = False
         self.listener: ProgressCallback | None = None
 
     def begin(self, known: CovarianceField | None = None) -> Future[None]:
         """Bring the field up to date; what is computed for an older state ends early."""
-        self._cancel.cancel()
-        self._cancel = cancel = Cancel()
-        self.latest = self._lane.submit(self._work, cancel, known)
-        return self.latest
+        with self._beginning:  # edits and settings come from threads of their own
+            if self._closed:
+                raise Cancelled
+            self._cancel.cancel()
+            self._cancel = cancel = Cancel()
+            self._latest = self._lane.submit(self._work, cancel, known)
+            return self._latest
+
+    @property
+    def latest(self) -> Future[None] | None:
+        """The work that was begun last; None before any."""
+        with self._beginning:
+            return self._latest
 
     def close(self) -> None:
         """End the thread after its present step."""
-        self._cancel.cancel()
-        self._lane.shutdown(wait=False, cancel_futures=True)
+        with self._beginning:
+            self._closed = True
+            self._cancel.cancel()
+            self._lane.shutdown(wait=False, cancel_futures=True)
 
     def _work(self, cancel: Cancel, given: CovarianceField | None) -> None:
         session = self.session

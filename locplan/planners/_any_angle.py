@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Literal
@@ -70,11 +71,19 @@ class AnyAngle:
         return self.solve_prepared(costs, Bordered.of(costs), start, goal)
 
     def solve_prepared(
-        self, costs: Costmap, bordered: Bordered, start: Position, goal: Position
+        self,
+        costs: Costmap,
+        bordered: Bordered,
+        start: Position,
+        goal: Position,
+        check: Callable[[], None] | None = None,
     ) -> Found:
-        """Plan as `solve` does, on a costmap that was prepared for several plans."""
+        """Plan as `solve` does, on a costmap that was prepared for several plans.
+
+        `check` is called now and then during the search; what it raises ends the plan.
+        """
         cutting = self.allow_corner_cutting
-        cells, _ = cheapest_cells(costs, start, goal, cutting, bordered=bordered)
+        cells, _ = cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
         if cells is None:
             return Found()
         wider = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -121,11 +122,12 @@ def cheapest_cells(
     *,
     guided: bool | None = None,
     bordered: Bordered | None = None,
+    check: Callable[[], None] | None = None,
 ) -> tuple[NDArray[np.int64] | None, int]:
     """The cells (n, 2) of (row, col) of the cheapest path, None if there is none.
 
     With them comes the number of expansions. `guided` is that of `GridPlanner`; `bordered` is the
-    costmap prepared before.
+    costmap prepared before; `check` is called now and then, and ends the search by what it raises.
     """
     from locplan._kernels.search import search, trace
 
@@ -134,7 +136,7 @@ def cheapest_cells(
     if guided is None:
         guided = scale.mean <= GUIDED_CONTRAST * scale.cheapest
     ways = half, columns, source, target, allow_corner_cutting
-    cost, expanded, _ = search(*ways, scale, guided=guided)
+    cost, expanded, _ = search(*ways, scale, guided=guided, check=check)
     if not np.isfinite(cost[target]):
         return None, expanded
     flat = trace(half, columns, cost, target, allow_corner_cutting)

@@ -50,6 +50,12 @@ class Database:
     squares: NDArray[np.uint8]
     """The map as `locplan._kernels.rays.empty_squares`."""
 
+    @property
+    def bytes(self) -> int:
+        """Bytes of all arrays but the map's own."""
+        own = self.fits, self.positions, self.codes, self.squares
+        return sum(each.nbytes for each in (*own, *self.tables) if isinstance(each, np.ndarray))
+
     @cached_property
     def lever(self) -> tuple[float, float]:
         """Position of the lidar ahead and to the left of the robot's centre [cells]."""

@@ -30,7 +30,7 @@ KEPT = 4
 class ScanDatabase:
     """What a lidar sees at all places of a map; it is made when the first scan is located.
 
-    `locate` makes one where none is given, and keeps the last four.
+    `locate` makes one where none is given, and keeps the last four; `find_twins` keeps none.
 
     Raises
     ------
