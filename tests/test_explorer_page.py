@@ -113,7 +113,7 @@ def test_hovering_reads_the_place_out_and_marks_the_profile(visit):
     seen.page.mouse.move(x + 60, y)
     seen.wait("#readout", "visible")
     assert re.search(
-        r"position ± .* cm.*heading ± .*°.*degeneracy [01]\.\d\d", seen.text("#readout")
+        r"position deviation .* cm.*heading deviation .*°.*degeneracy [01]\.\d\d", seen.text("#readout")
     )
     chart = seen.page.locator("#profile-chart")
     chart.hover(position={"x": 300, "y": 40})
@@ -379,7 +379,7 @@ def test_help_lists_the_keys_and_every_control_has_a_name(visit):
     seen.page.keyboard.press("Escape")
     unnamed = seen.page.evaluate(
         "() => [...document.querySelectorAll('button, input, select')].filter((each) =>"
-        " !each.labels?.length && !each.getAttribute('aria-label') && !each.textContent.trim())"
+        " !each.labels?.length && !each.ariaLabel && !each.title && !each.textContent.trim())"
         ".map((each) => each.outerHTML)"
     )
     assert unnamed == []

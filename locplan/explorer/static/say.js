@@ -24,6 +24,13 @@ export function announce(text) {
 	write("live", text);
 }
 
+/** Write an answer into its group of the panel, bring it in sight and tell it. */
+export function report(id, text) {
+	write(id, text);
+	byId(id).scrollIntoView({ block: "nearest" });
+	announce(text);
+}
+
 /** Set html[data-state]: loading, ready or offline, with words. */
 export function setStatus(state, text = "") {
 	root.dataset.state = state;

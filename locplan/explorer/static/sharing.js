@@ -6,9 +6,9 @@ import { tryAsking, work } from "./link.js";
 import { drawOverlay } from "./overlay.js";
 import { rampColour } from "./ramps.js";
 import { routeAsked } from "./route.js";
-import { announce, toast } from "./say.js";
+import { report, toast } from "./say.js";
 import { model } from "./store.js";
-import { numberedDot } from "./strokes.js";
+import { haloedStroke, numberedDot } from "./strokes.js";
 import { shownLayer } from "./texture.js";
 import { metres } from "./text.js";
 import { palette } from "./theme.js";
@@ -35,7 +35,6 @@ function copyText(kind, title) {
 		try {
 			await navigator.clipboard.writeText(answer[kind]);
 			toast(`${title} copied.`);
-			announce(`${title} copied.`);
 		} catch {
 			showText(title, answer[kind]);
 		}
@@ -61,9 +60,10 @@ function sharePage() {
 function exportCostmap() {
 	const content = { to: byId("export-to").value, distro: byId("distro").value, ...routeAsked() };
 	return work("export", "Exporting for Nav2", content, ({ files, folder, warnings = [] }) => {
-		const which = files.length === 1 ? `${files[0]} is` : `${files.length} files are`;
-		write("export-note", [`${which} in ${folder}.`, ...warnings].join(" "));
-		toast(`${which} in ${folder}.`);
+		const [first] = files[0].split("/");
+		const done = files.length === 1 ? `${files[0]} is in ${folder}.` : `${files.length} files are in ${folder}/${first}.`;
+		report("export-note", [done, ...warnings.map((each) => `Mind: ${each}.`)].join(" "));
+		toast(warnings.length ? `${done} Mind the warning in the panel.` : done);
 	});
 }
 
@@ -136,11 +136,7 @@ function drawKeys(pen, x, y) {
 		pen.beginPath();
 		pen.moveTo(x, y + 20 * k);
 		pen.lineTo(x + 34, y + 20 * k);
-		pen.setLineDash(dash);
-		pen.lineWidth = 3.5;
-		pen.strokeStyle = colour;
-		pen.stroke();
-		pen.setLineDash([]);
+		haloedStroke(pen, colour, 3.5, dash);
 		pen.textAlign = "left";
 		pen.fillStyle = palette.ink;
 		pen.fillText(`${name}: ${metres(path.length)}, ${metres(path.degenerate)} degenerate`, x + 44, y + 20 * k);

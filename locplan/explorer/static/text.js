@@ -19,11 +19,8 @@ export function short(value) {
 	if (size >= 100) return value.toFixed(0);
 	if (size >= 10) return String(Number(value.toFixed(1)));
 	if (size >= 0.01) return String(Number(value.toPrecision(2)));
-	return value.toExponential(0).replace("e-", "·10⁻").replace(/⁻(\d+)$/, (_, digits) => "⁻" + raised(digits));
-}
-
-function raised(digits) {
-	return [...digits].map((digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(digit)]).join("");
+	const [digit, power] = value.toExponential(0).split("e-");
+	return `${digit}·10⁻${[...power].map((each) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[each]).join("")}`;
 }
 
 /** A layer's value as people read it. */
@@ -54,7 +51,7 @@ export function comparison(aware, shortest) {
 	const longer = aware.length - shortest.length;
 	const less = shortest.degenerate - aware.degenerate;
 	if (longer < 0.05 && less < 0.05) return "The shortest path is also the one preferred.";
-	return `${metres(Math.max(0, longer))} longer, ${metres(Math.max(0, less))} less of it degenerate.`;
+	return `${metres(Math.max(0, longer))} longer, ${Math.max(0, less).toFixed(1)} fewer degenerate metres.`;
 }
 
 /** Seconds as minutes and seconds. */
