@@ -5,7 +5,7 @@ import { keepMoving, repaint } from "./frames.js";
 import { stepAt } from "./lines.js";
 import { complain } from "./say.js";
 import { model } from "./store.js";
-import { haloedDot, haloedPath } from "./strokes.js";
+import { haloedDot, haloedPath, writeAt } from "./strokes.js";
 import { shownLayer, textureAt } from "./texture.js";
 import { clock, layerValue, metres } from "./text.js";
 import { palette } from "./theme.js";
@@ -40,8 +40,7 @@ export function paintDrive(pen) {
 	const upTo = stepAt(drive.time, drive.t);
 	haloedPath(pen, drive.xy, { colour: palette.drive, width: 1.5, dash: [2, 4] });
 	haloedPath(pen, drive.xy.slice(0, upTo + 1), { colour: palette.drive, width: 3 });
-	Object.assign(pen, { fillStyle: palette.mark, font: "700 18px sans-serif", textAlign: "center", textBaseline: "middle" });
-	for (let k = 0; k <= upTo; k++) if (drive.unlike?.[k]) pen.fillText("×", ...screenOf(...drive.xy[k]));
+	for (let k = 0; k <= upTo; k++) if (drive.unlike?.[k]) writeAt(pen, "×", ...screenOf(...drive.xy[k]), palette.mark, "center", "700 18px");
 	drawRobot(pen, drive, upTo);
 }
 

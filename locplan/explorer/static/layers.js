@@ -6,7 +6,7 @@ import { complain } from "./say.js";
 import { colourSpan, rampGradient, shareOf } from "./ramps.js";
 import { model, on, tell } from "./store.js";
 import { colourTexture, paintTexture, setTexture, shownLayer, textureAt } from "./texture.js";
-import { layerValue, ticks } from "./text.js";
+import { layerValue, ticks, titleWithUnit } from "./text.js";
 import { palette } from "./theme.js";
 import { dropTiles, paintTiles, setCells } from "./tiles.js";
 import { gridOf, view } from "./view.js";
@@ -37,7 +37,7 @@ export function startLayers() {
 /** Fetch what a new state asks for: cells, then the layer shown. */
 export async function loadField() {
 	const { map, layers } = model.state;
-	const choices = layers.map(({ name, title, unit }) => ({ value: name, label: unit && unit !== "1" ? `${title} [${unit}]` : title }));
+	const choices = layers.map((layer) => ({ value: layer.name, label: titleWithUnit(layer) }));
 	setOptions(byId("layer"), choices.length ? choices : [{ value: "", label: "no field yet" }], shownLayer()?.name);
 	try {
 		if (map.digest !== cellsHere) {

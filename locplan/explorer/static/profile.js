@@ -4,7 +4,7 @@ import { paints, repaint } from "./frames.js";
 import { nearestAlong, pointAlong, stepAt } from "./lines.js";
 import { candidateDash, errorColour } from "./simulating.js";
 import { model, on } from "./store.js";
-import { haloedDot } from "./strokes.js";
+import { haloedDot, writeAt } from "./strokes.js";
 import { metres, short, ticks } from "./text.js";
 import { palette } from "./theme.js";
 import { perMetre, screenOf } from "./view.js";
@@ -93,7 +93,7 @@ function paintProfile() {
 	write("profile-title", { u: "Degeneracy along the path", sigma: `Position deviation along the path ${unit}`, error: `Simulated error along the path ${unit}: median, band to 95 %` }[kindShown()]);
 	const frame = { isFar, width: chart.clientWidth, height: chart.clientHeight, top, end: longest() };
 	drawAxes(pen, frame);
-	if (!lines.length && model.plan) pen.fillText(model.state.field ? "No path" : "No field yet", chart.clientWidth / 2, chart.clientHeight / 2 - 16);
+	if (!lines.length && model.plan) writeAt(pen, model.state.field ? "No path" : "No field yet", frame.width / 2, frame.height / 2 - 16, palette.quiet, "center");
 	for (const line of lines) drawFill(pen, frame, line);
 	for (const line of lines) drawLine(pen, frame, line);
 	drawMark(pen, frame, lines);
@@ -108,24 +108,18 @@ function heightOf(frame, value) {
 }
 
 function drawAxes(pen, frame) {
-	pen.font = "11px system-ui, sans-serif";
-	pen.fillStyle = palette.quiet;
 	pen.strokeStyle = palette.line;
 	pen.lineWidth = 1;
-	pen.textAlign = "right";
-	pen.textBaseline = "middle";
 	for (const tick of ticks(0, frame.top, false, frame.height < 110 ? 2 : 4)) {
 		const y = Math.round(heightOf(frame, tick)) + 0.5;
 		pen.beginPath();
 		pen.moveTo(EDGE_LEFT, y);
 		pen.lineTo(frame.width - EDGE_RIGHT, y);
 		pen.stroke();
-		pen.fillText(short(frame.isFar ? tick / 100 : tick), EDGE_LEFT - 7, y);
+		writeAt(pen, short(frame.isFar ? tick / 100 : tick), EDGE_LEFT - 7, y, palette.quiet, "right", "11px");
 	}
-	pen.textAlign = "center";
-	pen.textBaseline = "top";
 	const marks = ticks(0, frame.end, false, Math.max(2, Math.min(10, frame.width / 90)));
-	marks.forEach((tick, k) => pen.fillText(k ? short(tick) : "0 m", acrossOf(frame, tick), frame.height - EDGE_BOTTOM + 6));
+	marks.forEach((tick, k) => writeAt(pen, k ? short(tick) : "0 m", acrossOf(frame, tick), frame.height - 11, palette.quiet, "center", "11px"));
 }
 
 // A step of a profile ends at its s and holds the largest value since the one before.

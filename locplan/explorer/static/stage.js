@@ -19,15 +19,15 @@ let wasFitted = true;
 /** Connect the stage. */
 export function startStage() {
 	const stage = byId("overlay");
-	stage.addEventListener("pointerdown", pressed);
-	stage.addEventListener("pointermove", moved);
-	stage.addEventListener("pointerup", released);
-	stage.addEventListener("pointercancel", released);
-	stage.addEventListener("pointerleave", left);
+	hear("overlay", "pointerdown", pressed);
+	hear("overlay", "pointermove", moved);
+	hear("overlay", "pointerup", released);
+	hear("overlay", "pointercancel", released);
+	hear("overlay", "pointerleave", left);
 	stage.addEventListener("wheel", wheeled, { passive: false });
-	stage.addEventListener("dblclick", (event) => model.tool === "move" && !model.picking && waypointAt(worldAt(event.offsetX, event.offsetY)));
+	hear("overlay", "dblclick", (event) => model.tool === "move" && !model.picking && waypointAt(worldAt(event.offsetX, event.offsetY)));
 	stage.addEventListener("focus", () => stage.matches(":focus-visible") && showCross());
-	stage.addEventListener("blur", hideCross);
+	hear("overlay", "blur", hideCross);
 	hear("zoom-in", "click", () => zoomBy(1.5));
 	hear("zoom-out", "click", () => zoomBy(1 / 1.5));
 	hear("zoom-fit", "click", showWhole);

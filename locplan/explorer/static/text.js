@@ -30,6 +30,11 @@ export function layerValue(layer, value) {
 	return withUnit(number, layer.unit);
 }
 
+/** A layer's title with its unit. */
+export function titleWithUnit({ title, unit }) {
+	return unit && unit !== "1" ? `${title} [${unit}]` : title;
+}
+
 // Degrees stand close to their number.
 function withUnit(number, unit) {
 	if (!unit || unit === "1") return String(number);

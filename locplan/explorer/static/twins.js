@@ -27,6 +27,7 @@ function awaitPlace(waits) {
 	model.picking = waits;
 	byId("twins-find").setAttribute("aria-pressed", String(waits));
 	byId("stage").classList.toggle("picking", waits);
+	if (waits && byId("panel").classList.contains("open")) byId("sheet-handle").click(); // else it covers the map
 }
 
 /** Take the look-alikes away. */
