@@ -115,7 +115,8 @@ def test_hovering_reads_the_place_out_and_marks_the_profile(visit):
     seen.page.mouse.move(x + 60, y)
     seen.wait("#readout", "visible")
     assert re.search(
-        r"position deviation .* cm.*heading deviation .*°.*degeneracy [01]\.\d\d", seen.text("#readout")
+        r"position deviation .* cm.*heading deviation .*°.*degeneracy [01]\.\d\d",
+        seen.text("#readout"),
     )
     chart = seen.page.locator("#profile-chart")
     chart.hover(position={"x": 300, "y": 40})
