@@ -135,7 +135,7 @@ def test_the_front_is_walked_by_arrow_keys(visit):
     points.first.focus()
     seen.page.keyboard.press("ArrowRight")
     seen.wait('#front-chart .point:nth-child(n)[aria-checked="true"]:focus')
-    assert "violet path" in seen.text("#front-note")
+    seen.page.locator("#front-note", has_text="The violet path").wait_for()
     seen.drag(".marker.goal", -30, 0)
     seen.wait("#front-chart", "hidden")
 
@@ -399,7 +399,7 @@ def test_a_shared_page_works_from_the_disk(visit, tmp_path):
     assert shared.page.locator("#simulate").is_hidden()
     x, y = shared.middle(".marker.start")
     shared.page.mouse.move(x + 60, y)
-    shared.page.locator("#readout", has_text="degeneracy").wait_for()
+    shared.page.locator("#readout", has_text="position deviation at most").wait_for()
     shared.page.locator("#layer").select_option("sigma")
     shared.page.locator("#ramp").select_option("viridis")
     assert [url for url in shared.addresses if not url.startswith("file:")] == []

@@ -23,7 +23,7 @@ export function showFront(front) {
 	drawChart(points);
 	byId("front-chart").hidden = false;
 	const count = points.length;
-	report("front-note", count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose one by click or arrow keys.${model.front.knee < 0 ? "" : ` From the knee on (◆, ${metres(knee.length)}), further metres gain less.`} All go in eight directions and are a little longer for it.`);
+	report("front-note", count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose by click or arrow keys.${model.front.knee < 0 ? "" : ` From the knee on (◆, ${metres(knee.length)}), further metres gain less.`} All go in eight directions and are a little longer for it.`);
 }
 
 /** Draw the chosen point's path. */

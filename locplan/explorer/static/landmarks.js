@@ -47,7 +47,7 @@ function showLandmarks(answer) {
 	const width = tool === "pole" || size.length < 2 ? size[0] : size;
 	model.landmarks = { ...answer, strokes: answer.poses.map(([x, y, heading]) => ({ tool, points: [[x, y]], width, ...(tool === "box" && { heading }) })) };
 	byId("landmarks-take").hidden = !answer.poses.length;
-	report("landmarks-verdict", [answer.verdict, ...(answer.warnings ?? [])].join(" "));
+	report("landmarks-verdict", [answer.verdict, ...(answer.warnings ?? [])].join(". "));
 	repaint("overlay");
 }
 

@@ -94,7 +94,7 @@ function showProbe(probe) {
 	const right = px + 28 + box.offsetWidth > view.width - (model.insets?.right ?? 0);
 	const above = py + 30 + box.offsetHeight > view.height - (model.insets?.bottom ?? 0);
 	box.style.transform = `translate(${Math.max(8, right ? px - 24 - box.offsetWidth : px + 24).toFixed(0)}px, ${Math.max(8, above ? py - 24 - box.offsetHeight : py + 24).toFixed(0)}px)`;
-	if (model.cross) announce(box.innerText);
+	if (model.cross) announce(linesOf(probe).slice(0, 3).map(([text]) => text).join(", "));
 	tell("probe");
 	repaint("overlay");
 }
@@ -106,7 +106,7 @@ function linesOf(probe) {
 	const size = Math.abs(major - minor) < 0.05 * major ? centimetres(major) : `${centimetres(major)} × ${centimetres(minor)}`;
 	const lines = [
 		[`${degeneracyWords(probe.u)}`, "strong"],
-		[`position deviation ${size}`, ""],
+		[`position deviation ${model.shared ? "at most " : ""}${size}`, ""],
 		[`heading deviation ${probe.heading_deg.toFixed(1)}°`, ""],
 		[`degeneracy ${probe.u.toFixed(2)}   e ${short(probe.e)} m² rad`, "quiet"],
 		[place + (Number.isFinite(probe.clearance) ? `   ${metres(probe.clearance, 2)} from an obstacle` : ""), "quiet"],

@@ -69,7 +69,7 @@ function canShowTwins() {
 function takeTwins(answer, place) {
 	model.twins = { ...answer, place };
 	const count = answer.twins.length;
-	const far = count ? ` The nearest is ${metres(Math.min(...answer.twins.map((twin) => Math.hypot(twin.x - place[0], twin.y - place[1]))))} away.` : "";
+	const far = count ? ` ${count > 1 ? "The nearest" : "It"} is ${metres(Math.min(...answer.twins.map((twin) => Math.hypot(twin.x - place[0], twin.y - place[1]))))} away.` : "";
 	const slides = answer.stretch > 0.5 ? ` A match can slide by ${metres(answer.stretch)} here.` : "";
 	byId("twins-group").open = true;
 	byId("twins-clear").hidden = false;
