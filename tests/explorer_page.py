@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import shutil
@@ -10,12 +11,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from made_drives import recorded
+
 import locplan
 from locplan.explorer._explore import opened
 from locplan.explorer._scene import Opening
 from locplan.field import CovarianceField, FieldConfig, Fisher, Lidar, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
+from locplan.recordings import Recording
 
 STATIC = Path(locplan.__file__).parent / "explorer" / "static"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -106,13 +111,24 @@ class Seen:
 
 
 @contextmanager
-def served(grid: OccupancyGrid, field: CovarianceField, **options: Any) -> Iterator[Any]:
+def served(
+    grid: OccupancyGrid, field: CovarianceField, *, port: int = 0, **options: Any
+) -> Iterator[Any]:
     """An explorer's server."""
     lidar = field.config.estimator.lidar
     ends = {name: _placed(grid, along) for name, along in (("start", 2.0), ("goal", 38.0))}
     opening = Opening(field.config, lidar=lidar, **ends, **options)
-    with opened(grid, opening, field=field) as explorer:
+    with opened(grid, opening, port=port, field=field) as explorer:
         yield explorer
+
+
+def toured(grid: OccupancyGrid, scans: int = 21) -> Recording:
+    """A drive through the degenerate corridor, a scan a second; the last one fits no map."""
+    along = [(*_placed(grid, 2.0 + each), grid.origin[2]) for each in range(scans)]
+    drive = recorded(grid, np.array(along))
+    ranges = drive.ranges.copy()
+    ranges[-1] = 0.8
+    return dataclasses.replace(drive, ranges=ranges, times=np.arange(float(scans)))
 
 
 def _placed(grid: OccupancyGrid, along: float) -> tuple[float, float]:

@@ -13,12 +13,13 @@ QUICKLY = {
     "compare": (0.05,),
     "evidence": ((MAP,), 4, 4),
     "gallery": (MAP, "turtlebot4", "info.png", "paper_e.png"),
+    "explorer_picture": ("two_corridors",),
     "paper": (0.1, 1, ("paper",)),
 }
 """Arguments with which a program is done soon."""
 LONG = (
-    *("animation", "api", "cluster", "compare", "estimators", "evidence", "gallery", "lasers"),
-    *("navigation", "ompl_program", "paper"),
+    *("animation", "api", "cluster", "compare", "estimators", "evidence", "explorer_picture"),
+    *("gallery", "lasers", "navigation", "ompl_program", "paper"),
 )
 """What these do has tests of its own."""
 
@@ -35,6 +36,11 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
     spec.loader.exec_module(module)
     if path.stem == "lasers" and not (SHARED_DATA / "carmen").is_dir():
         pytest.skip("the laser logs (../shared/data/carmen) are not here")
+    if path.stem == "explorer_picture":
+        pytest.importorskip("starlette", reason="the explorer's server is not installed")
+        pytest.importorskip("playwright", reason="playwright is not installed")
+        if module.browser_file() is None:
+            pytest.skip("no chromium on this machine")
     data = (str(SHARED_DATA),) if path.stem == "lasers" else ()
     module.main(*data, str(tmp_path / "out"), *QUICKLY.get(path.stem, ()))
     assert capsys.readouterr().out

@@ -7,7 +7,9 @@ import math
 import re
 
 import pytest
-from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served
+from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served, toured
+
+from locplan.explorer._drives import RecordedDrive
 
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -113,7 +115,8 @@ def test_hovering_reads_the_place_out_and_marks_the_profile(visit):
     seen.page.mouse.move(x + 60, y)
     seen.wait("#readout", "visible")
     assert re.search(
-        r"position ± .* cm.*heading ± .*°.*degeneracy [01]\.\d\d", seen.text("#readout")
+        r"position deviation .* cm.*heading deviation .*°.*degeneracy [01]\.\d\d",
+        seen.text("#readout"),
     )
     chart = seen.page.locator("#profile-chart")
     chart.hover(position={"x": 300, "y": 40})
@@ -132,9 +135,20 @@ def test_the_front_is_walked_by_arrow_keys(visit):
     points.first.focus()
     seen.page.keyboard.press("ArrowRight")
     seen.wait('#front-chart .point:nth-child(n)[aria-checked="true"]:focus')
-    assert "path" in seen.text("#front-note")
+    seen.page.locator("#front-note", has_text="The violet path").wait_for()
     seen.drag(".marker.goal", -30, 0)
     seen.wait("#front-chart", "hidden")
+
+
+def test_the_knee_of_the_front_is_marked(visit):
+    seen = visit()
+    seen.unfold("front-group")
+    seen.page.locator("#front-find").click()
+    seen.page.locator("#front-note", has_text="From the knee on (◆,").wait_for()
+    knee = seen.page.locator("#front-chart .point.knee")
+    length = re.search(r"◆, ([\d.]+ m)", seen.text("#front-note")).group(1)
+    assert knee.count() == 1
+    assert re.sub(r"\s", " ", knee.get_attribute("aria-label")).startswith(f"Knee: {length}")
 
 
 def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
@@ -222,6 +236,51 @@ def test_the_page_comes_back_after_a_break(visit, browser, server):
     context.close()
 
 
+def test_a_server_started_anew_is_told_apart_from_one_that_is_silent(browser):
+    grid, field = corridors()
+    context = browser.new_context()
+    seen = Seen(context.new_page())
+    with served(grid, field) as first:
+        seen.open(first.address)
+        port = int(re.search(r":(\d+)/", first.address).group(1))
+    seen.page.locator("#status", has_text="does not answer").wait_for()
+    with served(grid, field, port=port) as second:
+        seen.page.locator("#status", has_text="open the address that it printed").wait_for()
+        seen.open(second.address)
+        assert seen.page.locator("#status").is_hidden()
+    context.close()
+
+
+def test_before_the_field_the_page_says_what_it_knows(visit, browser, server):
+    context = browser.new_context()
+    seen = Seen(context.new_page())
+
+    def without_field(socket):
+        behind = socket.connect_to_server()
+
+        def answered(text):
+            told = json.loads(text)
+            if told.get("event") == "state":
+                told |= {"field": None, "layers": []}
+            if told.get("aware"):
+                path = told["shortest"]
+                path["profile"] |= {key: [None] * len(path["xy"]) for key in ("u", "sigma_cm")}
+                told |= {"aware": None, "why": "the field is still being computed"}
+            socket.send(json.dumps(told))
+
+        behind.on_message(answered)
+
+    seen.page.route_web_socket(re.compile("/socket$"), without_field)
+    seen.page.goto(server.address)
+    seen.page.locator("#verdict", has_text="only the shortest path is known so far").wait_for()
+    assert seen.text("#verdict").startswith("The field is still being computed;")
+    assert seen.page.locator("#verdict.error").count() == 0
+    assert seen.text("#aware-length") == "–"
+    assert seen.text("#layer") == "no field yet"
+    assert seen.faults == []
+    context.close()
+
+
 def test_dark_follows_the_system_until_someone_chooses(visit):
     seen = visit(color_scheme="dark")
     seen.wait('html[data-theme="dark"]')
@@ -239,6 +298,7 @@ def test_two_fingers_zoom_and_a_long_press_adds_a_waypoint(visit):
         places = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
 
+    seen.page.locator("#hint-close").click()
     x, y = seen.middle(".marker.start")
     before = seen.page.locator("#scale-bar").bounding_box()["width"], seen.text("#scale-bar")
     touch("touchStart", (150, 240), (250, 240))
@@ -285,6 +345,38 @@ def test_the_command_and_the_python_are_copied(visit, server):
     assert "--start 3,1 --goal 39,1" in told
 
 
+@pytest.mark.parametrize(("distro", "minds"), [("kilted", True), ("humble", False)])
+def test_an_export_says_where_it_went_and_what_to_mind(visit, distro, minds):
+    seen = visit()
+    seen.unfold("share-group")
+    seen.page.locator("#distro").select_option(distro)
+    seen.page.locator("#export").click()
+    seen.page.locator("#export-note", has_text="corridors-nav2-keepout").wait_for()
+    assert ("Mind: kilted: AMCL" in seen.text("#export-note")) == minds
+    assert ("Mind the warning" in seen.text("#toast")) == minds
+
+
+def test_a_recorded_drive_is_slid_along_and_played(visit):
+    grid, field = corridors()
+    with served(grid, field, drives=(RecordedDrive("tour", toured(grid)),)) as explorer:
+        seen = visit(explorer.address)
+        seen.unfold("drives-group")
+        seen.page.locator("#drive").select_option("tour (0:20)")
+        note = seen.page.locator("#drive-note", has_text="0:00 of 0:20: degeneracy u 0.")
+        note.wait_for()
+        assert "1 of 21 scans are unlike the map (crosses)." in seen.text("#drive-note")
+        seen.page.locator("#drive-time").fill("10")
+        seen.page.locator("#drive-note", has_text="0:10 of 0:20").wait_for()
+        assert "10" in seen.page.locator("#drive-time").get_attribute("aria-valuetext")
+        seen.page.locator("#drive-speed").select_option("64×")
+        seen.page.locator("#play").click()
+        seen.page.locator("#drive-note", has_text="0:20 of 0:20").wait_for()
+        assert "the scan is unlike the map" in seen.text("#drive-note")
+        seen.wait('#play[aria-label="Play"]')
+        seen.page.locator("#drive").select_option("none")
+        seen.wait(".player", "hidden")
+
+
 def test_a_picture_is_saved(visit):
     seen = visit()
     seen.unfold("share-group")
@@ -307,7 +399,7 @@ def test_a_shared_page_works_from_the_disk(visit, tmp_path):
     assert shared.page.locator("#simulate").is_hidden()
     x, y = shared.middle(".marker.start")
     shared.page.mouse.move(x + 60, y)
-    shared.page.locator("#readout", has_text="degeneracy").wait_for()
+    shared.page.locator("#readout", has_text="position deviation at most").wait_for()
     shared.page.locator("#layer").select_option("sigma")
     shared.page.locator("#ramp").select_option("viridis")
     assert [url for url in shared.addresses if not url.startswith("file:")] == []
@@ -372,6 +464,15 @@ def test_look_alikes_are_joined_to_their_place(visit, browser, server):
     context.close()
 
 
+def test_look_alikes_are_really_sought(visit):
+    seen = visit()
+    x, y = seen.middle(".marker.start")
+    seen.page.mouse.move(x + 60, y)
+    seen.page.keyboard.press("t")
+    seen.page.locator("#twins-note", has_text=re.compile("to the lidar|No other place")).wait_for()
+    assert seen.page.locator("#twins-clear").is_visible()
+
+
 def test_help_lists_the_keys_and_every_control_has_a_name(visit):
     seen = visit()
     seen.page.keyboard.press("?")
@@ -379,7 +480,7 @@ def test_help_lists_the_keys_and_every_control_has_a_name(visit):
     seen.page.keyboard.press("Escape")
     unnamed = seen.page.evaluate(
         "() => [...document.querySelectorAll('button, input, select')].filter((each) =>"
-        " !each.labels?.length && !each.getAttribute('aria-label') && !each.textContent.trim())"
+        " !each.labels?.length && !each.ariaLabel && !each.title && !each.textContent.trim())"
         ".map((each) => each.outerHTML)"
     )
     assert unnamed == []

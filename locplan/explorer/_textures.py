@@ -75,8 +75,8 @@ def cells_of(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def textures_of(field: CovarianceField) -> dict[str, Texture]:
     """The layers of a field that the page shows, by name."""
     made = [
-        _scalar(field, "sigma", "position_std", "Position", 1),
-        _scalar(field, "heading", "heading_std", "Heading", 1),
+        _scalar(field, "sigma", "position_std", "Position deviation", 1),
+        _scalar(field, "heading", "heading_std", "Heading deviation", 1),
         Texture("degeneracy", "Degeneracy u", "1", 1.0, 2, False, (0.0, 1.0), degeneracy_of(field)),
         _scalar(field, "e", "e", "Pose uncertainty e", 4),
     ]

@@ -37,9 +37,7 @@ export function saveAddress(href, name) {
 	const link = document.createElement("a");
 	link.href = href;
 	link.download = name;
-	document.body.append(link);
 	link.click();
-	link.remove();
 }
 
 /** Name of the map without a folder or an ending. */

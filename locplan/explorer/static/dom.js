@@ -53,11 +53,6 @@ export function fittedContext(canvas) {
 	return pen;
 }
 
-/** Whether the person asked for little motion. */
-export function calm() {
-	return window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-}
-
 /** What is remembered under a name, or null; storage may be forbidden. */
 export function remembered(name) {
 	try {

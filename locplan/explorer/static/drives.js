@@ -5,10 +5,11 @@ import { keepMoving, repaint } from "./frames.js";
 import { stepAt } from "./lines.js";
 import { complain } from "./say.js";
 import { model } from "./store.js";
-import { haloedDot, haloedPath } from "./strokes.js";
-import { clock, metres } from "./text.js";
+import { haloedDot, haloedPath, writeAt } from "./strokes.js";
+import { shownLayer, textureAt } from "./texture.js";
+import { clock, layerValue, metres } from "./text.js";
 import { palette } from "./theme.js";
-import { screenAngle, screenOf } from "./view.js";
+import { gridOf, screenAngle, screenOf } from "./view.js";
 
 /** List the drives. */
 export function startDrives() {
@@ -39,19 +40,8 @@ export function paintDrive(pen) {
 	const upTo = stepAt(drive.time, drive.t);
 	haloedPath(pen, drive.xy, { colour: palette.drive, width: 1.5, dash: [2, 4] });
 	haloedPath(pen, drive.xy.slice(0, upTo + 1), { colour: palette.drive, width: 3 });
-	pen.strokeStyle = palette.mark;
-	pen.lineWidth = 2;
-	for (let k = 0; k <= upTo; k++) if (drive.unlike?.[k]) cross(pen, ...screenOf(...drive.xy[k]));
+	for (let k = 0; k <= upTo; k++) if (drive.unlike?.[k]) writeAt(pen, "×", ...screenOf(...drive.xy[k]), palette.mark, "center", "700 18px");
 	drawRobot(pen, drive, upTo);
-}
-
-function cross(pen, px, py) {
-	pen.beginPath();
-	pen.moveTo(px - 4, py - 4);
-	pen.lineTo(px + 4, py + 4);
-	pen.moveTo(px - 4, py + 4);
-	pen.lineTo(px + 4, py - 4);
-	pen.stroke();
 }
 
 function drawRobot(pen, drive, k) {
@@ -94,16 +84,20 @@ function setTime(time) {
 	const k = stepAt(time, drive.t);
 	byId("drive-time").value = time;
 	const deviation = drive.sd?.[k];
+	const layer = shownLayer();
+	const value = layer && textureAt(...gridOf(...drive.xy[k]));
+	const here = value === null ? "" : `: ${layer.title.toLowerCase()} ${layerValue(layer, value)}`;
 	const unlike = drive.unlike?.[k] ? "; the scan is unlike the map" : "";
 	const when = drive.timed ? `${clock(time - drive.t[0])} of ${clock(drive.t.at(-1) - drive.t[0])}` : `scan ${k + 1} of ${drive.t.length}`;
 	byId("drive-time").setAttribute("aria-valuetext", when);
-	write("drive-note", when + (Number.isFinite(deviation) ? `, filter's deviation ${metres(deviation, 2)}` : "") + unlike);
+	const count = drive.unlike?.filter(Boolean).length;
+	write("drive-note", `${when}${here}${Number.isFinite(deviation) ? `, matched with a deviation of ${metres(deviation, 2)}` : ""}${unlike}.${count ? ` ${count} of ${drive.t.length} scans are unlike the map (crosses).` : ""}`);
 	repaint("overlay");
 }
 
 function playOn(drive, now) {
 	if (!drive.plays || model.drive !== drive) return false;
-	if (drive.seen !== null) setTime(Math.min(drive.t.at(-1), drive.time + ((now - drive.seen) / 1000) * Number(byId("drive-speed").value)));
+	if (drive.seen !== null) setTime(Math.min(drive.t.at(-1), drive.time + ((now - drive.seen) / 1000) * parseFloat(byId("drive-speed").value)));
 	drive.seen = now;
 	if (drive.time < drive.t.at(-1)) return true;
 	pause();

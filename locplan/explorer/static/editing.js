@@ -12,7 +12,7 @@ let turn = Promise.resolve(); // edits are sent one after the other, none is dro
 
 /** Connect the tools. */
 export function startEditing() {
-	for (const button of byId("edit-tools").querySelectorAll("button")) button.addEventListener("click", () => chooseTool(button.dataset.tool));
+	for (const button of toolButtons()) button.addEventListener("click", () => chooseTool(button.dataset.tool));
 	hear("undo", "click", () => stepBack("undo"));
 	hear("redo", "click", () => stepBack("redo"));
 	hear("save", "submit", saveMap);
@@ -24,11 +24,15 @@ export function chooseTool(tool) {
 	if (model.shared) return;
 	model.tool = tool;
 	model.stroke = null;
-	for (const button of byId("edit-tools").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.tool === tool));
+	for (const button of toolButtons()) button.setAttribute("aria-pressed", String(button.dataset.tool === tool));
 	byId("stage").dataset.tool = tool;
 	if (tool !== "move") byId("edit-group").open = true;
 	repaint("overlay");
 	tell("tool");
+}
+
+function toolButtons() {
+	return byId("edit-tools").children;
 }
 
 /** Begin a stroke at a world point. */

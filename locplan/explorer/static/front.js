@@ -3,7 +3,7 @@ import { byId, hear, make, write } from "./dom.js";
 import { repaint } from "./frames.js";
 import { work } from "./link.js";
 import { planNow, routeAsked, setWeight } from "./route.js";
-import { announce } from "./say.js";
+import { report } from "./say.js";
 import { model, on } from "./store.js";
 import { haloedPath } from "./strokes.js";
 import { metres, short, ticks } from "./text.js";
@@ -17,12 +17,13 @@ export function startFront() {
 
 /** Show a front that is here already, for instance in a shared page. */
 export function showFront(front) {
-	model.front = { ...front, points: [...front.points].sort((a, b) => a.length - b.length) };
-	drawChart(model.front.points);
+	const knee = front.points[front.knee];
+	const points = [...front.points].sort((a, b) => a.length - b.length);
+	model.front = { ...front, points, knee: points.length > 2 ? points.indexOf(knee) : -1 };
+	drawChart(points);
 	byId("front-chart").hidden = false;
-	const count = model.front.points.length;
-	write("front-note", count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose one by click or arrow keys. They go in eight directions, so they are a little longer.`);
-	announce(byId("front-note").textContent);
+	const count = points.length;
+	report("front-note", count === 1 ? "One path is best in both." : `${count} paths${front.complete === false ? " so far; the search ran out of time" : ""}. Choose by click or arrow keys.${model.front.knee < 0 ? "" : ` From the knee on (◆, ${metres(knee.length)}), further metres gain less.`} All go in eight directions and are a little longer for it.`);
 }
 
 /** Draw the chosen point's path. */
@@ -62,8 +63,9 @@ function gridLine(key, share, text) {
 }
 
 function pointButton(point, k, x, y) {
-	const title = `${metres(point.length)}, ${metres(point.degenerate)} degenerate`;
-	const button = make("button", { className: "point", title, role: "radio", "aria-checked": "false", "aria-label": title, tabIndex: k ? -1 : 0 });
+	const isKnee = k === model.front.knee;
+	const title = `${isKnee ? "Knee: " : ""}${metres(point.length)}, ${metres(point.degenerate)} degenerate`;
+	const button = make("button", { className: isKnee ? "point knee" : "point", title, role: "radio", "aria-checked": "false", "aria-label": title, tabIndex: k ? -1 : 0 });
 	button.style.left = `${100 * x}%`;
 	button.style.bottom = `${100 * y}%`;
 	button.addEventListener("click", (event) => event.detail || choosePoint(k)); // by keyboard
@@ -105,7 +107,7 @@ async function choosePoint(k) {
 		await planNow();
 	}
 	model.preview = point;
-	announce(`Path of ${metres(point.length)}, ${metres(point.degenerate)} degenerate.`);
-	write("front-note", Number.isFinite(point.weight) ? `This path is best at weight ${short(point.weight)}.` : "No weight makes this path the best; it lies between two that one does.");
+	const why = Number.isFinite(point.weight) ? `best at weight ${short(point.weight)}` : "best at no weight: it lies between two that are";
+	report("front-note", `The violet path: ${metres(point.length)}, ${metres(point.degenerate)} degenerate; ${why}.`);
 	repaint("overlay");
 }

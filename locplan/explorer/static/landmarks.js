@@ -4,7 +4,7 @@ import { drawStroke, sendStrokes } from "./editing.js";
 import { repaint } from "./frames.js";
 import { work } from "./link.js";
 import { routeAsked } from "./route.js";
-import { announce } from "./say.js";
+import { report } from "./say.js";
 import { model } from "./store.js";
 import { haloedStroke, numberedDot, traceDisc } from "./strokes.js";
 import { palette } from "./theme.js";
@@ -45,15 +45,14 @@ function proposeLandmarks() {
 function showLandmarks(answer) {
 	const { tool, size } = answer;
 	const width = tool === "pole" || size.length < 2 ? size[0] : size;
-	model.landmarks = { ...answer, strokes: answer.poses.map(([x, y, heading]) => ({ tool, points: [[x, y]], width, heading })) };
-	write("landmarks-verdict", answer.verdict);
+	model.landmarks = { ...answer, strokes: answer.poses.map(([x, y, heading]) => ({ tool, points: [[x, y]], width, ...(tool === "box" && { heading }) })) };
 	byId("landmarks-take").hidden = !answer.poses.length;
-	announce(answer.verdict);
+	report("landmarks-verdict", [answer.verdict, ...(answer.warnings ?? [])].join(". "));
 	repaint("overlay");
 }
 
 function acceptLandmarks() {
 	const strokes = model.landmarks?.strokes ?? [];
 	dropLandmarks("");
-	if (strokes.length) sendStrokes(strokes.map(({ tool, points, width, heading }) => (tool === "pole" ? { tool, points, width } : { tool, points, width, heading })));
+	if (strokes.length) sendStrokes(strokes);
 }

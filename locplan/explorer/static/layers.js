@@ -6,7 +6,7 @@ import { complain } from "./say.js";
 import { colourSpan, rampGradient, shareOf } from "./ramps.js";
 import { model, on, tell } from "./store.js";
 import { colourTexture, paintTexture, setTexture, shownLayer, textureAt } from "./texture.js";
-import { layerValue, ticks } from "./text.js";
+import { layerValue, ticks, titleWithUnit } from "./text.js";
 import { palette } from "./theme.js";
 import { dropTiles, paintTiles, setCells } from "./tiles.js";
 import { gridOf, view } from "./view.js";
@@ -20,7 +20,8 @@ export function startLayers() {
 	hear("ramp", "change", () => recolour({ ramp: byId("ramp").value }));
 	hear("stretch", "change", () => recolour({ stretch: byId("stretch").checked }));
 	hear("opacity", "input", () => recolour({ opacity: byId("opacity").valueAsNumber / 100 }));
-	if (remembered("ramp") in { magma: 1, viridis: 1, cividis: 1 }) model.ramp = remembered("ramp");
+	byId("ramp").value = remembered("ramp") ?? model.ramp;
+	model.ramp = byId("ramp").value || model.ramp; // another page of this address may have remembered anything
 	paints("base", paintBase);
 	on("probe", markValue);
 	on("event:layer", () => {
@@ -36,7 +37,8 @@ export function startLayers() {
 /** Fetch what a new state asks for: cells, then the layer shown. */
 export async function loadField() {
 	const { map, layers } = model.state;
-	setOptions(byId("layer"), layers.map(({ name, title, unit }) => ({ value: name, label: unit && unit !== "1" ? `${title} [${unit}]` : title })), shownLayer()?.name);
+	const choices = layers.map((layer) => ({ value: layer.name, label: titleWithUnit(layer) }));
+	setOptions(byId("layer"), choices.length ? choices : [{ value: "", label: "no field yet" }], shownLayer()?.name);
 	try {
 		if (map.digest !== cellsHere) {
 			const cells = await fetchCells(map.digest);

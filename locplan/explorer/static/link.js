@@ -16,7 +16,6 @@ let wasOpen = false;
 /** Open the socket and keep it open. */
 export function startLink() {
 	hear("retry", "click", reopen);
-	window.addEventListener("online", reopen);
 	document.addEventListener("visibilitychange", () => document.hidden || wakeUp());
 	lastBeat = Date.now();
 	setInterval(wakeUp, 5000);

@@ -69,7 +69,9 @@ async function followState(state) {
 	await loadField();
 	const isNew = !before || before.map.digest !== state.map.digest || before.field?.digest !== state.field?.digest;
 	setStatus("ready");
-	if (isNew || !model.plan) await planNow();
+	const isFirst = !model.plan?.aware;
+	if (isNew || isFirst) await planNow();
+	if (isFirst) tell("settled"); // the cards have their words, and their height
 }
 
 async function openShared(page) {

@@ -3,6 +3,7 @@ import { byId } from "./dom.js";
 import { repaint } from "./frames.js";
 import { fetchLayer } from "./data.js";
 import { ask, isLinked } from "./link.js";
+import { announce } from "./say.js";
 import { model, tell } from "./store.js";
 import { haloedStroke } from "./strokes.js";
 import { latticeValue } from "./texture.js";
@@ -68,19 +69,19 @@ export function paintProbe(pen) {
 	pen.moveTo(0, 0);
 	pen.arc(0, 0, 42, -Math.PI / 2 - half, -Math.PI / 2 + half);
 	pen.closePath();
-	pen.globalAlpha = 0.35;
-	pen.fillStyle = palette.goal;
-	pen.fill();
-	pen.globalAlpha = 1;
-	haloedStroke(pen, palette.goal, 1.2);
+	washed(pen, palette.goal, 1.2);
 	pen.beginPath();
 	pen.ellipse(0, 0, Math.max(2, probe.axes[0] * perCm), Math.max(2, probe.axes[1] * perCm), screenAngle(probe.angle ?? 0), 0, 2 * Math.PI);
-	pen.globalAlpha = 0.3;
-	pen.fillStyle = palette.teal;
+	washed(pen, palette.teal, 1.8);
+	pen.restore();
+}
+
+function washed(pen, colour, width) {
+	pen.globalAlpha = 0.33;
+	pen.fillStyle = colour;
 	pen.fill();
 	pen.globalAlpha = 1;
-	haloedStroke(pen, palette.teal, 1.8);
-	pen.restore();
+	haloedStroke(pen, colour, width);
 }
 
 function showProbe(probe) {
@@ -93,6 +94,7 @@ function showProbe(probe) {
 	const right = px + 28 + box.offsetWidth > view.width - (model.insets?.right ?? 0);
 	const above = py + 30 + box.offsetHeight > view.height - (model.insets?.bottom ?? 0);
 	box.style.transform = `translate(${Math.max(8, right ? px - 24 - box.offsetWidth : px + 24).toFixed(0)}px, ${Math.max(8, above ? py - 24 - box.offsetHeight : py + 24).toFixed(0)}px)`;
+	if (model.cross) announce(linesOf(probe).slice(0, 3).map(([text]) => text).join(", "));
 	tell("probe");
 	repaint("overlay");
 }
@@ -101,10 +103,11 @@ function linesOf(probe) {
 	const place = `${probe.x.toFixed(2)}, ${metres(probe.y, 2)}`;
 	if (!probe.known) return [[whatIs(probe), "strong"], [place, "quiet"]];
 	const [major, minor] = probe.axes;
-	const size = Math.abs(major - minor) < 0.05 * major ? `± ${centimetres(major)}` : `± ${centimetres(major)} × ${centimetres(minor)}`;
+	const size = Math.abs(major - minor) < 0.05 * major ? centimetres(major) : `${centimetres(major)} × ${centimetres(minor)}`;
 	const lines = [
 		[`${degeneracyWords(probe.u)}`, "strong"],
-		[`position ${size}, heading ± ${probe.heading_deg.toFixed(1)}°`, ""],
+		[`position deviation ${model.shared ? "at most " : ""}${size}`, ""],
+		[`heading deviation ${probe.heading_deg.toFixed(1)}°`, ""],
 		[`degeneracy ${probe.u.toFixed(2)}   e ${short(probe.e)} m² rad`, "quiet"],
 		[place + (Number.isFinite(probe.clearance) ? `   ${metres(probe.clearance, 2)} from an obstacle` : ""), "quiet"],
 	];
@@ -122,7 +125,7 @@ function whatIs(probe) {
 async function sharedProbe([x, y]) {
 	sharedLayers ??= Promise.all(model.state.layers.filter(({ name }) => name !== "twins").map(async (layer) => [layer, await fetchLayer(null, layer.name)]));
 	const value = {};
-	for (const [layer, bytes] of await sharedLayers) value[layer.name] = latticeValue(bytes, layer, ...gridOf(x, y)) ;
+	for (const [layer, bytes] of await sharedLayers) value[layer.name] = latticeValue(bytes, layer, ...gridOf(x, y));
 	const known = value.sigma !== null && value.sigma !== undefined && classAt(...gridOf(x, y)) === 1;
 	if (!known) return { x, y, known: false };
 	return { x, y, known, axes: [100 * value.sigma, 100 * value.sigma], angle: 0, heading_deg: (180 / Math.PI) * (value.heading ?? 0), u: value.degeneracy ?? 0, e: value.e ?? 0 };

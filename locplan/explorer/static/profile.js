@@ -4,7 +4,7 @@ import { paints, repaint } from "./frames.js";
 import { nearestAlong, pointAlong, stepAt } from "./lines.js";
 import { candidateDash, errorColour } from "./simulating.js";
 import { model, on } from "./store.js";
-import { haloedDot } from "./strokes.js";
+import { haloedDot, writeAt } from "./strokes.js";
 import { metres, short, ticks } from "./text.js";
 import { palette } from "./theme.js";
 import { perMetre, screenOf } from "./view.js";
@@ -77,7 +77,7 @@ function series() {
 	if (showsErrors())
 		return model.simulated.candidates.filter(({ profile }) => profile?.s?.length).map((candidate, index) => ({ s: candidate.profile.s, values: candidate.profile.median_cm, band: candidate.profile.p95_cm, colour: errorColour(candidate), dash: candidateDash(index), end: candidate.length }));
 	const key = kindShown() === "sigma" ? "sigma_cm" : "u";
-	return shownPaths().map(({ name, path, colour }) => ({ s: path.profile.s, values: path.profile[key], colour, dash: name === "shortest" ? [6, 4] : [], steps: true, soft: name === "aware" ? palette["teal-soft"] : palette["ink-soft"], end: path.length }));
+	return shownPaths().filter(({ path }) => path.profile[key].some(Number.isFinite)).map(({ name, path, colour }) => ({ s: path.profile.s, values: path.profile[key], colour, dash: name === "shortest" ? [6, 4] : [], steps: true, soft: name === "aware" ? palette["teal-soft"] : palette["ink-soft"], end: path.length }));
 }
 
 function paintProfile() {
@@ -86,11 +86,14 @@ function paintProfile() {
 	const pen = fittedContext(chart);
 	pen.clearRect(0, 0, chart.clientWidth, chart.clientHeight);
 	byId("profile-kind").options[2].disabled = !model.simulated;
-	write("profile-title", { u: "Degeneracy along the path", sigma: "Predicted deviation along the path [cm]", error: "Simulated error along the path [cm]: median, band to 95 %" }[kindShown()]);
 	const lines = series();
 	const top = kindShown() === "u" ? 1 : Math.max(1, ...lines.flatMap(({ values, band }) => [...values, ...(band ?? [])]).filter(Number.isFinite));
-	const frame = { width: chart.clientWidth, height: chart.clientHeight, top, end: longest() };
+	const isFar = top > 300; // centimetres: shown as metres
+	const unit = isFar ? "[m]" : "[cm]";
+	write("profile-title", { u: "Degeneracy along the path", sigma: `Position deviation along the path ${unit}`, error: `Simulated error along the path ${unit}: median, band to 95 %` }[kindShown()]);
+	const frame = { isFar, width: chart.clientWidth, height: chart.clientHeight, top, end: longest() };
 	drawAxes(pen, frame);
+	if (!lines.length && model.plan) writeAt(pen, model.state.field ? "No path" : "No field yet", frame.width / 2, frame.height / 2 - 16, palette.quiet, "center");
 	for (const line of lines) drawFill(pen, frame, line);
 	for (const line of lines) drawLine(pen, frame, line);
 	drawMark(pen, frame, lines);
@@ -105,25 +108,18 @@ function heightOf(frame, value) {
 }
 
 function drawAxes(pen, frame) {
-	pen.font = "11px system-ui, sans-serif";
-	pen.fillStyle = palette.quiet;
 	pen.strokeStyle = palette.line;
 	pen.lineWidth = 1;
-	pen.textAlign = "right";
-	pen.textBaseline = "middle";
-	const isFar = frame.top > 300; // centimetres: shown as metres
 	for (const tick of ticks(0, frame.top, false, frame.height < 110 ? 2 : 4)) {
 		const y = Math.round(heightOf(frame, tick)) + 0.5;
 		pen.beginPath();
 		pen.moveTo(EDGE_LEFT, y);
 		pen.lineTo(frame.width - EDGE_RIGHT, y);
 		pen.stroke();
-		pen.fillText(isFar ? `${short(tick / 100)} m` : short(tick), EDGE_LEFT - 7, y);
+		writeAt(pen, short(frame.isFar ? tick / 100 : tick), EDGE_LEFT - 7, y, palette.quiet, "right", "11px");
 	}
-	pen.textAlign = "center";
-	pen.textBaseline = "top";
 	const marks = ticks(0, frame.end, false, Math.max(2, Math.min(10, frame.width / 90)));
-	marks.forEach((tick, k) => pen.fillText(k ? short(tick) : "0 m", acrossOf(frame, tick), frame.height - EDGE_BOTTOM + 6));
+	marks.forEach((tick, k) => writeAt(pen, k ? short(tick) : "0 m", acrossOf(frame, tick), frame.height - 11, palette.quiet, "center", "11px"));
 }
 
 // A step of a profile ends at its s and holds the largest value since the one before.
@@ -192,7 +188,7 @@ function walkAlong(event) {
 
 function sayPlace(s) {
 	const chart = byId("profile-chart");
-	const words = shownPaths().filter(({ path }) => s <= path.length).map(({ name, path }) => `${name} ${path.profile.u[stepAt(s, path.profile.s)]?.toFixed(2)}`);
+	const words = shownPaths().filter(({ path }) => s <= path.length).map(({ name, path }) => `${name} ${path.profile.u[stepAt(s, path.profile.s)]?.toFixed(2) ?? "unknown"}`);
 	chart.setAttribute("aria-valuenow", s.toFixed(1));
 	chart.setAttribute("aria-valuetext", `${metres(s)} along: degeneracy ${words.join(", ")}`);
 }

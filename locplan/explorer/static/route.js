@@ -36,8 +36,9 @@ export function setWeight(weight, moveSlider = true) {
 	model.weight = weight;
 	const slider = byId("weight");
 	if (moveSlider) slider.value = Math.round(1000 * Math.sqrt(Math.min(1, weight / mostWeight())));
-	write("weight-value", weight.toFixed(1));
-	slider.setAttribute("aria-valuetext", `${weight.toFixed(1)} metres of detour per degenerate metre`);
+	const text = weight.toFixed(weight < 1 ? 2 : 1);
+	write("weight-value", text);
+	slider.setAttribute("aria-valuetext", `${text} metres of detour per degenerate metre`);
 }
 
 /** Ask for the paths while something moves; once it rests, in full. */
@@ -142,8 +143,10 @@ function showPlan() {
 	showPath("aware", aware);
 	showPath("shortest", shortest);
 	const verdict = byId("verdict");
-	verdict.textContent = aware && shortest ? comparison(aware, shortest) : why ?? "No path joins these places.";
-	verdict.classList.toggle("error", !aware);
+	const reason = why ? `${why[0].toUpperCase()}${why.slice(1)}${shortest ? "; only the shortest path is known so far" : ""}.` : "No path joins these places.";
+	verdict.textContent = aware && shortest ? comparison(aware, shortest) : reason;
+	verdict.classList.toggle("error", !aware && !shortest);
+	verdict.classList.toggle("usual", Boolean(aware));
 	if (draft || model.held) return;
 	announce(aware && shortest ? spoken(aware, shortest) : verdict.textContent);
 }

@@ -24,6 +24,14 @@ export function announce(text) {
 	write("live", text);
 }
 
+/** Write an answer into its group of the panel, bring it in sight and tell it; a closed panel says it above the map. */
+export function report(id, text) {
+	write(id, text);
+	byId(id).scrollIntoView({ block: "nearest" });
+	if (byId(id).checkVisibility()) announce(text);
+	else toast(text);
+}
+
 /** Set html[data-state]: loading, ready or offline, with words. */
 export function setStatus(state, text = "") {
 	root.dataset.state = state;

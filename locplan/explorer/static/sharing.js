@@ -6,11 +6,11 @@ import { tryAsking, work } from "./link.js";
 import { drawOverlay } from "./overlay.js";
 import { rampColour } from "./ramps.js";
 import { routeAsked } from "./route.js";
-import { announce, toast } from "./say.js";
+import { report, toast } from "./say.js";
 import { model } from "./store.js";
-import { numberedDot } from "./strokes.js";
+import { haloedStroke, numberedDot, writeAt } from "./strokes.js";
 import { shownLayer } from "./texture.js";
-import { metres } from "./text.js";
+import { metres, titleWithUnit } from "./text.js";
 import { palette } from "./theme.js";
 import { scaleBar, screenOf, view } from "./view.js";
 
@@ -35,7 +35,6 @@ function copyText(kind, title) {
 		try {
 			await navigator.clipboard.writeText(answer[kind]);
 			toast(`${title} copied.`);
-			announce(`${title} copied.`);
 		} catch {
 			showText(title, answer[kind]);
 		}
@@ -61,9 +60,10 @@ function sharePage() {
 function exportCostmap() {
 	const content = { to: byId("export-to").value, distro: byId("distro").value, ...routeAsked() };
 	return work("export", "Exporting for Nav2", content, ({ files, folder, warnings = [] }) => {
-		const which = files.length === 1 ? `${files[0]} is` : `${files.length} files are`;
-		write("export-note", [`${which} in ${folder}.`, ...warnings].join(" "));
-		toast(`${which} in ${folder}.`);
+		const [first] = files[0].split("/");
+		const done = files.length === 1 ? `${files[0]} is in ${folder}.` : `${files.length} files are in ${folder}/${first}.`;
+		report("export-note", [done, ...warnings.map((each) => `Mind: ${each}.`)].join(" "));
+		toast(warnings.length ? `${done} Mind the warning in the panel.` : done);
 	});
 }
 
@@ -109,14 +109,10 @@ function drawLegend(pen, size) {
 	pen.fillStyle = palette.halo;
 	pen.fillRect(0, top, size.width, footOf(size));
 	pen.fillStyle = palette.ink;
-	pen.textBaseline = "middle";
 	drawScale(pen, 20, top + 34);
 	drawKeys(pen, isWide ? 190 : 20, top + (isWide ? 26 : 64));
 	if (model.state.field) drawBar(pen, isWide ? size.width - 280 : 20, top + (isWide ? 26 : 122), 256);
-	pen.font = "12px system-ui, sans-serif";
-	pen.fillStyle = palette.quiet;
-	pen.textAlign = "left";
-	pen.fillText(`${mapName()}   ${byId("field-note").textContent}   locplan ${model.about.version}`, 20, top + footOf(size) - 14);
+	writeAt(pen, `${mapName()}   ${byId("field-note").textContent}   locplan ${model.about.version}`, 20, top + footOf(size) - 14, palette.quiet);
 }
 
 function drawScale(pen, x, y) {
@@ -124,9 +120,7 @@ function drawScale(pen, x, y) {
 	pen.fillRect(x, y, bar.pixels, 2);
 	pen.fillRect(x, y - 6, 2, 8);
 	pen.fillRect(x + bar.pixels - 2, y - 6, 2, 8);
-	pen.font = "13px system-ui, sans-serif";
-	pen.textAlign = "left";
-	pen.fillText(bar.words, x, y - 16);
+	writeAt(pen, bar.words, x, y - 16, palette.ink, "left", "13px");
 }
 
 function drawKeys(pen, x, y) {
@@ -136,14 +130,8 @@ function drawKeys(pen, x, y) {
 		pen.beginPath();
 		pen.moveTo(x, y + 20 * k);
 		pen.lineTo(x + 34, y + 20 * k);
-		pen.setLineDash(dash);
-		pen.lineWidth = 3.5;
-		pen.strokeStyle = colour;
-		pen.stroke();
-		pen.setLineDash([]);
-		pen.textAlign = "left";
-		pen.fillStyle = palette.ink;
-		pen.fillText(`${name}: ${metres(path.length)}, ${metres(path.degenerate)} degenerate`, x + 44, y + 20 * k);
+		haloedStroke(pen, colour, 3.5, dash);
+		writeAt(pen, `${name}: ${metres(path.length)}, ${metres(path.degenerate)} degenerate`, x + 44, y + 20 * k, palette.ink, "left", "13px");
 	});
 }
 
@@ -153,10 +141,6 @@ function drawBar(pen, x, y, width) {
 		pen.fillStyle = `rgb(${rampColour(model.ramp, palette.theme, k / (width - 1)).join(" ")})`;
 		pen.fillRect(x + k, y, 1.5, 10);
 	}
-	pen.fillStyle = palette.ink;
-	pen.font = "12px system-ui, sans-serif";
-	pen.textAlign = "left";
-	pen.fillText(`${layer.title}${layer.unit && layer.unit !== "1" ? ` [${layer.unit}]` : ""}`, x, y - 10);
-	pen.textAlign = "center";
-	for (const { share, text } of barTicks(5)) pen.fillText(text, x + share * width, y + 20);
+	writeAt(pen, titleWithUnit(layer), x, y - 10, palette.ink);
+	for (const { share, text } of barTicks(5)) writeAt(pen, text, x + share * width, y + 20, palette.ink, "center");
 }

@@ -20,14 +20,12 @@ export function startSheet() {
 export function startHint() {
 	const hint = byId("hint");
 	const done = () => {
-		if (hint.hidden) return;
 		hint.hidden = true;
-		tell("hint");
 		remember("hint", "seen");
 	};
 	hint.hidden = model.shared || remembered("hint") === "seen";
-	hear("hint-close", "click", done);
-	on("touched", done);
+	hear("hint-close", "click", () => tell("hint", done()));
+	on("touched", done); // the map stays where it is under the finger
 }
 
 function toggleSheet() {

@@ -1,10 +1,10 @@
 // Candidates driven in simulation: coloured by their error on the map, in a table, with bands in the profile.
-import { byId, hear, make, write } from "./dom.js";
+import { byId, hear, make } from "./dom.js";
 import { repaint } from "./frames.js";
 import { pointAlong } from "./lines.js";
 import { work } from "./link.js";
 import { routeAsked } from "./route.js";
-import { announce } from "./say.js";
+import { report } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { haloedPath, numberedDot } from "./strokes.js";
 import { metres } from "./text.js";
@@ -66,12 +66,11 @@ function simulateRoute() {
 
 function showSimulated(answer) {
 	Object.assign(model, { simulated: answer, preview: null });
-	write("simulated-verdict", answer.verdict);
 	byId("candidates").replaceChildren(tableHead(), ...answer.candidates.map(tableRow));
 	byId("simulated").hidden = false;
 	byId("simulated").classList.remove("old");
 	byId("profile-kind").value = "error";
-	announce(answer.verdict);
+	report("simulated-verdict", answer.verdict);
 	repaint("overlay", "profile");
 	tell("simulated");
 }

@@ -1,5 +1,5 @@
 // The map under the hand: pan, wheel, pinch, double-click and long press, strokes of the tools, hovering.
-import { byId, calm, hear } from "./dom.js";
+import { byId, hear } from "./dom.js";
 import { beginStroke, endStroke, leadStroke } from "./editing.js";
 import { keepMoving, repaint } from "./frames.js";
 import { waypointAt } from "./markers.js";
@@ -19,20 +19,19 @@ let wasFitted = true;
 /** Connect the stage. */
 export function startStage() {
 	const stage = byId("overlay");
-	stage.addEventListener("pointerdown", pressed);
-	stage.addEventListener("pointermove", moved);
-	stage.addEventListener("pointerup", released);
-	stage.addEventListener("pointercancel", released);
-	stage.addEventListener("pointerleave", left);
+	hear("overlay", "pointerdown", pressed);
+	hear("overlay", "pointermove", moved);
+	hear("overlay", "pointerup", released);
+	hear("overlay", "pointercancel", released);
+	hear("overlay", "pointerleave", left);
 	stage.addEventListener("wheel", wheeled, { passive: false });
-	stage.addEventListener("dblclick", (event) => model.tool === "move" && !model.picking && waypointAt(worldAt(event.offsetX, event.offsetY)));
+	hear("overlay", "dblclick", (event) => model.tool === "move" && !model.picking && waypointAt(worldAt(event.offsetX, event.offsetY)));
 	stage.addEventListener("focus", () => stage.matches(":focus-visible") && showCross());
-	stage.addEventListener("blur", hideCross);
+	hear("overlay", "blur", hideCross);
 	hear("zoom-in", "click", () => zoomBy(1.5));
 	hear("zoom-out", "click", () => zoomBy(1 / 1.5));
 	hear("zoom-fit", "click", showWhole);
-	on("hint", () => wasFitted && showWhole());
-	on("cells", () => wasFitted && showWhole());
+	for (const topic of ["hint", "cells", "settled"]) on(topic, () => wasFitted && showWhole());
 	new ResizeObserver(resized).observe(byId("stage"));
 	resized();
 }
@@ -87,14 +86,15 @@ function middle() {
 function insets() {
 	const [panel, profile, title, tools] = ["panel", "profile", "title", "tools"].map((id) => byId(id).getBoundingClientRect());
 	const top = Math.max(title.bottom, tools.width > tools.height ? tools.bottom : 0) + 14;
-	const hint = byId("hint").getBoundingClientRect();
+	const hint = byId("hint").getBoundingClientRect(); // all 0 while it is hidden
 	if (view.width < 700) return { left: 12, top: Math.max(top, hint.bottom + 12), right: 12, bottom: view.height - panel.top + 26 };
+	const low = Math.min(profile.top, hint.top || profile.top);
 	const side = tools.width > tools.height ? 14 : tools.right + 18;
-	return { left: side, top, right: view.width - panel.left + 18, bottom: view.height - profile.top + 24 };
+	return { left: side, top, right: view.width - panel.left + 18, bottom: view.height - low + 24 };
 }
 
 function glide(steps, step) {
-	if (calm()) {
+	if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
 		for (let k = 0; k < steps; k++) step();
 		return viewChanged();
 	}
@@ -145,7 +145,6 @@ function pressed(event) {
 function longPressed(point) {
 	if (!press || press.moved) return;
 	press = null;
-	navigator.vibrate?.(12);
 	waypointAt(point);
 }
 

@@ -52,9 +52,11 @@ export function haloedDot(pen, px, py, radius, colour) {
 /** A number in a disc at a screen place. */
 export function numberedDot(pen, px, py, text, colour) {
 	haloedDot(pen, px, py, 10, colour);
-	pen.fillStyle = palette.halo;
-	pen.font = "600 12px system-ui, sans-serif";
-	pen.textAlign = "center";
-	pen.textBaseline = "middle";
-	pen.fillText(text, px, py + 0.5);
+	writeAt(pen, text, px, py + 0.5, palette.halo, "center", "600 12px");
+}
+
+/** Write words at a screen place. */
+export function writeAt(pen, text, px, py, fillStyle, textAlign = "left", font = "12px") {
+	Object.assign(pen, { fillStyle, textAlign, textBaseline: "middle", font: `${font} system-ui, sans-serif` });
+	pen.fillText(text, px, py);
 }

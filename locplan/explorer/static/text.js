@@ -19,11 +19,8 @@ export function short(value) {
 	if (size >= 100) return value.toFixed(0);
 	if (size >= 10) return String(Number(value.toFixed(1)));
 	if (size >= 0.01) return String(Number(value.toPrecision(2)));
-	return value.toExponential(0).replace("e-", "·10⁻").replace(/⁻(\d+)$/, (_, digits) => "⁻" + raised(digits));
-}
-
-function raised(digits) {
-	return [...digits].map((digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(digit)]).join("");
+	const [digit, power] = value.toExponential(0).split("e-");
+	return `${digit}·10⁻${[...power].map((each) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[each]).join("")}`;
 }
 
 /** A layer's value as people read it. */
@@ -31,6 +28,11 @@ export function layerValue(layer, value) {
 	const shown = value * (layer.factor ?? 1);
 	const number = shown !== 0 && Math.abs(shown) < 10 ** -(layer.decimals ?? 1) ? short(shown) : shown.toFixed(layer.decimals ?? 1);
 	return withUnit(number, layer.unit);
+}
+
+/** A layer's title with its unit. */
+export function titleWithUnit({ title, unit }) {
+	return unit && unit !== "1" ? `${title} [${unit}]` : title;
 }
 
 // Degrees stand close to their number.
@@ -54,7 +56,7 @@ export function comparison(aware, shortest) {
 	const longer = aware.length - shortest.length;
 	const less = shortest.degenerate - aware.degenerate;
 	if (longer < 0.05 && less < 0.05) return "The shortest path is also the one preferred.";
-	return `${metres(Math.max(0, longer))} longer, ${metres(Math.max(0, less))} less of it degenerate.`;
+	return `${metres(Math.max(0, longer))} longer, ${Math.max(0, less).toFixed(1)} fewer degenerate metres.`;
 }
 
 /** Seconds as minutes and seconds. */

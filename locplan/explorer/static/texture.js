@@ -48,7 +48,6 @@ export function paintTexture(pen) {
 	pen.save();
 	pen.globalAlpha = model.opacity;
 	pen.imageSmoothingEnabled = true;
-	pen.imageSmoothingQuality = "low";
 	pen.drawImage(picture, view.x + column * view.scale, view.y + down * view.scale, width * view.scale, height * view.scale);
 	pen.restore();
 }

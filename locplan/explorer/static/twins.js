@@ -2,7 +2,7 @@
 import { byId, hear, write } from "./dom.js";
 import { repaint } from "./frames.js";
 import { work } from "./link.js";
-import { announce } from "./say.js";
+import { report } from "./say.js";
 import { model } from "./store.js";
 import { haloedDot, haloedStroke, numberedDot } from "./strokes.js";
 import { metres } from "./text.js";
@@ -27,6 +27,7 @@ function awaitPlace(waits) {
 	model.picking = waits;
 	byId("twins-find").setAttribute("aria-pressed", String(waits));
 	byId("stage").classList.toggle("picking", waits);
+	if (waits && byId("panel").classList.contains("open")) byId("sheet-handle").click(); // else it covers the map
 }
 
 /** Take the look-alikes away. */
@@ -68,10 +69,10 @@ function canShowTwins() {
 function takeTwins(answer, place) {
 	model.twins = { ...answer, place };
 	const count = answer.twins.length;
-	const far = count ? ` The nearest is ${metres(Math.min(...answer.twins.map((twin) => Math.hypot(twin.x - place[0], twin.y - place[1]))))} away.` : "";
-	write("twins-note", count ? `${count === 1 ? "One place looks" : `${count} places look`} the same to the lidar.${far}` : "No other place looks like this one.");
+	const far = count ? ` ${count > 1 ? "The nearest" : "It"} is ${metres(Math.min(...answer.twins.map((twin) => Math.hypot(twin.x - place[0], twin.y - place[1]))))} away.` : "";
+	const slides = answer.stretch > 0.5 ? ` A match can slide by ${metres(answer.stretch)} here.` : "";
 	byId("twins-group").open = true;
 	byId("twins-clear").hidden = false;
-	announce(byId("twins-note").textContent);
+	report("twins-note", (count ? `${count === 1 ? "One place looks" : `${count} places look`} the same to the lidar.${far}` : "No other place looks like this one.") + slides);
 	repaint("overlay");
 }
