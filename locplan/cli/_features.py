@@ -74,11 +74,10 @@ def features(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.landmarks import _feature_reports as reports
-    from locplan.simulation._drives import check_drives
+    from locplan.simulation._drives import check_drives_or_none
 
     drives, ways = taking.drives, routes.given()
-    if drives:
-        check_drives(drives)
+    check_drives_or_none(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
     grid = load(map_file)

@@ -98,13 +98,12 @@ def landmarks(
     from locplan.landmarks import _reports as reports
     from locplan.landmarks._objects import parsed_object
     from locplan.landmarks._trials import TRIALS, best_of_trials
-    from locplan.simulation._drives import check_drives
+    from locplan.simulation._drives import check_drives_or_none
 
     drives = placing.drives
     driven = routes.given(region=placing.region)
     kind = parsed_object(placing.object)
-    if drives:
-        check_drives(drives)
+    check_drives_or_none(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
     existing = [position("existing", text) for text in placing.existing]

@@ -33,6 +33,8 @@ GAP = 0.1
 """Default greatest gap between the parts of one object [m]."""
 GREATEST_PIECE, GREATEST_GAP = 20.0, 2.0
 """Greatest length of a piece of wall, and of a gap: searches of their size take long [m]."""
+GREATEST_SHIFT = 2.0
+"""Greatest distance that a feature may be off; no filter pairs it with its place beyond [m]."""
 SHIFT = 0.3
 """Default distance by which a feature is thought to be moved [m]."""
 ACROSS = 2
@@ -123,6 +125,7 @@ def key_features(
     number("gap", gap, 0.0, GREATEST_GAP)
     number("piece", piece, 0.0, GREATEST_PIECE)
     whole("count", count, 1, MAX_COUNT)
+    number("shift", shift, 0.0, GREATEST_SHIFT)
     for name, value in (("piece", piece), ("largest", largest), ("shift", shift)):
         positive(name, value, "m")
     lidar, amcl, disturbances = robot_of(lidar, amcl, disturbances)

@@ -142,7 +142,7 @@ def parsed_object(text: str) -> LandmarkObject:
     try:
         values = [float(size) for size in sizes.split(",")] if sizes else []
     except ValueError:
-        values = [math.nan]
+        name = ""
     if name == "pole" and len(values) <= 1:
         return Pole(*values)
     if name == "box" and len(values) in (0, 2):

@@ -178,7 +178,8 @@ def place_landmarks(
     if not len(every):
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {_reasons(candidates.reasons)}; allow where='both', a smaller object or margin"
+            f" {_reasons(candidates.reasons)}; allow more places (where), a"
+            " smaller object or margin, or keep less of the map out"
         )
     sight = Sight(seen, kind.shape, every, grid.resolution, threads)
     objective: Objective = AlongRoutes(sight)

@@ -41,6 +41,8 @@ def routes_of(
     named = _named_places(places)
     costs = Costmap.blank(grid, robot_radius=robot_radius)
     routes = {}
+    for name, xy in named.items():
+        costs.cell_of(xy, name)
     for (one, start), (other, goal) in combinations(named.items(), 2):
         found = plan(costs, start, goal).path
         if found is None:

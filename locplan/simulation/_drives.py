@@ -23,6 +23,12 @@ def check_drives(drives: int) -> None:
     whole("drives", drives, 2, MAX_DRIVES)
 
 
+def check_drives_or_none(drives: int) -> None:
+    """Raise a ConfigError unless a path can be driven so often, or 0 says that it is not driven."""
+    if drives:
+        whole("drives (0 leaves them out)", drives, 2, MAX_DRIVES)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Drives:
     """Simulated drives along one line.
