@@ -326,7 +326,7 @@ def test_the_map_keeps_still_while_the_first_drag_takes_the_hint_away(visit):
 
 @pytest.fixture(scope="module")
 def tall_server(server):
-    """A server on a map that is three times as high as wide, with the ends at its top and bottom."""
+    """A server on a map three times as high as wide, with the ends at its top and bottom."""
     wide, field = corridors()
     grid = OccupancyGrid(wide.cells.T.copy(), wide.resolution, name="tall")
     ends = {"start": (3.0, 41.0), "goal": (3.0, 1.0)}
