@@ -117,7 +117,7 @@ def served(
     """An explorer's server."""
     lidar = field.config.estimator.lidar
     ends = {name: _placed(grid, along) for name, along in (("start", 2.0), ("goal", 38.0))}
-    opening = Opening(field.config, lidar=lidar, **ends, **options)
+    opening = Opening(field.config, lidar=lidar, **(ends | options))
     with opened(grid, opening, port=port, field=field) as explorer:
         yield explorer
 

@@ -10,6 +10,8 @@ import pytest
 from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served, toured
 
 from locplan.explorer._drives import RecordedDrive
+from locplan.field import load_or_compute
+from locplan.maps import OccupancyGrid
 
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -314,6 +316,40 @@ def test_two_fingers_zoom_and_a_long_press_adds_a_waypoint(visit):
     touch("touchEnd")
 
 
+def test_the_map_keeps_still_while_the_first_drag_takes_the_hint_away(visit):
+    seen = visit(viewport={"width": 390, "height": 780})
+    before = seen.page.locator(".marker.start").bounding_box()
+    seen.drag(".marker.goal", -40, 0)
+    seen.wait("#hint", "hidden")
+    assert seen.page.locator(".marker.start").bounding_box() == before
+
+
+@pytest.fixture(scope="module")
+def tall_server(server):
+    """A server on a map three times as high as wide, with the ends at its top and bottom."""
+    wide, field = corridors()
+    grid = OccupancyGrid(wide.cells.T.copy(), wide.resolution, name="tall")
+    ends = {"start": (3.0, 41.0), "goal": (3.0, 1.0)}
+    with served(grid, load_or_compute(grid, field.config), **ends) as explorer:
+        yield explorer
+
+
+@pytest.mark.parametrize(("width", "height"), [(320, 640), (390, 844), (760, 450), (1280, 720)])
+def test_the_map_lies_beside_all_cards(visit, tall_server, width, height):
+    seen = visit(tall_server.address, viewport={"width": width, "height": height})
+    seen.wait("#hint", "visible")
+    seen.page.locator("#scale-bar").evaluate("() => new Promise(requestAnimationFrame)")
+    markers = [seen.middle(f".marker.{name}") for name in ("start", "goal")]
+    for card in ("#panel", "#profile", "#tools", "#hint"):
+        box = seen.page.locator(card).bounding_box()
+        for x, y in markers:
+            beside = not box["x"] < x < box["x"] + box["width"]
+            assert beside or not box["y"] - 20 < y < box["y"] + box["height"], card
+    tools = seen.page.locator("#tools").bounding_box()
+    profile = seen.page.locator("#profile").bounding_box()
+    assert tools["y"] + tools["height"] <= profile["y"]
+
+
 def test_a_turned_map_is_drawn_along_its_own_axes(visit, tmp_path):
     yaw = 0.5
     with served(*corridors(yaw)) as turned:
@@ -471,6 +507,18 @@ def test_look_alikes_are_really_sought(visit):
     seen.page.keyboard.press("t")
     seen.page.locator("#twins-note", has_text=re.compile("to the lidar|No other place")).wait_for()
     assert seen.page.locator("#twins-clear").is_visible()
+
+
+def test_a_closed_panel_answers_above_the_map(visit):
+    seen = visit(viewport={"width": 390, "height": 844}, has_touch=True)
+    seen.page.locator("#hint-close").click()
+    seen.page.locator("#sheet-handle").click()
+    seen.unfold("twins-group")
+    seen.page.locator("#twins-find").click()
+    seen.wait('#sheet-handle[aria-expanded="false"]')
+    x, y = seen.middle(".marker.start")
+    seen.page.touchscreen.tap(x + 45, y)
+    seen.page.locator("#toast", has_text=re.compile("to the lidar|No other place")).wait_for()
 
 
 def test_help_lists_the_keys_and_every_control_has_a_name(visit):
