@@ -295,6 +295,22 @@ def test_fields_and_costs_after_an_edit_are_those_of_the_new_map(tool, monkeypat
     assert session.scene.costs.grid.digest == session.grid.digest
 
 
+@pytest.mark.parametrize("kind", ["Fisher", "Scan", "Fused"])
+def test_fields_of_rays_after_an_edit_are_those_of_the_new_map(kind, monkeypatch):
+    monkeypatch.setattr("locplan.explorer._upkeep.MIN_POINTS", 30)
+    monkeypatch.setattr("locplan.explorer._upkeep.FIRST_SECONDS", 0.0)
+    config = FieldConfig(getattr(locplan, kind).of(locplan.Lidar(range=2.0, beams=36)), stride=0.6)
+    session = session_of(rooms(5, yaw=0.4), config)
+    (place,) = free_places(session, 1)
+    whole = []
+    session.listeners.append(lambda event: whole.append(session.scene.whole))
+    answer(session, "edit", strokes=[{"tool": "pole", "points": [place], "width": 0.5}])
+    session.upkeep.latest.result()
+    assert False in whole
+    expected = locplan.covariance_field(session.grid, config)
+    np.testing.assert_array_equal(session.field.covariance, expected.covariance)
+
+
 def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypatch):
     monkeypatch.setattr("locplan.explorer._upkeep.MIN_POINTS", 5)
     monkeypatch.setattr("locplan.explorer._upkeep.FIRST_SECONDS", 0.0)

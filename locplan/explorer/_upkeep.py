@@ -20,7 +20,7 @@ from locplan.explorer._scene import Busy, Opening, Scene
 from locplan.field import CovarianceField, FieldConfig, _tiles as tiles, load_or_compute
 from locplan.maps import OccupancyGrid
 
-FIRST_SECONDS = 0.15
+FIRST_SECONDS = 0.06
 """Time that the points nearest to an edit may take by the estimator's own estimate [s]."""
 GROWTH = 4
 """Ratio of the numbers of points from one repainting to the next."""
@@ -68,6 +68,7 @@ class Upkeep:
     def __init__(self, session: Host) -> None:
         self.session = session
         self._lane = ThreadPoolExecutor(1, "field")
+        self._tiles = ThreadPoolExecutor(check_threads(session.opening.threads), "tiles")
         self._beginning = threading.Lock()
         self._cancel = Cancel()
         self._known: Patchwork | None = None
@@ -96,7 +97,8 @@ class Upkeep:
         with self._beginning:
             self._closed = True
             self._cancel.cancel()
-            self._lane.shutdown(wait=False, cancel_futures=True)
+            for pool in (self._lane, self._tiles):
+                pool.shutdown(wait=False, cancel_futures=True)
 
     def _work(self, cancel: Cancel, given: CovarianceField | None) -> None:
         session = self.session
@@ -113,6 +115,8 @@ class Upkeep:
         except Cancelled:
             raise
         except Exception as error:
+            if cancel.cancelled:  # such as a pool that was closed meanwhile
+                raise Cancelled from None
             session.tell({"event": "error", "error": _in_one_line(error)})
             raise
         finally:
@@ -188,7 +192,8 @@ class Upkeep:
             for array in values.values():
                 array[batch] = np.nan
             progress = cancel.watching(_shifted(self._tell, at, len(order)))
-            made = grid, config, threads, None, progress
+            # Of a few points a part of the map is prepared, which their threads do by themselves.
+            made = grid, config, threads, self._tiles if at == 0 else None, progress
             for _ in tiles.finished_chunks(values, *made, batch):
                 cancel.check()
             fresh, at, size = fresh | batch, at + size, size * GROWTH
