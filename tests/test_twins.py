@@ -11,7 +11,7 @@ import pytest
 from conftest import corridor, refused
 
 import locplan
-from locplan import Lidar, LocplanError, find_twins
+from locplan import Lidar, LocplanError, ScanDatabase, find_twins
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
 from locplan.simulation import Disturbances
 from locplan.twins import LAYERS, Matching, twins_figure
@@ -220,6 +220,36 @@ def test_modes_without_a_home_are_those_of_a_scan():
     (again,) = find_all_modes(database, scans)
     np.testing.assert_array_equal(again.poses, found.poses)
     assert find_modes(database, np.full(96, np.inf)).poses.shape == (0, 3)
+
+
+def test_a_database_serves_many_calls_and_changes_nothing(equal_rooms):
+    grid = equal_rooms.grid
+    database = ScanDatabase(grid, LIDAR, clearance=0.25)
+    seen = database.everywhere
+    again = find_twins(grid, lidar=LIDAR, database=database)
+    np.testing.assert_array_equal(again.twins, equal_rooms.twins)
+    beams = find_twins(grid, lidar=LIDAR, global_effective_beams=18, database=database)
+    both = np.isfinite(again.excess) & np.isfinite(beams.excess)
+    np.testing.assert_allclose(beams.excess[both], again.excess[both] / 2, atol=0.05)
+    assert beams.matching.global_effective_beams == 18
+    assert database.everywhere is seen
+    with pytest.raises(LocplanError, match=r"clearance of 0\.25 m, not the robot"):
+        find_twins(grid, lidar=LIDAR, robot_radius=0.3, database=database)
+    with pytest.raises(LocplanError, match="of another map or lidar"):
+        find_twins(grid, lidar=Lidar(range=5.0), database=database)
+
+
+def test_a_place_in_a_small_region_is_found_with_a_database_too():
+    cells = two_rooms().cells.copy()
+    cells[20:28, 46:52] = FREE  # between the rooms
+    cells[[19, 28], 46:52] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    place = [(4.9, 2.4)]
+    database = ScanDatabase(grid, LIDAR, clearance=0.25)
+    assert not database.everywhere.fits[24, 49]
+    found = find_twins(grid, lidar=LIDAR, places=place, database=database)
+    assert found.elsewhere[0] < 1
+    np.testing.assert_array_equal(found.twins, find_twins(grid, lidar=LIDAR, places=place).twins)
 
 
 def test_layers_are_those_of_the_nearest_place(equal_rooms):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 
@@ -19,6 +20,7 @@ from locplan.twins._database import Database, make_database, places_every, wrapp
 from locplan.twins._looks import LISTED, Looks, look_around
 from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS, Matching
 from locplan.twins._modes import in_batches
+from locplan.twins._scan_database import ScanDatabase, checked_database
 from locplan.twins._symmetries import find_symmetries
 from locplan.twins._twins import LAYERS, Twins
 
@@ -38,6 +40,7 @@ def find_twins(
     global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS,
     robot_radius: float = ROBOT_RADIUS,
     count_missing: bool = False,
+    database: ScanDatabase | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Twins:
@@ -67,6 +70,9 @@ def find_twins(
     count_missing : bool
         Whether a beam without a return counts against places where it would meet a wall in range;
         AMCL ignores such beams.
+    database : ScanDatabase, optional
+        What the lidar sees on this map, if it is to be kept by the caller, as for `locate`; its
+        clearance must be the robot's radius. By default the last four are kept.
     threads : int, optional
         Number of threads; all cores by default. The result does not depend on it.
     progress : callable, optional
@@ -79,7 +85,8 @@ def find_twins(
     Raises
     ------
     LocplanError
-        If a value is out of its range, the robot cannot stand at a place, or fits nowhere.
+        If a value is out of its range, the robot cannot stand at a place, or fits nowhere, or the
+        database is of another map, lidar or radius.
 
     Examples
     --------
@@ -99,12 +106,12 @@ def find_twins(
     positive("spacing", spacing, "m")
     workers = check_threads(threads)
     if places is None:
-        database = make_database(grid, matching)
-        positions = places_every(spacing, database.fits, grid.resolution)
+        seen = _seen_everywhere(grid, matching, (), database)
+        positions = places_every(spacing, seen.fits, grid.resolution)
         xy = np.column_stack(grid.grid_to_world(positions[:, 1], positions[:, 0]))
     else:
         cells, xy = _checked(grid, places, robot_radius)
-        database = make_database(grid, matching, cells)
+        seen = _seen_everywhere(grid, matching, cells, database)
         row, col = grid.world_to_grid(xy[:, 0], xy[:, 1])
         positions = np.column_stack([col, row])
     count = 1 if lidar.sees_alike_in_all_headings else HEADINGS
@@ -112,13 +119,13 @@ def find_twins(
     homes = np.column_stack(
         [np.repeat(positions, count, axis=0), np.tile(headings, len(positions))]
     )
-    ranges = database.scans_at(homes)
+    ranges = seen.scans_at(homes)
 
     def look(some: NDArray[np.int64]) -> list[Looks]:
-        return [look_around(database, ranges[n], homes[n]) for n in some]
+        return [look_around(seen, ranges[n], homes[n]) for n in some]
 
     looks = in_batches(look, len(homes), workers, progress)
-    symmetries, covered = find_symmetries(database, homes, ranges, looks)
+    symmetries, covered = find_symmetries(seen, homes, ranges, looks)
     shape = len(positions), count
     return Twins(
         grid=grid,
@@ -130,12 +137,32 @@ def find_twins(
             name: np.array([getattr(look, name) for look in looks], np.float64).reshape(shape)
             for name in LAYERS
         },
-        twins=_listed(database, looks).reshape(*shape, LISTED, 4),
+        twins=_listed(seen, looks).reshape(*shape, LISTED, 4),
         symmetries=tuple(symmetries),
         covered=np.array([each.reshape(shape).any(axis=1) for each in covered], bool).reshape(
             len(covered), len(positions)
         ),
     )
+
+
+def _seen_everywhere(
+    grid: OccupancyGrid,
+    matching: Matching,
+    cells: Sequence[tuple[int, int]],
+    database: ScanDatabase | None,
+) -> Database:
+    """Ranges at all reachable places; cells (row, col) are reachable in regions however small."""
+    shared = checked_database(grid, matching.lidar, matching.robot_radius, database)
+    if shared.clearance != matching.robot_radius:
+        raise ConfigError(
+            f"the database has a clearance of {shared.clearance:g} m, not the robot's radius of"
+            f" {matching.robot_radius:g} m; make ScanDatabase(grid, lidar,"
+            f" clearance={matching.robot_radius:g})"
+        )
+    every = shared.everywhere
+    if all(every.fits[cell] for cell in cells):
+        return dataclasses.replace(every, matching=matching)
+    return make_database(grid, matching, cells)
 
 
 def _checked(

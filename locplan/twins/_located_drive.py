@@ -20,13 +20,12 @@ from locplan.twins._locate import (
     COUNT,
     WITHIN,
     NotLocatedError,
-    checked_database,
     located,
     places_of,
 )
 from locplan.twins._location import CERTAIN, Location
 from locplan.twins._modes import in_batches
-from locplan.twins._scan_database import CLEARANCE, ScanDatabase
+from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
 
 Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
