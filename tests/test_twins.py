@@ -228,10 +228,8 @@ def test_a_database_serves_many_calls_and_changes_nothing(equal_rooms):
     seen = database.everywhere
     again = find_twins(grid, lidar=LIDAR, database=database)
     np.testing.assert_array_equal(again.twins, equal_rooms.twins)
-    beams = find_twins(grid, lidar=LIDAR, global_effective_beams=18, database=database)
-    both = np.isfinite(again.excess) & np.isfinite(beams.excess)
-    np.testing.assert_allclose(beams.excess[both], again.excess[both] / 2, atol=0.05)
-    assert beams.matching.global_effective_beams == 18
+    few = find_twins(grid, lidar=LIDAR, global_effective_beams=3, database=database)
+    assert np.isfinite(few.twins).sum() > 2 * np.isfinite(again.twins).sum()
     assert database.everywhere is seen
     with pytest.raises(LocplanError, match=r"clearance of 0\.25 m, not the robot"):
         find_twins(grid, lidar=LIDAR, robot_radius=0.3, database=database)
