@@ -205,8 +205,19 @@ def test_missing_returns_count_where_they_are_asked_to():
 def test_the_result_does_not_depend_on_the_number_of_threads(equal_rooms):
     for threads in (1, 3):
         again = find_twins(two_rooms(), lidar=LIDAR, threads=threads)
+        assert again.symmetries == equal_rooms.symmetries
         np.testing.assert_array_equal(again.excess, equal_rooms.excess)
         np.testing.assert_array_equal(again.twins, equal_rooms.twins)
+
+
+def test_progress_ends_once_symmetries_are_tried_too():
+    for grid in (two_rooms(), side_by_side(room())):
+        told = []
+        find_twins(
+            grid, lidar=LIDAR, spacing=1.5, progress=lambda *done, told=told: told.append(done)
+        )
+        assert told == sorted(told)
+        assert {total for _, total in told} == {told[-1][0]}
 
 
 def test_modes_without_a_home_are_those_of_a_scan():
@@ -289,6 +300,7 @@ def test_matches_of_noisy_scans_fail_as_often_as_foreseen(equal_rooms, one_room)
     sure = one_room.verify(60, disturbances=QUIET)
     assert not sure.failed.any()
     assert math.isnan(sure.auc)
+    assert "no match was wrong" in twins_table(one_room, [], sure)
     halves = equal_rooms.verify(200, disturbances=QUIET, seed=3)
     assert halves.failure_rate.low < halves.elsewhere.mean() < halves.failure_rate.high
     assert halves.named_share > 0.95
@@ -339,6 +351,7 @@ def test_specks_of_free_space_are_not_reachable_unless_asked_for():
         ({"places": []}, "at least one place"),
         ({"spacing": 0.0}, "spacing must be"),
         ({"spacing": math.nan}, "spacing must be"),
+        ({"spacing": 0.09}, "spacing must be at least a cell of the map"),
         ({"global_effective_beams": -1.0}, "global_effective_beams must be"),
         ({"robot_radius": 9.0}, "fits nowhere"),
         ({"lidar": "rplidar-a1"}, "lidar must be a Lidar"),

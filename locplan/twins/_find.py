@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import positive
 from locplan._util.machine import check_threads
-from locplan._util.progress import ProgressCallback
+from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
 from locplan.field import Lidar
@@ -76,7 +76,7 @@ def find_twins(
     threads : int, optional
         Number of threads; all cores by default. The result does not depend on it.
     progress : callable, optional
-        Called with (done, total) poses.
+        Called with (done, total) poses, which are looked at for twins and then for symmetries.
 
     Returns
     -------
@@ -104,6 +104,10 @@ def find_twins(
         count_missing=count_missing,
     )
     positive("spacing", spacing, "m")
+    if spacing < grid.resolution:
+        raise ConfigError(
+            f"spacing must be at least a cell of the map, {grid.resolution:g} m, not {spacing:g}"
+        )
     workers = check_threads(threads)
     if places is None:
         seen = _seen_everywhere(grid, matching, (), database)
@@ -124,8 +128,9 @@ def find_twins(
     def look(some: NDArray[np.int64]) -> list[Looks]:
         return [look_around(seen, ranges[n], homes[n]) for n in some]
 
-    looks = in_batches(look, len(homes), workers, progress)
-    symmetries, covered = find_symmetries(seen, homes, ranges, looks)
+    looking, moving = parts(progress, [len(homes), len(homes)])
+    looks = in_batches(look, len(homes), workers, looking)
+    symmetries, covered = find_symmetries(seen, homes, ranges, looks, workers, moving)
     shape = len(positions), count
     return Twins(
         grid=grid,
