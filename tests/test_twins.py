@@ -275,6 +275,8 @@ def test_layers_are_those_of_the_nearest_place(equal_rooms):
     assert np.nanmax(costs.density[np.isfinite(costs.density)]) == pytest.approx(
         1 + 3 * equal_rooms.elsewhere.max()
     )
+    blank = locplan.Costmap.blank(equal_rooms.grid)
+    np.testing.assert_array_equal(np.isfinite(costs.density), np.isfinite(blank.density))
     with pytest.raises(LocplanError, match="layer must be one of"):
         equal_rooms.layer("colour")
 
