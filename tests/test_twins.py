@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 
@@ -12,6 +13,7 @@ from conftest import corridor, refused
 
 import locplan
 from locplan import Lidar, LocplanError, ScanDatabase, find_twins
+from locplan._util.intervals import wilson
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
 from locplan.simulation import Disturbances
 from locplan.twins import LAYERS, Matching, twins_figure
@@ -322,6 +324,32 @@ def test_failed_matches_in_a_warehouse_are_foreseen_and_named():
     assert low < matches.elsewhere.mean() < high
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("beams", "holds"), [(36, True), (9, False)], ids=["fitted", "few"])
+def test_nats_are_those_of_noisy_matches_with_the_fitted_number_of_beams(beams, holds):
+    """Matches fail as often as the share elsewhere says, in each range of it.
+
+    Twins of these maps are nearly equal, so that more beams would be right, too.
+    """
+    share, failed = [], []
+    for name in ("warehouse", "office"):
+        grid = locplan.maps.environments.make(name, resolution=0.05)
+        lidar = Lidar.preset("rplidar-a1")
+        found = find_twins(grid, lidar=lidar, spacing=1.2, global_effective_beams=beams)
+        matches = found.verify(1200, seed=7)
+        share.append(matches.elsewhere)
+        failed.append(matches.failed)
+    said, happened = np.concatenate(share), np.concatenate(failed)
+    apart = []
+    for low, high in itertools.pairwise((0.0, 0.02, 0.15, 0.45, 0.75, 1.01)):
+        own = (said >= low) & (said < high)
+        if own.sum() < 20:
+            continue
+        around = wilson(float(happened[own].mean()), int(own.sum()))
+        apart.append(max(around.low - said[own].mean(), said[own].mean() - around.high))
+    assert (max(apart) < 0.06) == holds
+
+
 def test_the_area_under_the_curve_counts_pairs():
     scores, positive = np.array([3.0, 1.0, 2.0, 2.0]), np.array([True, False, True, False])
     assert area_under_curve(scores, positive) == pytest.approx((2 + 1.5) / 4)
@@ -351,6 +379,7 @@ def test_specks_of_free_space_are_not_reachable_unless_asked_for():
         ({"places": [(math.nan, 1.0)]}, "must be finite"),
         ({"places": [(1.0, "x")]}, "two numbers"),
         ({"places": []}, "at least one place"),
+        ({"places": 3}, "places must be positions"),
         ({"spacing": 0.0}, "spacing must be"),
         ({"spacing": math.nan}, "spacing must be"),
         ({"spacing": 0.09}, "spacing must be at least a cell of the map"),

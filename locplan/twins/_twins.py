@@ -186,7 +186,9 @@ class Twins(Pictured):
         """Cost per metre ``1 + weight * elsewhere``, (H, W), for `Costmap.from_density`.
 
         It is infinite where the robot may not stand. Other cells without a place count as places
-        without a twin.
+        without a twin. Paths planned with it are not shown to lose fewer robots: in simulated
+        drives with AMCL they lost 21 instead of the shortest paths' 33 % on 16 routes of a
+        warehouse, but 71 instead of 30 % on 8 routes of one that repeats everywhere.
         """
         number("weight", weight, 0.0)
         density = 1 + weight * np.nan_to_num(self.layer("elsewhere"), nan=0.0)
