@@ -261,6 +261,8 @@ def test_a_place_in_a_small_region_is_found_with_a_database_too():
     found = find_twins(grid, lidar=LIDAR, places=place, database=database)
     assert found.elsewhere[0] < 1
     np.testing.assert_array_equal(found.twins, find_twins(grid, lidar=LIDAR, places=place).twins)
+    near = dataclasses.replace(found, spacing=0.2)  # matches are verified around the place alone
+    assert near.verify(10, disturbances=QUIET).failed.mean() < 0.3
 
 
 def test_layers_are_those_of_the_nearest_place(equal_rooms):

@@ -242,7 +242,7 @@ class Twins(Pictured):
         threads: int | None = None,
         progress: ProgressCallback | None = None,
     ) -> GlobalMatches:
-        """Match noisy scans from random poses with the whole map, and compare with what is said.
+        """Match noisy scans from poses near the places with the map, and compare with what is said.
 
         Parameters
         ----------
@@ -260,7 +260,7 @@ class Twins(Pictured):
         Raises
         ------
         ConfigError
-            If a number is out of its range, or only some places of the map are known.
+            If a number is out of its range, or no cell of the map lies near a place.
         """
         whole("count", count, 2)
         whole("seed", seed, 0)
