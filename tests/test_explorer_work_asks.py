@@ -261,7 +261,7 @@ def test_look_alikes_are_those_of_the_library_from_one_database(session, monkeyp
         assert told["modes"] == found.modes[0]
         alike = [each for each in found.of(0) if each.excess <= _twins.ALIKE]
         assert [(each["x"], each["y"]) for each in told["twins"]] == [(e.x, e.y) for e in alike]
-    assert len(made) == 1
+    assert len(made) == 2  # the page's, and that of the searches beside it
     kept = session.kept._results["scans", session.scene.serial, session.grid.digest, lidar]
     assert kept[1] > 4 * session.grid.cells.size  # the losses alone take four bytes a cell
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 
@@ -11,10 +12,11 @@ import pytest
 from conftest import corridor, refused
 
 import locplan
-from locplan import Lidar, LocplanError, find_twins
+from locplan import Lidar, LocplanError, ScanDatabase, find_twins
+from locplan._util.intervals import wilson
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
 from locplan.simulation import Disturbances
-from locplan.twins import LAYERS, Matching, ScanDatabase, _find, twins_figure
+from locplan.twins import LAYERS, Matching, _find, twins_figure
 from locplan.twins._database import make_database, places_every, reachable
 from locplan.twins._modes import find_all_modes, find_modes
 from locplan.twins._reports import twins_table
@@ -205,8 +207,19 @@ def test_missing_returns_count_where_they_are_asked_to():
 def test_the_result_does_not_depend_on_the_number_of_threads(equal_rooms):
     for threads in (1, 3):
         again = find_twins(two_rooms(), lidar=LIDAR, threads=threads)
+        assert again.symmetries == equal_rooms.symmetries
         np.testing.assert_array_equal(again.excess, equal_rooms.excess)
         np.testing.assert_array_equal(again.twins, equal_rooms.twins)
+
+
+def test_progress_ends_once_symmetries_are_tried_too():
+    for grid in (two_rooms(), side_by_side(room())):
+        told = []
+        find_twins(
+            grid, lidar=LIDAR, spacing=1.5, progress=lambda *done, told=told: told.append(done)
+        )
+        assert told == sorted(told)
+        assert {total for _, total in told} == {told[-1][0]}
 
 
 def test_modes_without_a_home_are_those_of_a_scan():
@@ -220,6 +233,36 @@ def test_modes_without_a_home_are_those_of_a_scan():
     (again,) = find_all_modes(database, scans)
     np.testing.assert_array_equal(again.poses, found.poses)
     assert find_modes(database, np.full(96, np.inf)).poses.shape == (0, 3)
+
+
+def test_a_database_serves_many_calls_and_changes_nothing(equal_rooms):
+    grid = equal_rooms.grid
+    database = ScanDatabase(grid, LIDAR, clearance=0.25)
+    seen = database.everywhere
+    again = find_twins(grid, lidar=LIDAR, database=database)
+    np.testing.assert_array_equal(again.twins, equal_rooms.twins)
+    few = find_twins(grid, lidar=LIDAR, global_effective_beams=3, database=database)
+    assert np.isfinite(few.twins).sum() > 2 * np.isfinite(again.twins).sum()
+    assert database.everywhere is seen
+    with pytest.raises(LocplanError, match=r"clearance of 0\.25 m, not the robot"):
+        find_twins(grid, lidar=LIDAR, robot_radius=0.3, database=database)
+    with pytest.raises(LocplanError, match="of another map or lidar"):
+        find_twins(grid, lidar=Lidar(range=5.0), database=database)
+
+
+def test_a_place_in_a_small_region_is_found_with_a_database_too():
+    cells = two_rooms().cells.copy()
+    cells[20:28, 46:52] = FREE  # between the rooms
+    cells[[19, 28], 46:52] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    place = [(4.9, 2.4)]
+    database = ScanDatabase(grid, LIDAR, clearance=0.25)
+    assert not database.everywhere.fits[24, 49]
+    found = find_twins(grid, lidar=LIDAR, places=place, database=database)
+    assert found.elsewhere[0] < 1
+    np.testing.assert_array_equal(found.twins, find_twins(grid, lidar=LIDAR, places=place).twins)
+    near = dataclasses.replace(found, spacing=0.2)  # matches are verified around the place alone
+    assert near.verify(10, disturbances=QUIET).failed.mean() < 0.3
 
 
 def test_layers_are_those_of_the_nearest_place(equal_rooms):
@@ -236,6 +279,8 @@ def test_layers_are_those_of_the_nearest_place(equal_rooms):
     assert np.nanmax(costs.density[np.isfinite(costs.density)]) == pytest.approx(
         1 + 3 * equal_rooms.elsewhere.max()
     )
+    blank = locplan.Costmap.blank(equal_rooms.grid)
+    np.testing.assert_array_equal(np.isfinite(costs.density), np.isfinite(blank.density))
     with pytest.raises(LocplanError, match="layer must be one of"):
         equal_rooms.layer("colour")
 
@@ -261,6 +306,7 @@ def test_matches_of_noisy_scans_fail_as_often_as_foreseen(equal_rooms, one_room)
     sure = one_room.verify(60, disturbances=QUIET)
     assert not sure.failed.any()
     assert math.isnan(sure.auc)
+    assert "no match was wrong" in twins_table(one_room, [], sure)
     halves = equal_rooms.verify(200, disturbances=QUIET, seed=3)
     assert halves.failure_rate.low < halves.elsewhere.mean() < halves.failure_rate.high
     assert halves.named_share > 0.95
@@ -278,6 +324,32 @@ def test_failed_matches_in_a_warehouse_are_foreseen_and_named():
     assert matches.named_share > 0.8
     low, high = matches.failure_rate.low, matches.failure_rate.high
     assert low < matches.elsewhere.mean() < high
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("beams", "holds"), [(36, True), (9, False)], ids=["fitted", "few"])
+def test_nats_are_those_of_noisy_matches_with_the_fitted_number_of_beams(beams, holds):
+    """Matches fail as often as the share elsewhere says, in each range of it.
+
+    Twins of these maps are nearly equal, so that more beams would be right, too.
+    """
+    share, failed = [], []
+    for name in ("warehouse", "office"):
+        grid = locplan.maps.environments.make(name, resolution=0.05)
+        lidar = Lidar.preset("rplidar-a1")
+        found = find_twins(grid, lidar=lidar, spacing=1.2, global_effective_beams=beams)
+        matches = found.verify(1200, seed=7)
+        share.append(matches.elsewhere)
+        failed.append(matches.failed)
+    said, happened = np.concatenate(share), np.concatenate(failed)
+    apart = []
+    for low, high in itertools.pairwise((0.0, 0.02, 0.15, 0.45, 0.75, 1.01)):
+        own = (said >= low) & (said < high)
+        if own.sum() < 20:
+            continue
+        around = wilson(float(happened[own].mean()), int(own.sum()))
+        apart.append(max(around.low - said[own].mean(), said[own].mean() - around.high))
+    assert (max(apart) < 0.06) == holds
 
 
 def test_the_area_under_the_curve_counts_pairs():
@@ -309,8 +381,10 @@ def test_specks_of_free_space_are_not_reachable_unless_asked_for():
         ({"places": [(math.nan, 1.0)]}, "must be finite"),
         ({"places": [(1.0, "x")]}, "two numbers"),
         ({"places": []}, "at least one place"),
+        ({"places": 3}, "places must be positions"),
         ({"spacing": 0.0}, "spacing must be"),
         ({"spacing": math.nan}, "spacing must be"),
+        ({"spacing": 0.09}, "spacing must be at least a cell of the map"),
         ({"global_effective_beams": -1.0}, "global_effective_beams must be"),
         ({"robot_radius": 9.0}, "fits nowhere"),
         ({"lidar": "rplidar-a1"}, "lidar must be a Lidar"),
@@ -351,7 +425,7 @@ def test_a_database_serves_many_searches(monkeypatch):
     assert len(made) == 1  # for the closet
     for other in ({"lidar": Lidar(range=5.0)}, {"robot_radius": 0.2}, {"grid": two_rooms()}):
         given = {"grid": grid, "lidar": LIDAR, "robot_radius": 0.15, **other}
-        with pytest.raises(LocplanError, match="another map, lidar or radius"):
+        with pytest.raises(LocplanError, match="another map or lidar|clearance"):
             find_twins(**given, database=database)
 
 

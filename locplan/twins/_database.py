@@ -33,7 +33,10 @@ STEPS = (0.5, 0.25, 0.125)
 
 @dataclass(frozen=True, eq=False)
 class Database:
-    """The ranges at every reachable place of a map, and the losses of beams' ends around it."""
+    """The ranges at every reachable place of a map, and the losses of beams' ends around it.
+
+    `ScanDatabase` is what users keep: it makes one of these when it is needed.
+    """
 
     grid: OccupancyGrid
     """The map."""

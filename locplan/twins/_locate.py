@@ -26,7 +26,7 @@ from locplan.twins._modes import (
     shortlisted,
     turning_lever,
 )
-from locplan.twins._scan_database import CLEARANCE, ScanDatabase, database_of
+from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
 
 Numbers = NDArray[np.float64]
 WITHIN = 3.0
@@ -120,26 +120,6 @@ def locate(
     database = checked_database(grid, lidar, clearance, database)
     places = places_of(database, near, within)
     return located(database, ranges, places, count, restricted=near is not None)
-
-
-def checked_database(
-    grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
-) -> ScanDatabase:
-    """The database that was given, if it is of this map and lidar, or one of them.
-
-    Raises
-    ------
-    ConfigError
-        If it is of another map or lidar, or the clearance is out of its range.
-    """
-    if database is None:
-        database = database_of(grid, lidar, number("clearance", clearance, 0.0))
-    instance("database", database, ScanDatabase)
-    if database.grid != grid or database.lidar != lidar:
-        raise ConfigError(
-            "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"
-        )
-    return database
 
 
 def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: float) -> Database:

@@ -20,20 +20,20 @@ from locplan.twins._locate import (
     COUNT,
     WITHIN,
     NotLocatedError,
-    checked_database,
     located,
     places_of,
 )
 from locplan.twins._location import CERTAIN, Location
 from locplan.twins._modes import in_batches
-from locplan.twins._scan_database import CLEARANCE, ScanDatabase
+from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
 
 Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 NEAR, TURNED = 0.3, float(np.radians(3.0))
 """Distance [m] and angle [rad] from the recorded pose up to which a scan is located rightly."""
 AGREE = 0.5
-"""Share of the certain scans below which the recorded poses seem to be of another map."""
+"""Share of the certain scans that are right, or of all that fit, below which the recorded poses
+seem to be of another map."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,6 +80,11 @@ class LocatedDrive:
         return np.array([each is not None and each.certain for each in self.locations])
 
     @property
+    def fits(self) -> Mask:
+        """Mask of the scans of which three of five returns end at walls of the map, (n,)."""
+        return np.array([each is not None and each.fits for each in self.locations])
+
+    @property
     def sentence(self) -> str:
         """How many scans are located, and whether the certain ones are right."""
         count, right, certain = len(self), self.right, self.certain
@@ -93,6 +98,11 @@ class LocatedDrive:
             text += (
                 " The recorded poses hardly agree with the map: check that they are in its frame,"
                 " and how the lidar is mounted."
+            )
+        elif (fits := self.fits).mean() < AGREE:
+            text += (
+                f" Careful: only {int(fits.sum())} of {count} scans have most of their returns at"
+                " walls: people, changes, or the map of another place."
             )
         return text
 

@@ -34,7 +34,7 @@ BARRIER = 1.0
 SLIDE, SLIDE_STEP = 4.0, 0.2
 """Greatest distance of two modes that are joined, and the steps of the way between them [m]."""
 BATCH = 16
-"""Number of scans that a thread matches at a time."""
+"""Number of scans that a thread matches at a time, by default."""
 NO_HOME = np.full(2, np.nan)
 
 
@@ -153,10 +153,11 @@ def in_batches(
     count: int,
     threads: int,
     progress: ProgressCallback | None = None,
+    batch: int = BATCH,
 ) -> list[Result]:
     """Results of numbers 0 to count - 1, which threads work at in batches."""
     found: list[Result] = []
-    batches = np.array_split(np.arange(count), max(1, -(-count // BATCH)))
+    batches = np.array_split(np.arange(count), max(1, -(-count // batch)))
     with ThreadPoolExecutor(threads) as pool:
         for some in pool.map(work, batches):
             found.extend(some)

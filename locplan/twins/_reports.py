@@ -70,19 +70,17 @@ def twins_table(
         said.append(
             f"{len(matches.poses)} noisy scans from random poses were matched:"
             f" {matches.failed.mean():.1%} [{low:.1%}, {high:.1%}] failed,"
-            f" {matches.elsewhere.mean():.1%} was foreseen; AUC {_number(matches.auc)}; twins or"
-            f" stretches name {in_percent_or_none(matches.named_share)} of the wrong matches"
+            f" {matches.elsewhere.mean():.1%} was foreseen; {_foreseen(matches)}"
         )
     return "\n".join(part for part in said if part)
 
 
-def in_percent_or_none(share: float) -> str:
-    """Text of a share in per cent, or of none."""
-    return "none" if math.isnan(share) else f"{share:.0%}"
-
-
-def _number(value: float) -> str:
-    return "unknown" if math.isnan(value) else f"{value:.2f}"
+def _foreseen(matches: GlobalMatches) -> str:
+    """How well failures were foreseen, where there are some, and named."""
+    if not matches.failed.any():
+        return "no match was wrong, so that nothing can be said of how well failures are foreseen"
+    named = f"twins or stretches name {matches.named_share:.0%} of the wrong matches"
+    return named if math.isnan(matches.auc) else f"AUC {matches.auc:.2f}; {named}"
 
 
 def _symmetries(twins: Twins) -> str:

@@ -1,4 +1,4 @@
-"""What a lidar sees at all places of a map, made once for many scans that are to be located."""
+"""What a lidar sees at all places of a map, made once for many scans."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ KEPT = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScanDatabase:
-    """What a lidar sees at all places of a map; it is made when the first scan is located.
+    """What a lidar sees at all places of a map; it is made when the first scan is compared.
 
-    `locate` makes one where none is given, and keeps the last four; `find_twins` keeps none.
+    `locate` and `find_twins` make one where none is given, and keep the last four.
 
     Raises
     ------
@@ -107,6 +107,26 @@ class ScanDatabase:
 def database_of(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDatabase:
     """The database of a map and a lidar, one of the last or a new one."""
     return ScanDatabase(grid, lidar, clearance)
+
+
+def checked_database(
+    grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
+) -> ScanDatabase:
+    """The database that was given, if it is of this map and lidar, or one of them.
+
+    Raises
+    ------
+    ConfigError
+        If it is of another map or lidar, or the clearance is out of its range.
+    """
+    if database is None:
+        database = database_of(grid, lidar, number("clearance", clearance, 0.0))
+    instance("database", database, ScanDatabase)
+    if database.grid != grid or database.lidar != lidar:
+        raise ConfigError(
+            "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"
+        )
+    return database
 
 
 def _distances(grid: OccupancyGrid, xy: Numbers) -> NDArray[np.float32]:

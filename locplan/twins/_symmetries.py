@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.progress import ProgressCallback
 from locplan.twins._database import Database, wrapped
 from locplan.twins._looks import THRESHOLD, Looks
-from locplan.twins._modes import losses_at, moved_to_least
+from locplan.twins._modes import in_batches, losses_at, moved_to_least
 
 Numbers = NDArray[np.float64]
 ALIKE = 1.0
@@ -63,7 +64,12 @@ class Symmetry:
 
 
 def find_symmetries(
-    database: Database, homes: Numbers, ranges: Numbers, looks: Sequence[Looks]
+    database: Database,
+    homes: Numbers,
+    ranges: Numbers,
+    looks: Sequence[Looks],
+    threads: int = 1,
+    progress: ProgressCallback | None = None,
 ) -> tuple[list[Symmetry], list[NDArray[np.bool_]]]:
     """The moves that take many poses to twins, the one with the greatest share first.
 
@@ -80,6 +86,10 @@ def find_symmetries(
         The scans there [m].
     looks : sequence of n Looks
         The twins of each.
+    threads : int
+        Number of threads.
+    progress : callable, optional
+        Called with (done, total) poses, those of all moves taken together.
 
     Returns
     -------
@@ -90,8 +100,17 @@ def find_symmetries(
     resolution = database.grid.resolution
     middle = (homes[:, :2].min(axis=0) + homes[:, :2].max(axis=0)) / 2
     found: list[tuple[NDArray[np.bool_], float, Numbers]] = []
-    for turn, moved in _proposed(middle, homes, looks, resolution):
-        covered, twins = _tried(database, homes, ranges, middle, turn, moved)
+    moves = _proposed(middle, homes, looks, resolution)
+    trials = in_batches(
+        lambda some: [_tried(database, homes, ranges, middle, *moves[n]) for n in some],
+        len(moves),
+        threads,
+        progress and (lambda done, total: progress(done * len(homes) // max(total, 1), len(homes))),
+        batch=1,
+    )
+    if progress:
+        progress(len(homes), len(homes))
+    for (turn, moved), (covered, twins) in zip(moves, trials, strict=True):
         if covered.mean() >= LEAST_SHARE:
             turn, moved = _fitted(middle, homes[covered], twins[covered])
             known = any(

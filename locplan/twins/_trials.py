@@ -127,13 +127,13 @@ def global_matches(
     aside = random.random((2, count))
     at = cols[chosen] + aside[0], rows[chosen] + aside[1]
     poses = np.column_stack([*at, random.uniform(-math.pi, math.pi, count)])
-    database = make_database(grid, matching)
+    places, twins, stretch = known
+    database = make_database(grid, matching, [grid.world_to_cell(x, y) for x, y in places.tolist()])
     scans = noisy_scans(grid, matching, poses, disturbances, random, seed)
     found = find_all_modes(database, scans, threads=check_threads(threads), progress=progress)
     nowhere = np.full(3, np.nan)
     best = np.array([each.poses[0] if len(each.poses) else nowhere for each in found])
     matched = database.in_world(best)
-    places, twins, stretch = known
     to_twins = np.hypot(*np.moveaxis(twins[near[chosen], :, :2] - matched[:, None, :2], -1, 0))
     on_twin = np.nan_to_num(to_twins, nan=np.inf).min(axis=1, initial=np.inf) <= NAMED
     slid = np.hypot(*(matched[:, :2] - places[near[chosen]]).T)

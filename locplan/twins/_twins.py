@@ -185,18 +185,26 @@ class Twins(Pictured):
     def density(self, weight: float) -> Numbers:
         """Cost per metre ``1 + weight * elsewhere``, (H, W), for `Costmap.from_density`.
 
-        Cells without a place count as places without a twin.
+        It is infinite where the robot may not stand. Other cells without a place count as places
+        without a twin. Paths planned with it are not shown to lose fewer robots: in simulated
+        drives with AMCL they lost 21 instead of the shortest paths' 33 % on 16 routes of a
+        warehouse, but 71 instead of 30 % on 8 routes of one that repeats everywhere.
         """
         number("weight", weight, 0.0)
-        return 1 + weight * np.nan_to_num(self.layer("elsewhere"), nan=0.0)
+        density = 1 + weight * np.nan_to_num(self.layer("elsewhere"), nan=0.0)
+        return np.where(self._fits, density, np.inf)
+
+    @property
+    def _fits(self) -> NDArray[np.bool_]:
+        """Mask of the cells where the robot may stand, (H, W)."""
+        return self.grid.free & ~self.grid.closer_than(self.matching.robot_radius - 1e-9)
 
     @cached_property
     def _nearest_places(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Rows and columns of the cells that have a place, and its number."""
         from scipy.spatial import cKDTree
 
-        fits = self.grid.free & ~self.grid.closer_than(self.matching.robot_radius - 1e-9)
-        rows, cols = np.nonzero(fits)
+        rows, cols = np.nonzero(self._fits)
         xy = np.column_stack(self.grid.grid_to_world(rows + 0.5, cols + 0.5))
         bound = BEYOND * self.spacing
         apart, place = cKDTree(self.places).query(xy, distance_upper_bound=bound)
@@ -234,7 +242,7 @@ class Twins(Pictured):
         threads: int | None = None,
         progress: ProgressCallback | None = None,
     ) -> GlobalMatches:
-        """Match noisy scans from random poses with the whole map, and compare with what is said.
+        """Match noisy scans from poses near the places with the map, and compare with what is said.
 
         Parameters
         ----------
@@ -252,7 +260,7 @@ class Twins(Pictured):
         Raises
         ------
         ConfigError
-            If a number is out of its range, or only some places of the map are known.
+            If a number is out of its range, or no cell of the map lies near a place.
         """
         whole("count", count, 2)
         whole("seed", seed, 0)
