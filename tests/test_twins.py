@@ -18,6 +18,7 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
 from locplan.simulation import Disturbances
 from locplan.twins import LAYERS, Matching, _find, twins_figure
 from locplan.twins._database import make_database, places_every, reachable
+from locplan.twins._figures import place_figure
 from locplan.twins._modes import find_all_modes, find_modes
 from locplan.twins._reports import twins_table
 from locplan.twins._starts import best_starts
@@ -520,6 +521,16 @@ def test_the_figure_joins_places_with_their_twins(equal_rooms):
     assert 0 < len(lines.get_segments()) <= 24
     assert {text.get_text() for text in axes.texts} == {"1", "2", "3"}
     assert "100% of" in axes.get_title(loc="left")
+
+
+def test_the_figure_of_a_place_numbers_its_twins(equal_rooms):
+    axes = place_figure(equal_rooms, 3).axes[0]
+    assert {text.get_text() for text in axes.texts} == {
+        str(n) for n, _ in enumerate(equal_rooms.of(3), 1)
+    }
+    ends = {tuple(line.get_xydata()[-1]) for line in axes.lines}
+    assert ends == {(x, y) for x, y, *_ in equal_rooms.of(3)} | {tuple(equal_rooms.places[3])}
+    assert "50% of the posterior" in axes.get_title(loc="left")
 
 
 def test_a_figure_without_twins_has_no_lines(one_room):

@@ -20,7 +20,7 @@ from locplan.plotting._maps import draw_map, map_size
 from locplan.plotting._picture import Picture
 from locplan.twins._looks import THRESHOLD
 from locplan.twins._starts import Start
-from locplan.twins._twins import Twins
+from locplan.twins._twins import SHOWN, Twins
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,6 +35,11 @@ MOST_LINES = 24
 """Greatest number of lines."""
 LIKELY = 0.2
 """Share of the posterior elsewhere from which on a place is joined to its twin."""
+NUMBERED: dict[str, Any] = {
+    **{"marker": "o", "markersize": 11, "linestyle": "none"},
+    **{"markerfacecolor": "white", "markeredgecolor": "black"},
+}
+"""Style of the markers that hold a number."""
 NAMED = 5
 """Number of symmetries that the title names."""
 
@@ -73,6 +78,35 @@ def twins_figure(twins: Twins, starts: Sequence[Start] | None = None) -> Figure:
     if handles:
         at: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.09)}
         axes.legend(handles=handles, ncols=3, fontsize="small", frameon=False, **at)
+    return figure
+
+
+def place_figure(twins: Twins, place: int) -> Figure:
+    """Draw one place, joined with its best twins, which are numbered as in its table."""
+    x, y = twins.places[place].tolist()
+    figure = Picture(figsize=map_size(twins.grid), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, twins.grid)
+    found = twins.of(place)
+    for n, twin in enumerate(found[:SHOWN], 1):
+        alike = twin.excess <= THRESHOLD
+        line = axes.plot([x, twin.x], [y, twin.y], color=LINES[0] if alike else OTHER, zorder=3)
+        line[0].set_linestyle("-" if alike else ":")
+        axes.plot(twin.x, twin.y, zorder=5, **NUMBERED)
+        axes.annotate(
+            str(n), (twin.x, twin.y), ha="center", va="center", fontsize=7, zorder=6 + 1 / n
+        )
+    axes.plot(x, y, "*", color="#d55e00", markeredgecolor="black", markersize=15, zorder=8)
+    about = "no twin"
+    if found:
+        more = f", the best {SHOWN} of {len(found)}" if len(found) > SHOWN else ""
+        about = f"numbers: its twins{more}; dotted: an excess above {THRESHOLD:g} nats"
+    axes.set_title(
+        f"{twins.grid.name or 'map'}, {twins.matching.lidar.title}\nstar: {x:.2f},{y:.2f} m,"
+        f" {twins.elsewhere[place]:.0%} of the posterior more than 2 m away\n{about}",
+        fontsize="small",
+        loc="left",
+    )
     return figure
 
 
@@ -140,11 +174,9 @@ def _symmetry_of(twins: Twins, place: int, twin: NDArray[np.float64]) -> int:
 
 def _draw_starts(axes: Axes, starts: Sequence[Start]) -> Any:
     """Draw the starts with their numbers; the legend's handle."""
-    style: dict[str, Any] = {"marker": "o", "markersize": 11, "linestyle": "none"}
-    style |= {"markerfacecolor": "white", "markeredgecolor": "black"}
     for n, start in enumerate(starts, 1):
-        axes.plot(start.x, start.y, zorder=5, **style)
+        axes.plot(start.x, start.y, zorder=5, **NUMBERED)
         axes.annotate(str(n), (start.x, start.y), ha="center", va="center", fontsize=7, zorder=6)
     most = max(start.elsewhere for start in starts)
     label = f"best starts, at most {most:.0%} elsewhere"
-    return Line2D([], [], label=label, **(style | {"markersize": 8}))
+    return Line2D([], [], label=label, **(NUMBERED | {"markersize": 8}))

@@ -16,7 +16,7 @@ from locplan.simulation._writing import write_json, write_rows
 from locplan.twins._looks import THRESHOLD
 from locplan.twins._starts import Start
 from locplan.twins._trials import GlobalMatches
-from locplan.twins._twins import LAYERS, Twin, Twins
+from locplan.twins._twins import LAYERS, SHOWN, Twin, Twins
 
 TWINS = Results(
     "twins",
@@ -27,8 +27,6 @@ COLUMNS = (
     *("twin_x_m", "twin_y_m", "twin_heading_deg", "twin_excess_nat", "heading_deg"),
 )
 """Names of the columns of twins.csv: a place, and the best of its twins."""
-LISTED = 12
-"""Greatest number of twins and of symmetries in a table."""
 UNSAFE = 0.1
 """Share of the posterior elsewhere from which on a start is not safe."""
 CLAIM = (
@@ -87,7 +85,7 @@ def _symmetries(twins: Twins) -> str:
     if not twins.symmetries:
         return "no symmetry: no rigid move takes a tenth of the places to twins"
     rows = []
-    for n, each in enumerate(twins.symmetries[:LISTED], 1):
+    for n, each in enumerate(twins.symmetries[:SHOWN], 1):
         rows.append([str(n), f"{each.turn_deg:+d}", each.shift, f"{each.share:.0%}"])
     heads = ["symmetry", "turn [deg]", "the map's middle moves by [m]", "places"]
     more = len(twins.symmetries) - len(rows)
@@ -120,7 +118,7 @@ def _of_place(twins: Twins, place: int) -> str:
             f"{twin.excess:.2f}",
             str(round(math.degrees(twin.here))),
         ]
-        for n, twin in enumerate(found[:LISTED], 1)
+        for n, twin in enumerate(found[:SHOWN], 1)
     ]
     return "\n".join([*lines, table(heads, rows)])
 
@@ -163,7 +161,12 @@ def write_twins(
 
     with results.writing() as folder:
         write_json(folder / "twins.json", twins_summary(twins, starts, matches, place))
-        save_figure(_figures.twins_figure(twins, starts), folder / "twins.png")
+        drawn = (
+            _figures.twins_figure(twins, starts)
+            if place is None
+            else _figures.place_figure(twins, place)
+        )
+        save_figure(drawn, folder / "twins.png")
         write_rows(folder / "twins.csv", COLUMNS, (_row(twins, n) for n in range(len(twins))))
         arrays: dict[str, Any] = {name: twins.layer(name).astype(np.float32) for name in LAYERS}
         arrays |= {"places": twins.places, "headings": twins.headings, "twins": twins.twins}

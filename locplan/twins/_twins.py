@@ -31,6 +31,8 @@ APART = 3.0
 """Default least distance of starts from each other [m]."""
 BEYOND = 1.5
 """Factor on the spacing of the places up to which a cell has the values of the nearest one."""
+SHOWN = 12
+"""Greatest number of a place's twins, and of symmetries, in a table or a picture."""
 MATCHES = 400
 """Default number of matches of a verification."""
 
