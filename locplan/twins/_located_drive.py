@@ -90,9 +90,9 @@ class LocatedDrive:
         count, right, certain = len(self), self.right, self.certain
         limits = f"{NEAR:g} m and {np.degrees(TURNED):.0f}°"
         text = (
-            f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose;"
-            f" of {int(certain.sum())} that no second place explains within {CERTAIN:g} nats"
-            f" {int((right & certain).sum())} are."
+            f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose."
+            f" {int(certain.sum())} have no second place within {CERTAIN:g} nats, and"
+            f" {int((right & certain).sum())} of these are right."
         )
         if certain.any() and right[certain].mean() < AGREE:
             text += (

@@ -56,7 +56,7 @@ def _drive_table(found: LocatedDrive) -> str:
     without = sum(each is None for each in found.locations)
     rows = [
         ("map", found.grid.name),
-        ("drive", repr(found.recording)),
+        ("drive", repr(found.recording).removeprefix("Recording(").removesuffix(")")),
         ("right", f"{right.mean():.1%} of all scans"),
         (
             "certain",
