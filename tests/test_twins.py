@@ -426,7 +426,7 @@ def test_a_database_serves_many_searches(monkeypatch):
     assert len(made) == 1  # for the closet
     for other in ({"lidar": Lidar(range=5.0)}, {"robot_radius": 0.2}, {"grid": two_rooms()}):
         given = {"grid": grid, "lidar": LIDAR, "robot_radius": 0.15, **other}
-        with pytest.raises(LocplanError, match="another map or lidar|clearance"):
+        with pytest.raises(LocplanError, match=r"another map or lidar|clearance"):
             find_twins(**given, database=database)
 
 
