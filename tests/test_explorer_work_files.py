@@ -18,7 +18,7 @@ from explorer_views import GOAL, LIDAR, MIDDLE, START, corridors, view
 import locplan
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer._bundling import STATIC, json_in_html, one_page, one_script
+from locplan.explorer._bundling import json_in_html, one_page, one_script
 from locplan.explorer._drives import MOST_POSES, RecordedDrive, shown_drive
 from locplan.explorer._exporting import EXPORTS, exported, plain_name
 from locplan.explorer._notebook import frame_html, in_notebook
@@ -432,7 +432,6 @@ def page_data(page) -> dict:
     return json.loads(re.search(r"window\.LOCPLAN = (.*?);</script>", text).group(1))
 
 
-@pytest.mark.skipif(not (STATIC / "main.js").exists(), reason="the page is not there")
 def test_a_shared_page_carries_map_layers_and_answer():
     page, cells = made_page()
     data = page_data(page)
@@ -447,7 +446,6 @@ def test_a_shared_page_carries_map_layers_and_answer():
     assert made_page()[0].content == page.content
 
 
-@pytest.mark.skipif(not (STATIC / "main.js").exists(), reason="the page is not there")
 def test_a_shared_page_asks_nobody_for_anything():
     text = made_page("</script>")[0].content.decode()
     outside = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[^\s\"'`]*", text))
@@ -458,7 +456,6 @@ def test_a_shared_page_asks_nobody_for_anything():
     assert page_data(made_page("</script>")[0])["about"]["map"]["name"] == "</script>"
 
 
-@pytest.mark.skipif(not (STATIC / "main.js").exists(), reason="the page is not there")
 def test_modules_of_the_page_name_no_two_things_alike():
     names = re.findall(r"^(?:async )?(?:function\*?|const|let|class) ([\w$]+)", one_script(), re.M)
     pairs = re.findall(r"^(?:const|let) [\[{]([^\]}]*)[\]}] =", one_script(), re.M)
