@@ -47,6 +47,7 @@ function showLandmarks(answer) {
 	const width = tool === "pole" || size.length < 2 ? size[0] : size;
 	model.landmarks = { ...answer, strokes: answer.poses.map(([x, y, heading]) => ({ tool, points: [[x, y]], width, ...(tool === "box" && { heading }) })) };
 	byId("landmarks-take").hidden = !answer.poses.length;
+	byId("landmarks-accept").classList.toggle("main", answer.helps !== false);
 	report("landmarks-verdict", [answer.verdict, ...(answer.warnings ?? [])].join(". "));
 	repaint("overlay");
 }
