@@ -113,7 +113,7 @@ function linesOf(probe) {
 	];
 	const layer = shownLayer();
 	const excess = layer?.name === "twins" ? textureAt(...gridOf(probe.x, probe.y)) : null;
-	if (excess !== null) lines.splice(1, 0, [`best look-alike: excess ${layerValue(layer, excess)}`, ""]);
+	if (excess !== null) lines.splice(1, 0, [`best look-alike: excess ${layerValue(layer, excess)}${excess < layer.anchors[0] ? "" : " or more"}`, ""]);
 	const enlarged = [["ellipse", ellipseFactor()], ["wedge", wedgeFactor()]].filter(([, factor]) => factor > 1);
 	if (enlarged.length) lines.push([enlarged.map(([what, factor]) => `${what} enlarged ${factor} ×`).join(", "), "quiet"]);
 	return lines;
