@@ -30,6 +30,19 @@ WAIT = 20_000
 """Longest time that a test waits for something to appear [ms]."""
 
 
+HAS_COLOUR = """async (colour) => {
+    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+    const canvas = document.getElementById("overlay");
+    const copy = new OffscreenCanvas(canvas.width, canvas.height);
+    const pen = copy.getContext("2d", { willReadFrequently: true });
+    pen.drawImage(canvas, 0, 0);
+    const pixels = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+    for (let k = 0; k < pixels.length; k += 4)
+        if (colour.every((value, channel) => pixels[k + channel] === value)) return true;
+    return false;
+}"""
+
+
 def browser_file() -> str | None:
     """The browser of this machine, if there is one."""
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
@@ -121,6 +134,10 @@ class Seen:
         self.page.mouse.move(x + dx, y + dy)
         if release:
             self.page.mouse.up()
+
+    def has_drawn(self, colour: tuple[int, int, int]) -> bool:
+        """Whether anything above the map is of a colour, after the next frame."""
+        return bool(self.page.evaluate(HAS_COLOUR, colour))
 
     def place(self, name: str) -> tuple[float, float]:
         """World position of a marker, as it is read out [m]."""

@@ -17,7 +17,7 @@ let layerWords = ""; // what was found there
 export function startTwins() {
 	hear("twins-find", "click", () => awaitPlace(!model.picking));
 	hear("twins-clear", "click", clearTwins);
-	hear("twins-everywhere", "click", () => work("twins_everywhere", "Look-alikes of the map", {}, takeLayer));
+	hear("twins-everywhere", "click", () => work("twins_everywhere", "Look-alikes", {}, takeLayer));
 	on("state", forgetLayer);
 	byId("twins-group").hidden = !canShowTwins();
 }
