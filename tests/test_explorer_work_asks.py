@@ -373,9 +373,9 @@ def test_look_alikes_that_are_out_of_date_are_not_sought_to_the_end(own, coarse,
 def test_places_are_thinned_where_all_would_take_too_long():
     spacing = _twins_layer.affordable_spacing
     assert spacing(1000.0, 6000, 1) == SPACING
-    assert spacing(11_000.0, 70_000, 1) == pytest.approx(1.8)
-    assert spacing(4 * 11_000.0, 70_000, 1) == pytest.approx(3.6, abs=0.1)
-    assert spacing(11_000.0, 70_000, 8) == pytest.approx(1.8 * np.sqrt(8), abs=0.15)
+    assert spacing(11_000.0, 70_000, 1) == pytest.approx(2.2)
+    assert spacing(4 * 11_000.0, 70_000, 1) == pytest.approx(4.4, abs=0.1)
+    assert spacing(11_000.0, 70_000, 8) == pytest.approx(2.2 * np.sqrt(8), abs=0.15)
     grid, _ = corridors()
     database = ScanDatabase(grid, Lidar(range=6.0), 0.2)
     assert _twins_layer.spacing_of(database) == SPACING

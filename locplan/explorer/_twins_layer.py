@@ -22,7 +22,7 @@ TWINS = "twins"
 """Name of the layer."""
 MOST_EXCESS = 12.0
 """Excess from which on all places count as the same [nats]; a likelihood of 6e-6."""
-SECONDS = 60.0
+SECONDS = 40.0
 """Processor time that all comparisons may take by the estimate [s]."""
 POSE_SECONDS = 3.5e-3
 """Time of a pose on a map of few places, measured on one core [s]."""
