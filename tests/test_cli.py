@@ -256,19 +256,18 @@ def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
     assert run("cache", "path", *here)[1].strip() == str(folder)
     assert run("cache", "list", *here)[1].startswith("0 fields, 0 B of at most 5 GB")
     run("field", room, "--range", "3", *here)
-    out = run("cache", "list", *here)[1]
-    assert "room" in out
-    assert re.search(r"room +sad, range 3 ", out)
+    out = " ".join(run("cache", "list", *here)[1].split())
+    assert "room sad, range 3 " in out
     assert "100%" in out
     (about,) = json.loads(run("cache", "list", "--json", *here)[1])
     assert about["map"] == "room"
     assert run("cache", "clear", "--older-than", "1", *here)[1].startswith("removed 0")
     run("field", room, "--estimator", "fisher", "--range", "4", *here)
-    out = run("cache", "list", *here)[1]
-    assert re.search(r"room +fisher, range 4 ", out)
+    out = " ".join(run("cache", "list", *here)[1].split())
+    assert "room fisher, range 4 " in out
     run("field", room, "--lidar", "turtlebot4", "--headings", "2", "--stride", "0.5", *here)
-    out = run("cache", "list", *here)[1]
-    assert re.search(r"room +scan, turtlebot4, stride 0.5, headings 2 ", " ".join(out.split()))
+    out = " ".join(run("cache", "list", *here)[1].split())
+    assert "room scan, turtlebot4, stride 0.5, headings 2 " in out
     assert run("cache", "clear", *here)[1].startswith("removed 3")
     assert run("cache", "list", *here)[1].startswith("0 fields")
 
