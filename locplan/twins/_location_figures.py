@@ -216,5 +216,6 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
         axes.plot([], [], "+", color=BEST, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     lines = textwrap.wrap(found.sentence, int(11 * width), break_on_hyphens=False)
-    figure.suptitle("\n".join([f"{grid.name or 'map'}", *lines]), fontsize="medium")
+    title = f"{grid.name or 'map'}; {found.recording.lidar.title}"
+    figure.suptitle("\n".join([title, *lines]), fontsize="medium")
     return figure
