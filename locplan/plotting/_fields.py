@@ -37,6 +37,8 @@ WALL_SHADE = 150
 """Opacity of the white that shows walls over e = 0, 0..255."""
 E_QUANTILE = 0.98
 """Quantile of the free cells' e at which the colour scale of `e_figure` ends by default."""
+FAINT = 0.05
+"""Share of the scale up to which e cannot be told from none."""
 ELLIPSE, AXIS, TURN = "#0072b2", "black", "#d62728"
 WEDGE = 0.4
 """Radius of the wedges that show the heading's deviation, as a share of the spacing."""
@@ -206,7 +208,10 @@ def e_figure(
         walls = np.where(cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
         draw_cells(axes, field.grid, np.dstack([white, walls]))
-        axes.set_title(title, fontsize="medium")
+        greatest = float(shown.max(initial=0.0))
+        faint = greatest < FAINT * limits[1]
+        about = f"\ne is {greatest:.2g} at most, too little for a colour on this scale"
+        axes.set_title(title + about * faint, fontsize="medium")
     assert image is not None
     label = next(iter(fields.values())).quantity("e").axis
     figure.colorbar(image, ax=grid_of_axes, label=label, extend="max", shrink=0.8)
