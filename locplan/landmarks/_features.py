@@ -50,7 +50,7 @@ class Feature:
     heading: float
     """Heading of the longer side in the world [rad]."""
     seen: float
-    """Share of the poses along the routes at which rays meet it."""
+    """Share of the poses along the routes at which rays meet it, 0..1."""
     loss: float
     """How far the expected deviation along the routes rises without it [m].
 
@@ -133,10 +133,13 @@ class KeyFeatures(Pictured):
     grid: OccupancyGrid
     """The map."""
     routes: Mapping[str, Path]
-    """Routes by name."""
+    """Routes of the robot by name."""
     lidar: Lidar
+    """Lidar of the robot."""
     amcl: Amcl
+    """Parameters of the robot's filter."""
     disturbances: Disturbances
+    """Noise, errors of odometry, and how the worlds differ from the map."""
     features: tuple[Feature, ...]
     """All features that rays meet, the greatest loss first."""
     together: tuple[int, ...]
@@ -211,7 +214,18 @@ class KeyFeatures(Pictured):
         return "this route" if len(self.routes) == 1 else f"these {len(self.routes)} routes"
 
     def feature(self, number: int) -> Feature:
-        """The feature of a number, from 1."""
+        """The feature of a number.
+
+        Parameters
+        ----------
+        number : int
+            Its place in order of loss, from 1.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such feature.
+        """
         if not 1 <= number <= len(self.features):
             raise ConfigError(f"there is no feature {number}: they are 1 to {len(self.features)}")
         return self.features[number - 1]
@@ -233,13 +247,13 @@ class KeyFeatures(Pictured):
 
         Parameters
         ----------
-        drives : int
-            Number of drives along each route, at least 2; as many are made in all sets of random
-            features together, and without the few one by one.
-        seed : int
-            Seed of all random numbers.
-        random_sets : int
-            Number of sets of as many random features, at least 1.
+        drives : int, default 100
+            Number of drives along each route, 2 to 100,000; as many are made in all sets of random
+            features together, and without the few one by one. More narrow the intervals.
+        seed : int, default 1
+            Seed of all random numbers, >= 0.
+        random_sets : int, default 5
+            Number of sets of as many random features, 1 to 1000.
         threads : int, optional
             Number of threads; all cores by default.
         progress : callable, optional

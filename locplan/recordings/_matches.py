@@ -50,7 +50,7 @@ class Matches:
     covariance: Numbers
     """Covariance about the mean, (n, 3, 3) [m, m, rad]; NaN where a scan tells too little."""
     ambiguity: Numbers
-    """Probability outside the central mode, (n,)."""
+    """Probability outside the central mode, (n,), 0..1."""
     entropy: Numbers
     """Entropy of the posterior, (n,) [nat]."""
     score: Numbers
@@ -104,6 +104,11 @@ def match_scans(
         Number of threads; all cores by default.
     progress : callable, optional
         Called with (done, total) scans.
+
+    Returns
+    -------
+    Matches
+        The posterior of each scan; NaN where it has fewer than 10 returns or lies off the map.
 
     Raises
     ------

@@ -210,7 +210,7 @@ class Simulator:
         drives : int
             Number of drives, at least 1.
         stream, progress
-            See `drive`.
+            See `Simulator.drive`.
         """
         return Drives(poses, self.drive([poses] * drives, stream=stream, progress=progress))
 

@@ -156,6 +156,7 @@ def locate_drive(
     Returns
     -------
     LocatedDrive
+        The location of each scan, and how many are right.
 
     Raises
     ------
