@@ -66,9 +66,11 @@ class Run:
     wall_seconds: float
     """Time from the start of the order to its result [s]."""
     measures: Mapping[str, float] = field(default_factory=dict)
-    """The measures by their names in `MEASURES`, except "seconds"."""
+    """The measures by their names in `MEASURES`, which tells their units, except "seconds"; none
+    without a path."""
     history: tuple[tuple[float, float], ...] = ()
-    """Times [s] since an anytime planner began, each with its best J until then [m]."""
+    """Times since an anytime planner began [s], each with its best J until then [m]; none for
+    others."""
     xy: tuple[tuple[float, float], ...] = ()
     """The path's positions (x, y) in the world [m]; none without a path."""
     note: str = ""

@@ -48,7 +48,7 @@ class Feature:
     width: float
     """Shorter side of that rectangle [m]."""
     heading: float
-    """Heading of the longer side in the world [rad]."""
+    """Heading of the longer side in the world, 0..pi [rad]."""
     seen: float
     """Share of the poses along the routes at which rays meet it, 0..1."""
     loss: float
@@ -143,15 +143,16 @@ class KeyFeatures(Pictured):
     features: tuple[Feature, ...]
     """All features that rays meet, the greatest loss first."""
     together: tuple[int, ...]
-    """Numbers of the few whose removal hurts most: each the worst beside those before it."""
+    """Numbers of the few features, from 1, whose removal hurts most: each is the worst beside those
+    before it."""
     curve: NDArray[np.float64]
     """Mean of P_xx + P_yy along the routes without the first 0, 1, ... of them, (k + 1,) [m^2]."""
     positions: NDArray[np.float64]
     """World x and y of the poses along the routes, (n, 2) [m]."""
     begins: tuple[int, ...]
-    """Indices at which the routes begin among them, and the number of all."""
+    """Indices at which the routes begin among `positions`, and the number of all, n."""
     profiles: NDArray[np.float64]
-    """P_xx + P_yy there with all, without feature 1, and without the few, (3, n) [m^2]."""
+    """P_xx + P_yy at `positions` with all, without feature 1, and without the few, (3, n) [m^2]."""
     shift: float
     """Distance by which `Feature.error` moves a feature [m]."""
 
@@ -258,6 +259,11 @@ class KeyFeatures(Pictured):
             Number of threads; all cores by default.
         progress : callable, optional
             Called with (done, total) drives.
+
+        Returns
+        -------
+        FeatureDrives
+            Share of lost drives and errors in each world, and a verdict.
 
         Raises
         ------

@@ -48,7 +48,7 @@ class Landmarks(Pictured):
     _drawn_by: ClassVar[str] = "locplan.landmarks:landmarks_figure"
 
     setting: Setting
-    """What they are placed for."""
+    """The map, the routes and the robot that they are placed for."""
     poses: NDArray[np.float64]
     """World x, y and heading of each, (k, 3) [m, m, rad]."""
     curve: NDArray[np.float64]
@@ -210,6 +210,11 @@ class Landmarks(Pictured):
             Number of threads; all cores by default.
         progress : callable, optional
             Called with (done, total) drives.
+
+        Returns
+        -------
+        Verification
+            Share of lost drives and errors on each map, and a verdict.
 
         Raises
         ------

@@ -29,7 +29,8 @@ class BudgetPlanner:
     budget: float
     """Greatest integral of u [m], or of e [m^2 rad m], >= 0."""
     objective: Literal["u", "e"] = "u"
-    """The layer that is integrated: "u" gives degenerate metres, "e" the paper's number."""
+    """The layer that is integrated: "u" gives degenerate metres [m], "e" the paper's
+    number [m^2 rad m]."""
     allow_corner_cutting: bool = False
     """True lets a diagonal step pass the corner of a blocked cell; set it to compare with a planner
     that does so."""

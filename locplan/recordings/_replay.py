@@ -55,7 +55,7 @@ class Consistency:
     """Share of the recorded positions in the filter's 95 % ellipse, 0..1."""
     wider: float
     """Factor by which the filter's ellipses would have to be wider for half of the positions to lie
-    in those of 50 %."""
+    in those of 50 %; 1 where they are right."""
     filter_std: float
     """Median of the filter's rms deviation of the position [m]."""
     error: float

@@ -60,7 +60,8 @@ class Evaluation:
     places: Sequence[Places]
     """Places and errors of each map."""
     predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
-    """Values of each predictor at the places of each map, (n,)."""
+    """Values of each predictor at the places of each map, (n,); a predictor names a field and its
+    scalar, or a baseline, and greater values foresee greater errors."""
     lidar: Lidar
     """Lidar of the robot."""
     amcl: Amcl

@@ -48,7 +48,7 @@ class Places:
     grid: OccupancyGrid
     """The map."""
     points: NDArray[np.int64]
-    """Rows and columns on the lattice of a field's default stride, (n, 2)."""
+    """Rows and columns of the places on the lattice of a field's default stride, (n, 2)."""
     tracking: NDArray[np.float64]
     """Second moments of the particle filter's errors, (n, 3, 3), in the world [m, m, rad]."""
     match: NDArray[np.float64]
@@ -58,7 +58,8 @@ class Places:
     match_median: NDArray[np.float64]
     """Median of the matches' position error, (n,) [m]."""
     lost: NDArray[np.float64]
-    """Share of the drives to each place that were lost at any time, (n,)."""
+    """Share of the drives to each place that were lost, off by more than 1 m, at any time, (n,),
+    0..1."""
     kept_rmse: NDArray[np.float64]
     """RMSE of the position of the drives that were not lost, (n,) [m]; NaN where all were."""
     halves: NDArray[np.float64]
@@ -89,7 +90,7 @@ class Places:
         Parameters
         ----------
         kind : str
-            "tracking" or "match", see `moments`.
+            "tracking" or "match", see `Places.moments`.
         """
         return np.sqrt(self.moments(kind)[:, 0, 0] + self.moments(kind)[:, 1, 1])
 
@@ -99,7 +100,7 @@ class Places:
         Parameters
         ----------
         kind : str
-            "tracking" or "match", see `moments`.
+            "tracking" or "match", see `Places.moments`.
         """
         return self.tracking_median if kind == "tracking" else self.match_median
 
@@ -109,7 +110,7 @@ class Places:
         Parameters
         ----------
         kind : str
-            "tracking" or "match", see `moments`.
+            "tracking" or "match", see `Places.moments`.
         """
         return np.sqrt(self.moments(kind)[:, 2, 2])
 

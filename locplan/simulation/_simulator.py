@@ -59,7 +59,8 @@ class Simulator:
     Raises
     ------
     ConfigError
-        If seed or threads are out of their range.
+        If seed or threads are out of their range; in its methods, too, if worlds, drives or scans
+        take more memory than there is.
     """
 
     def __init__(

@@ -283,6 +283,11 @@ class Twins(Pictured):
         progress : callable, optional
             Called with (done, total) scans.
 
+        Returns
+        -------
+        GlobalMatches
+            What was matched where, how often it failed, and whether that was foreseen.
+
         Raises
         ------
         ConfigError
