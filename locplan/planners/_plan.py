@@ -188,10 +188,12 @@ def plan_beside_shortest(
         Costmap of a field, with the weight of the localizability-aware path.
     start, goal : (x, y) or (x, y, heading)
         Positions in the world [m, rad].
-    planner, via, footprint, **options
+    planner, via, footprint
         Those of both paths; see `plan`. With a budget the planner is "grid" by default.
     max_e, budget : float, optional
         Limits of the localizability-aware path alone; see `plan`.
+    **options
+        Options of the planner of both paths; see `plan`.
 
     Returns
     -------
