@@ -32,6 +32,11 @@ class Explorer:
     """A page that is served on this machine, until it is closed or the program ends.
 
     It is made by `locplan.explore`.
+
+    Parameters
+    ----------
+    server : Server
+        The server of the page, which runs.
     """
 
     def __init__(self, server: Server) -> None:

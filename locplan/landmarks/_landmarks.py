@@ -133,7 +133,7 @@ class Landmarks(Pictured):
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """What each landmark takes off the curve beside those before it, (k,)."""
+        """What each landmark takes off the curve beside those before it, in its unit, (k,)."""
         return -np.diff(self.curve)
 
     @property

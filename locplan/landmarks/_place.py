@@ -96,8 +96,8 @@ def place_landmarks(
     paths : Path, or mapping of str to Path or to (n, 2) array, optional
         Routes of the robot in the world [m], within the free cells. It drives just these.
     places : sequence of (x, y), or mapping of str to (x, y), optional
-        Instead of paths: the robot drives the shortest paths between all of these [m], planned
-        again among the objects.
+        Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m],
+        planned again among the objects.
     region : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
         Instead of paths: the robot may go anywhere in these cells, or rectangles in the world [m].
         Of parts that no way joins, the largest counts. Drives between places far apart verify it.

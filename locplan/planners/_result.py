@@ -33,7 +33,7 @@ class Plan(Pictured):
     solve_time: float
     """Time spent planning, without compilation [s]."""
     via: tuple[Position, ...] = ()
-    """Positions in the world that the path visits on the way [m]."""
+    """Positions in the world that the path visits on the way [m], or poses [m, rad]."""
     max_e: float | None = None
     """The greatest e that was allowed [m^2 rad]; None if there was no limit."""
     budget: float | None = None
