@@ -89,7 +89,8 @@ def compare(
     criterion : str, optional
         Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
     time_limit : float, optional
-        Time limit of OMPL's planners that have none of their own [s], above 0; 5 by default.
+        Time limit of planners that take one and have none of their own [s], above 0; by default
+        OMPL's have 5.
     least_distance : float, default 5.0
         Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
         small map.

@@ -48,7 +48,7 @@ class Ompl:
     where J still falls at its end, see `Plan.history`."""
     iterations: int | None = None
     """Iterations after which the search ends, at least 1; with the same seed it finds the same
-    path, which it does not by time. By default they are not limited."""
+    path, as no search with a time limit does. By default they are not limited."""
     convergence: float | None = None
     """The search ends when J fell by less than this share, such as 0.01, over the latter half of
     iterations; by default it goes on to its limit."""
