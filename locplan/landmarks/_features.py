@@ -256,7 +256,7 @@ class KeyFeatures(Pictured):
         random_sets : int, default 5
             Number of sets of as many random features, 1 to 1000.
         threads : int, optional
-            Number of threads; all cores by default.
+            Number of threads, at least 1; all cores by default.
         progress : callable, optional
             Called with (done, total) drives.
 

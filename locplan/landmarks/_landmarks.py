@@ -207,7 +207,7 @@ class Landmarks(Pictured):
         random_sets : int, default 5
             Number of sets of random places, 1 to 1000.
         threads : int, optional
-            Number of threads; all cores by default.
+            Number of threads, at least 1; all cores by default.
         progress : callable, optional
             Called with (done, total) drives.
 

@@ -126,7 +126,7 @@ def place_landmarks(
         Objects of this kind that are drawn in the map and may be moved [m, m, rad]. There must be
         occupied cells within a cell of where each would be.
     threads : int, optional
-        Number of threads; all cores by default. The result does not depend on it.
+        Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
         Called with (done, total) steps of the search.
 

@@ -62,7 +62,7 @@ def best_of_trials(
     seed : int, default 1
         Seed of all random numbers, >= 0.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) drives.
 

@@ -109,7 +109,7 @@ def calibrate_drive(
         Disturbances whose values stay where a drive says nothing of them; those of a small robot
         indoors by default.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
 

@@ -149,7 +149,7 @@ def evaluate_drive(
     settings : Scan, optional
         The search window and the likelihood of the measurement, see `match_scans`.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) fields and matchings.
 

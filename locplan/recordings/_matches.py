@@ -101,7 +101,7 @@ def match_scans(
         The search window and the likelihood of beams; its `lidar` must be the recording's. By
         default +-1.5 m in 0.1 m and +-4 deg in 1 deg, 180 beams that tell as much as 15.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) scans.
 

@@ -238,7 +238,7 @@ def replay(
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) runs.
 

@@ -117,7 +117,7 @@ def tune_on_drive(
     seed : int, default 1
         Seed of all random numbers, >= 0.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
 

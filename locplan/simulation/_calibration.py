@@ -145,7 +145,7 @@ def calibrate(
         True fits tau, too; the estimator must be "sad" with exponential weights. A tau that fits
         errors in metres is not suited for planning: a large one sees no corridor.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) values of tau.
 

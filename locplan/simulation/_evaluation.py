@@ -286,7 +286,7 @@ def evaluate(
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) drives, places and fields of all maps.
 

@@ -99,7 +99,7 @@ def simulate(
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     costs : Costmap, optional
         Costmap that the paths were planned on, for the result's summary.
     progress : callable, optional

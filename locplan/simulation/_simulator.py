@@ -54,7 +54,7 @@ class Simulator:
     seed : int, default 1
         Seed of all random numbers, >= 0. Drive n has the same ones whatever else is driven.
     threads : int, optional
-        Number of threads; all cores by default. The results do not depend on it.
+        Number of threads, at least 1; all cores by default. The results do not depend on it.
 
     Raises
     ------

@@ -76,7 +76,7 @@ def find_twins(
         What the lidar sees on this map, if it is to be kept by the caller, as for `locate`; its
         clearance must be the robot's radius. By default the last four are kept.
     threads : int, optional
-        Number of threads; all cores by default. The result does not depend on it.
+        Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
         Called with (done, total) poses, which are looked at for twins and then for symmetries.
 

@@ -149,7 +149,7 @@ def locate_drive(
     near, within, count, clearance, database
         See `locate`.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) scans.
 

@@ -106,7 +106,7 @@ def choose(
         Seed of all random numbers, >= 0; equal seeds give equal choices, on any number of threads,
         unless the time limit ends the drives.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) drives.
 

@@ -126,7 +126,7 @@ def verdict(
     seed : int, default 1
         Seed of all random numbers, >= 0.
     threads : int, optional
-        Number of threads; all cores by default. The verdict does not depend on it.
+        Number of threads, at least 1; all cores by default. The verdict does not depend on it.
     progress : callable, optional
         Called with (done, total) drives.
 

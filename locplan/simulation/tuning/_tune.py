@@ -74,7 +74,7 @@ def tune(
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, but for times of the CPU.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
 
