@@ -106,7 +106,7 @@ def landmarks_of(
     seed : int
         Seed of all random numbers.
     threads : int, optional
-        Number of threads, at least 1; all cores by default.
+        Number of threads; all cores by default.
     progress : callable, optional
         Called with (done, total) steps of the search, then with those of the drives; what it raises
         ends the work. What the lidar sees along the way is computed before the first step, and runs

@@ -163,7 +163,7 @@ def simulated(
     seed : int
         Seed of all random numbers.
     threads : int, optional
-        Number of threads, at least 1; all cores by default.
+        Number of threads; all cores by default.
     progress : callable, optional
         Called with (done, total) drives, first once the path shown is planned; what it raises ends
         the work.

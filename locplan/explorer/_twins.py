@@ -100,7 +100,7 @@ def twins_of(
     database : ScanDatabase, optional
         What the lidar sees at all places of the map.
     threads : int, optional
-        Number of threads, at least 1; all cores by default.
+        Number of threads; all cores by default.
     progress : callable, optional
         Called with (done, total) headings at the place. A database of the whole map that is made
         before them has no progress, and runs out.
