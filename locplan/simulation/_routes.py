@@ -35,6 +35,7 @@ class Route:
     """Results of drives along both paths of one query."""
 
     query: Query
+    """Start and goal of both paths."""
     lengths: tuple[float, float]
     """Lengths of the shortest and of the aware path [m]."""
     median: tuple[float, float]
@@ -74,7 +75,9 @@ class Routes:
     """Drives along both paths of many queries on one map; intervals are over the queries."""
 
     grid: OccupancyGrid
+    """The map."""
     routes: Sequence[Route]
+    """Results of each query that has a path."""
     about: Mapping[str, object]
     """Settings of the costs, the filter and the worlds, fit for JSON."""
 
@@ -193,12 +196,15 @@ def simulate_queries(
         Costmap of a field, with the weight of the aware paths; the planner is any-angle.
     queries : sequence of Query
         Queries to drive; those without a path are left out.
-    lidar, amcl, disturbances, drives, seed, threads, progress
-        See `simulate`.
+    lidar : Lidar, optional
+        The robot's lidar; by default one of 6 m that sees all round, also if the field has another.
+    amcl, disturbances, drives, seed, threads, progress
+        See `simulate`; the drives are those along each path.
 
     Returns
     -------
     Routes
+        The errors along both paths of each query, and their ratios over the queries.
 
     Raises
     ------
