@@ -23,8 +23,11 @@ class CostSettings:
     """Settings of the degeneracy u of a costmap; see `Costmap.from_field`."""
 
     law: str
+    """Law that makes u of the criterion: "logarithmic", "linear" or "cube-root"."""
     criterion: str
+    """Scalar or layer of the field that u is made of, such as "e" or "position_std"."""
     headings: str
+    """Value that counts where the robot's heading is not known: "mean" or "worst"."""
     config: FieldConfig
     """The settings of the field."""
     whole_field: bool = True
