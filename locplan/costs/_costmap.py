@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of
 from locplan._util.notebook import Pictured
-from locplan.costs._degeneracy import (
-    LAWS,
-    CostSettings,
-    HeadingLayers,
-    degeneracy,
+from locplan.costs._degeneracy import LAWS, CostSettings, HeadingLayers, degeneracy
+from locplan.costs._density import (
+    MAX_DENSITY,
+    blocked_near,
+    check_weight,
+    checked_density,
     density_of,
     sealed,
 )
@@ -30,8 +31,6 @@ from locplan.maps import OccupancyGrid, check_grid
 
 ROBOT_RADIUS = 0.25
 """Default radius of the robot [m]."""
-MAX_DENSITY = 1e9
-"""Greatest finite density; with a higher one, rounding would swallow a path's short steps."""
 LAYERS = ("density", "u", "e")
 """Names of the arrays of a costmap."""
 
@@ -107,12 +106,12 @@ class Costmap(Pictured):
             Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own,
             4 of `Sad` and 8 of the others. More avoids degenerate places by longer paths.
         robot_radius : float
-            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0: the
-            robot's circumscribed radius, or less where it may only turn in the open.
+            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0;
+            `Footprint` has the radii of a robot that is not round.
         law : str
             "logarithmic": u = ln(s/s_min) / ln(s_max/s_min) of the criterion's value s; "linear":
-            s / s_max; "cube-root": the cube root of s / s_max. All are clipped to 0..1. The other
-            two leave all but the worst places cheap.
+            s / s_max, which charges the worst places only; "cube-root": the cube root of s / s_max.
+            All are clipped to 0..1.
         criterion : str, optional
             Value that u is made of, by default the estimator's own ("e" of `Sad`, else
             "position_std"): "e", "position_std", "position_rms", "heading_std" (see
@@ -148,7 +147,7 @@ class Costmap(Pictured):
         u, e = degeneracy(field, criterion, law, headings)
         return cls(
             grid=grid,
-            density=_blocked(density_of(u, weight), grid, robot_radius),
+            density=blocked_near(density_of(u, weight), grid, robot_radius),
             weight=float(weight),
             robot_radius=float(robot_radius),
             u=sealed(u),
@@ -183,16 +182,9 @@ class Costmap(Pictured):
             ones above 1e9.
         """
         check_grid(grid)
-        values = np.array(density, dtype=np.float64)
-        if values.shape != grid.shape:
-            raise ConfigError(f"density has shape {values.shape}, but the map {grid.shape}")
-        if not ((values >= 1) & ((values <= MAX_DENSITY) | np.isposinf(values))).all():
-            raise ConfigError(
-                f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
-            )
-        values[~grid.free] = np.inf
-        density, nothing = _blocked(values, grid, robot_radius), np.broadcast_to(np.nan, grid.shape)
-        return cls(grid, density, math.nan, float(robot_radius), u=nothing, e=nothing)
+        values = blocked_near(checked_density(density, grid), grid, robot_radius)
+        nothing = np.broadcast_to(np.nan, grid.shape)
+        return cls(grid, values, math.nan, float(robot_radius), u=nothing, e=nothing)
 
     @classmethod
     def blank(cls, grid: OccupancyGrid, *, robot_radius: float = ROBOT_RADIUS) -> Costmap:
@@ -319,7 +311,7 @@ class Costmap(Pictured):
                 f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
                 f" {robot_radius:g} m; make another one instead"
             )
-        density = _blocked(self.density, self.grid, robot_radius)
+        density = blocked_near(self.density, self.grid, robot_radius)
         return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
 
     @property
@@ -356,16 +348,3 @@ def check_costs(costs: object) -> None:
         What a function was given for a costmap.
     """
     instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")
-
-
-def check_weight(weight: float) -> None:
-    """Raise a ConfigError unless the weight is a number of at least 0."""
-    number("weight", weight, 0, MAX_DENSITY)
-
-
-def _blocked(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
-    """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
-    number("robot_radius", robot_radius, 0, MAX_DENSITY)
-    density = density if density.flags.writeable else density.copy()
-    np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
-    return sealed(density)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import shown
 from locplan.costs import Costmap, about_costs
-from locplan.costs._degeneracy import density_of
+from locplan.costs._density import density_of
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
 from locplan.export._folders import export_folder

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +19,17 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
 from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
-from locplan.field._covariance import (
-    SCALARS,
-    Quantity,
-    log_euclidean_mean,
-    mean_information,
-    scalar,
-)
+from locplan.field._covariance import mean_information, scalar
 from locplan.field._estimator import Values
 from locplan.field._lattice import (
-    corners_of,
     evaluated_points,
     evenly_spread,
     filled,
     read_on_map,
     stride_cells,
 )
-from locplan.field._search_window import OffsetLattice
+from locplan.field._reading import covariance_at
+from locplan.field._scales import Scales
 from locplan.maps import OccupancyGrid, check_grid
 
 if TYPE_CHECKING:
@@ -47,7 +40,7 @@ SATURATION = 1.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CovarianceField(Pictured):
+class CovarianceField(Scales, Pictured):
     """Covariances of a pose match over a map.
 
     Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
@@ -75,7 +68,17 @@ class CovarianceField(Pictured):
 
     @classmethod
     def of(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
-        """Make a field from the arrays that `locplan.field._tiles` fills."""
+        """Make a field from its arrays by name.
+
+        Parameters
+        ----------
+        values : dict of arrays
+            "covariance", and the layers by their names, shaped as in the class.
+        grid : OccupancyGrid
+            The map.
+        config : FieldConfig
+            The settings that the arrays were computed with.
+        """
         layers = {name: array for name, array in values.items() if name != "covariance"}
         return cls(values["covariance"], grid, config, layers)
 
@@ -110,11 +113,6 @@ class CovarianceField(Pictured):
         """
         return evaluated_points(self.grid.free, self.stride) & ~self.evaluated
 
-    @property
-    def window(self) -> OffsetLattice:
-        """Lattice of the offsets that were compared at each cell."""
-        return self.config.estimator.lattice(self.grid.resolution)
-
     @cached_property
     def e(self) -> NDArray[np.float64]:
         """sqrt(det Sigma) (Eq. 10) on the lattice, (h, w) or (h, w, n) [m^2 rad].
@@ -139,7 +137,12 @@ class CovarianceField(Pictured):
             One value for all headings, (h, w): that of the mean information (of a layer, the
             mean), or the greatest.
         with_q : bool
-            Whether Sigma + Q counts even where the estimator has not added Q.
+            Whether Sigma + Q counts even where the estimator has not added Q, as it does in u.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such scalar or layer.
         """
         if name in self.layers:
             values = self.layers[name]
@@ -171,18 +174,6 @@ class CovarianceField(Pictured):
         estimator = self.config.estimator
         return self.covariance if estimator.adds_q else self.covariance + estimator.q(self.window)
 
-    def anchors(self, name: str = "e") -> tuple[float, float]:
-        """Values of a scalar for a perfect match and for a featureless place.
-
-        The estimator itself defines the anchors of its layers.
-        """
-        for layer in self.config.estimator.layers:
-            if layer.name == name:
-                return layer.anchors(self.window)
-        estimator = self.config.estimator
-        least, greatest = estimator.perfect(self.window), estimator.featureless(self.window)
-        return float(scalar(least, name)), float(scalar(greatest, name))
-
     @property
     def saturated_share(self) -> float:
         """Share of the evaluated points, spread evenly, whose scalar is within 5 % of where u is 0.
@@ -196,19 +187,6 @@ class CovarianceField(Pictured):
         least, _ = self.anchors(criterion)
         return float(np.mean(values <= SATURATION * least)) if values.size else 0.0
 
-    @property
-    def e_unit(self) -> str:
-        """Unit of e, without the angle where poses have no heading."""
-        return "m² rad" if self.window.dimension == 3 else "m²"
-
-    def quantity(self, name: str | None = None) -> Quantity:
-        """Label and unit of a scalar or of a layer, by default of the estimator's criterion."""
-        name = name or self.config.estimator.criterion
-        if name == "e":
-            return Quantity(SCALARS["e"].label, self.e_unit)
-        layers = {each.name: each for each in self.config.estimator.layers}
-        return Quantity(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
-
     def e_map(self) -> NDArray[np.float64]:
         """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad]; NaN elsewhere.
 
@@ -219,10 +197,22 @@ class CovarianceField(Pictured):
     def on_map(
         self, values: NDArray[np.float64], *, logarithmic: bool = True
     ) -> NDArray[np.float64]:
-        """Interpolate values (h, w, ...) on the lattice to the free cells, (H, W, ...).
+        """Interpolate values on the lattice to the map's free cells; NaN elsewhere.
 
-        The interpolation is bilinear in the logarithm of positive values, or in the values
-        themselves. Where a corner was not evaluated, the other corners take its weight.
+        Where a corner was not evaluated, the other corners take its weight.
+
+        Parameters
+        ----------
+        values : (h, w) or (h, w, n) array
+            Values on the lattice, such as `scalar` gives.
+        logarithmic : bool
+            Whether the interpolation is bilinear in the logarithm of positive values, as of e, or
+            else in the values themselves, as of layers.
+
+        Returns
+        -------
+        (H, W) or (H, W, n) array
+            Values on the map's cells.
         """
         if values.ndim == 3:
             layers = np.empty((values.shape[2], *self.grid.shape))
@@ -235,45 +225,41 @@ class CovarianceField(Pictured):
         return np.exp(result, out=result) if logarithmic else result
 
     def on_lattice(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values with the lacking points filled, (h, w)."""
+        """Values with the `lacking` points filled by the mean of those around them, (h, w).
+
+        Parameters
+        ----------
+        values : (h, w) array
+            Values on the lattice, NaN where not evaluated.
+        """
         return filled(values, self.evaluated, self.lacking) if self.lacking.any() else values
 
     def at(
         self, x: float | Sequence[float], y: float | None = None, heading: float | None = None
     ) -> NDArray[np.float64]:
-        """Covariance at a world position x, y, or (x, y) [m], (d, d).
+        """Covariance at a world position, (d, d), as the axes of `covariance`.
 
-        It is interpolated between the lattice points, and between the headings next to `heading`
-        [rad], in the matrix logarithm, so that ln e is bilinear. Without a heading, it is that of
-        the mean information over all headings. NaN in cells that are not free or outside the map.
+        It is interpolated between the lattice points, and between headings, in the matrix
+        logarithm, so that ln e is bilinear. NaN in cells that are not free or outside the map.
+
+        Parameters
+        ----------
+        x : float or (x, y)
+            World x [m], or both coordinates.
+        y : float, optional
+            World y [m], unless x holds both.
+        heading : float, optional
+            Heading of the robot, counter-clockwise from the x axis [rad]. By default all headings
+            count by their mean information.
 
         Raises
         ------
         PoseError
             If the position is not two finite numbers.
         """
-        nowhere = np.full(self.covariance.shape[-2:], np.nan)
-        x, y = position(x, y)
-        cell = self.grid.world_to_cell(x, y)
-        if not (self.grid.contains(*cell) and self.grid.free[cell]):
-            return nowhere
-        row, col = ((float(v) - 0.5) / self.stride for v in self.grid.world_to_grid(x, y))
-        corners = corners_of(row, col, self.evaluated, self.lacking)
-        if not corners:
-            return nowhere
-        covariances = [self._towards(self.covariance[point], heading) for point in corners]
-        return log_euclidean_mean(np.array(covariances), np.array(list(corners.values())))
-
-    def _towards(self, covariance: NDArray[Any], heading: float | None) -> NDArray[np.float64]:
-        """Covariance of a lattice point for one heading [rad], or for all headings together."""
-        if covariance.ndim == 2:
-            return covariance
-        if heading is None:
-            return mean_information(covariance)
-        position = heading / (2 * math.pi) * len(covariance)
-        low, share = math.floor(position), position % 1
-        both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
-        return log_euclidean_mean(both, np.array([1 - share, share]))
+        known, lacking = self.evaluated, self.lacking
+        xy = position(x, y)
+        return covariance_at(self.covariance, self.grid, self.stride, known, lacking, xy, heading)
 
     def to_xarray(self) -> Dataset:
         """All arrays with their coordinates as an xarray.Dataset.
@@ -305,7 +291,7 @@ class CovarianceField(Pictured):
         grid : OccupancyGrid
             The new map, of the same shape, resolution and origin.
         points, threads, executor, progress
-            See `covariance_field`; other points stay where they are known and unchanged.
+            See `covariance_field`; points that are not asked for stay where they are unchanged.
 
         Raises
         ------
@@ -322,10 +308,14 @@ class CovarianceField(Pictured):
         return CovarianceField.of(values, grid, self.config)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
+        """Write the field with its map and config as a Zarr v3 group.
 
-        A field of that name is replaced, unless it has other files in it: `force` deletes them.
-        Any other folder is refused.
+        Parameters
+        ----------
+        path : path
+            The folder, named *.zarr. A field of that name is replaced; any other folder is refused.
+        force : bool
+            Whether a field is replaced even where its folder has other files, which are deleted.
 
         Raises
         ------
@@ -341,6 +331,11 @@ class CovarianceField(Pictured):
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
         """Read a field written by `save`.
+
+        Parameters
+        ----------
+        path : path
+            The folder, named *.zarr.
 
         Raises
         ------
