@@ -108,7 +108,10 @@ class Fisher(LidarEstimator):
         return {"covariance": covariance[:, part.heading_axis]}
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
-        """Empty squares and normals of a map or a part of it. See `locplan.field.Estimator.prepare`."""
+        """Empty squares and normals of a map or a part of it.
+
+        See `locplan.field.Estimator.prepare`.
+        """
         from locplan._kernels.rays import empty_squares
 
         occupied = levels == OCCUPIED

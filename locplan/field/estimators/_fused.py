@@ -129,7 +129,10 @@ class Fused(Estimator):
         return {**found, "covariance": self.noise_level * log_euclidean_means(*both)}
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scenes:
-        """Data of a map or a part of it for both estimators. See `locplan.field.Estimator.prepare`."""
+        """Data of a map or a part of it for both estimators.
+
+        See `locplan.field.Estimator.prepare`.
+        """
         return Scenes(
             self.fisher.prepare(levels, resolution), self.scan.prepare(levels, resolution)
         )

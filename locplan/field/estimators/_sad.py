@@ -281,7 +281,10 @@ class Sad(Estimator):
         return template_radius(self.range, window, map_shape) + max(window.reach, 2)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        """Memory of a tile's turned maps, window and templates [bytes]. See `locplan.field.Estimator.memory`."""
+        """Memory of a tile's turned maps, window and templates [bytes].
+
+        See `locplan.field.Estimator.memory`.
+        """
         from locplan._kernels.bitplanes import SQUARE
 
         window = self.window.on(resolution)

@@ -90,7 +90,10 @@ class Scan(LidarEstimator):
         }
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
-        """Empty squares and the likelihood field of a map or a part. See `locplan.field.Estimator.prepare`."""
+        """Empty squares and the likelihood field of a map or a part.
+
+        See `locplan.field.Estimator.prepare`.
+        """
         from locplan._kernels.rays import empty_squares
 
         window, law = self.lattice(resolution), (self.sigma(resolution), self.z_rand)
