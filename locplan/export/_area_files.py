@@ -43,7 +43,7 @@ def save_degenerate_areas(
     costs, field, threshold, min_area
         See `degenerate_areas`.
     frame : str
-        Frame of the coordinates, which has the map's origin.
+        Frame of the coordinates.
 
     Returns
     -------

@@ -147,8 +147,8 @@ def nav2_speed(
     costs : Costmap
         A costmap that was made of a field.
     slowest : float
-        Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. Less
-        leaves the filter more scans in degenerate places.
+        Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
+        lower share gives the filter more scans a metre there.
     distro : str
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path, optional
