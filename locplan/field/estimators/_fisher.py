@@ -52,7 +52,7 @@ class Fisher(LidarEstimator):
     """Quantity that a beam tells: its end's distance from the surface, or its range (Censi).
 
     "endpoint" is what likelihood fields and scan matching have; "range" counts
-    `Lidar.range_sigma` instead of `sigma_hit`.
+    `Lidar.range_sigma` instead of the deviation of ends.
     """
 
     def __post_init__(self) -> None:

@@ -69,7 +69,7 @@ class Fused(Estimator):
         lidar
             See `locplan.field.Estimator.of`.
         **settings
-            Settings of `Fused` alone, such as `noise_level`.
+            Settings of `Fused` alone, which is its noise level.
         """
         return cls(Fisher(lidar), Scan(lidar), **settings)
 
