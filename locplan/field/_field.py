@@ -19,7 +19,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
 from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
-from locplan.field._covariance import mean_information, scalar
+from locplan.field._covariance import Quantity, scalar
 from locplan.field._estimator import Values
 from locplan.field._lattice import (
     evaluated_points,
@@ -28,8 +28,9 @@ from locplan.field._lattice import (
     read_on_map,
     stride_cells,
 )
-from locplan.field._reading import covariance_at
-from locplan.field._scales import Scales
+from locplan.field._reading import covariance_at, merged
+from locplan.field._scales import anchors_of, quantity_of
+from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ SATURATION = 1.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CovarianceField(Scales, Pictured):
+class CovarianceField(Pictured):
     """Covariances of a pose match over a map.
 
     Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
@@ -74,10 +75,8 @@ class CovarianceField(Scales, Pictured):
         ----------
         values : dict of arrays
             "covariance", and the layers by their names, shaped as in the class.
-        grid : OccupancyGrid
-            The map.
-        config : FieldConfig
-            The settings that the arrays were computed with.
+        grid, config
+            See `CovarianceField`.
         """
         layers = {name: array for name, array in values.items() if name != "covariance"}
         return cls(values["covariance"], grid, config, layers)
@@ -113,12 +112,14 @@ class CovarianceField(Scales, Pictured):
         """
         return evaluated_points(self.grid.free, self.stride) & ~self.evaluated
 
+    @property
+    def window(self) -> OffsetLattice:
+        """Lattice of the offsets that were compared at each cell."""
+        return self.config.estimator.lattice(self.grid.resolution)
+
     @cached_property
     def e(self) -> NDArray[np.float64]:
-        """sqrt(det Sigma) (Eq. 10) on the lattice, (h, w) or (h, w, n) [m^2 rad].
-
-        NaN where not evaluated.
-        """
+        """sqrt(det Sigma) (Eq. 10), (h, w) or (h, w, n) [m^2 rad]; NaN where not evaluated."""
         e = np.full(self.covariance.shape[:-2], np.nan)
         e[self.evaluated] = scalar(self.covariance[self.evaluated], "e")
         return e
@@ -132,17 +133,12 @@ class CovarianceField(Scales, Pictured):
         ----------
         name : str
             "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`,
-            or one of `layers`.
+            or one of `layers`; another name is a ConfigError.
         headings : "mean" or "worst", optional
             One value for all headings, (h, w): that of the mean information (of a layer, the
             mean), or the greatest.
         with_q : bool
             Whether Sigma + Q counts even where the estimator has not added Q, as it does in u.
-
-        Raises
-        ------
-        ConfigError
-            If there is no such scalar or layer.
         """
         if name in self.layers:
             values = self.layers[name]
@@ -150,8 +146,8 @@ class CovarianceField(Scales, Pictured):
         else:
             covariance = self.quantised_covariance if with_q else self.covariance
             if headings == "mean":
-                as_it_is = covariance is self.covariance
-                covariance = self.mean_covariance if as_it_is else self._merged(covariance)
+                own = covariance is self.covariance
+                covariance = self.mean_covariance if own else merged(covariance, self.evaluated)
             known = name == "e" and covariance is self.covariance
             values = self.e if known else scalar(covariance, name)
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
@@ -159,20 +155,23 @@ class CovarianceField(Scales, Pictured):
     @cached_property
     def mean_covariance(self) -> NDArray[np.float64]:
         """Covariance of the mean information over the headings, (h, w, d, d)."""
-        return self._merged(self.covariance)
-
-    def _merged(self, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-        if covariance.ndim == 4:
-            return covariance
-        merged = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
-        merged[self.evaluated] = mean_information(covariance[self.evaluated])
-        return merged
+        return merged(self.covariance, self.evaluated)
 
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
         """What u is made of: Sigma + Q, even if Q was not to be added; shaped like `covariance`."""
         estimator = self.config.estimator
         return self.covariance if estimator.adds_q else self.covariance + estimator.q(self.window)
+
+    def anchors(self, name: str = "e") -> tuple[float, float]:
+        """Values of a scalar or a layer for a perfect match and for a featureless place.
+
+        Parameters
+        ----------
+        name : str
+            See `scalar`; the estimator itself defines the anchors of its layers.
+        """
+        return anchors_of(self.config.estimator, self.window, name)
 
     @property
     def saturated_share(self) -> float:
@@ -187,17 +186,29 @@ class CovarianceField(Scales, Pictured):
         least, _ = self.anchors(criterion)
         return float(np.mean(values <= SATURATION * least)) if values.size else 0.0
 
-    def e_map(self) -> NDArray[np.float64]:
-        """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad]; NaN elsewhere.
+    @property
+    def e_unit(self) -> str:
+        """Unit of e, without the angle where poses have no heading."""
+        return "m² rad" if self.window.dimension == 3 else "m²"
 
-        The interpolation is bilinear in ln e.
+    def quantity(self, name: str | None = None) -> Quantity:
+        """Label and unit of a scalar or a layer, and the factor that gives it in that unit.
+
+        Parameters
+        ----------
+        name : str, optional
+            See `scalar`; by default it is the estimator's criterion, which u is made of.
         """
+        return quantity_of(self.config.estimator, self.e_unit, name)
+
+    def e_map(self) -> NDArray[np.float64]:
+        """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad], bilinear in ln e, or NaN."""
         return self.on_map(self.e)
 
     def on_map(
         self, values: NDArray[np.float64], *, logarithmic: bool = True
     ) -> NDArray[np.float64]:
-        """Interpolate values on the lattice to the map's free cells; NaN elsewhere.
+        """Interpolate values to the map's free cells, (H, W) or (H, W, n); NaN elsewhere.
 
         Where a corner was not evaluated, the other corners take its weight.
 
@@ -208,11 +219,6 @@ class CovarianceField(Scales, Pictured):
         logarithmic : bool
             Whether the interpolation is bilinear in the logarithm of positive values, as of e, or
             else in the values themselves, as of layers.
-
-        Returns
-        -------
-        (H, W) or (H, W, n) array
-            Values on the map's cells.
         """
         if values.ndim == 3:
             layers = np.empty((values.shape[2], *self.grid.shape))
@@ -299,10 +305,7 @@ class CovarianceField(Scales, Pictured):
             If the maps differ in more than their cells.
         """
         check_grid(grid)
-        same = tiles.untouched_points(self.grid, grid, self.config)
-        values = tiles.nothing_known(grid, self.config)
-        for name, known in self.values.items():
-            values[name][same] = known[same]
+        values = tiles.untouched_values(self.values, self.grid, grid, self.config)
         made = grid, self.config, threads, executor, progress
         tiles.fill(values, *made, tiles.wanted_points(grid, self.config, points))
         return CovarianceField.of(values, grid, self.config)

@@ -1,4 +1,4 @@
-"""The covariance at a position, read from the lattice points around it."""
+"""Reading the covariances of a field: at a position, and for all headings together."""
 
 from __future__ import annotations
 
@@ -61,3 +61,12 @@ def _towards(covariance: NDArray[Any], heading: float | None) -> NDArray[np.floa
     low, share = math.floor(position), position % 1
     both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
     return log_euclidean_mean(both, np.array([1 - share, share]))
+
+
+def merged(covariance: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Covariances (h, w, d, d) of the mean information over the headings of (h, w, n, d, d)."""
+    if covariance.ndim == 4:
+        return covariance
+    result = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
+    result[known] = mean_information(covariance[known])
+    return result
