@@ -26,7 +26,7 @@ class LidarShare:
     lidar: Lidar
     """The lidar."""
     degenerate_share: float
-    """Share of the floor, where the robot can stand, with u above 0.5; NaN without floor."""
+    """Share of the floor, where the robot can stand, with u above 0.5, 0..1; NaN without floor."""
 
     def to_json(self) -> dict[str, Any]:
         """The share, fit for JSON."""

@@ -40,7 +40,7 @@ class PathMetrics:
     max_e: float
     """Greatest e on the path [m^2 rad]."""
     degenerate_share: float
-    """Share of the length with u above 0.5."""
+    """Share of the length with u above 0.5, 0..1."""
     longest_degenerate: float
     """Length of the longest stretch with u above 0.5 [m]."""
     clearance: float
