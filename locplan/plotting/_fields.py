@@ -65,10 +65,10 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     ----------
     field : CovarianceField
         The field.
-    name : str
+    name : str, optional
         "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
         one of the field's layers; by default what degeneracy is made of. For several headings,
-        that of the mean information is drawn.
+        that of the mean information is drawn. Deviations are shown in cm and degrees.
     """
     figure, axes = map_axes(field.grid)
     image = draw_field(axes, field, name)
@@ -89,9 +89,9 @@ def fields_figure(
     Parameters
     ----------
     rows : sequence of mappings of str to CovarianceField
-        The fields of each map by the title to show; e has one unit in all of them.
+        The fields of each map by the title to show, at least one; e has one unit in all of them.
     name : str
-        Scalar or layer, see `field_figure`.
+        Scalar or layer that all fields have, see `field_figure`.
     parts : sequence of OccupancyGrid, optional
         The part of each map that is drawn, cut out of it along its cells; all of it by default.
     """
@@ -129,11 +129,12 @@ def ellipses_figure(
     Parameters
     ----------
     fields : mapping of str to CovarianceField
-        Fields of one map, by the title to show.
+        Fields of one map, by the title to show, at least one.
     spacing : float
-        Least distance of the poses from one another [m].
+        Least distance of the poses from one another [m], above 0; more of them on a large map.
     magnify : float
-        Factor on the ellipses; 1 draws one standard deviation to the map's scale.
+        Factor on the ellipses, above 0; 1 draws one standard deviation to the map's scale, and 10
+        shows the shape of ellipses of a few centimetres.
     """
     figure, grid_of_axes = _side_by_side(fields)
     for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
@@ -152,7 +153,17 @@ def ellipses_figure(
 def draw_ellipses(
     axes: Axes, field: CovarianceField, *, spacing: float = 2.0, magnify: float = 1.0
 ) -> None:
-    """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
+    """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    field : CovarianceField
+        The field; several headings count by their mean information.
+    spacing, magnify
+        See `ellipses_figure`.
+    """
     draw_map(axes, field.grid)
     xy, covariance = sampled(field, spacing)
     if not len(xy):
@@ -190,9 +201,10 @@ def e_figure(
     Parameters
     ----------
     fields : mapping of str to CovarianceField
-        Fields of one map, by the title to show.
+        Fields of one map, by the title to show, at least one.
     limits : (float, float), optional
-        Ends of the colour scale; by default 0 and the 98 % quantile of the free cells' e.
+        Ends of the colour scale [m^2 rad]; by default 0 and the 98 % quantile of the free cells' e.
+        Give them to compare figures.
     """
     maps = [field_cells(field, field.scalar("e", headings="mean")) for field in fields.values()]
     if limits is None:
