@@ -19,7 +19,7 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
 from locplan.simulation._drives import Drives, check_drives, contrasts
-from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
 
@@ -197,7 +197,7 @@ def simulate_queries(
     queries : sequence of Query
         Queries to drive; those without a path are left out.
     lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round, also if the field has another.
+        The robot's lidar; by default the field's, or one that sees all round as far as the field.
     amcl, disturbances, drives, seed, threads, progress
         See `simulate`; the drives are those along each path.
 
@@ -213,7 +213,12 @@ def simulate_queries(
     """
     check_drives(drives)
     simulator = Simulator(
-        costs.grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
+        costs.grid,
+        lidar=lidar or lidar_of(costs.settings.config if costs.settings else None),
+        amcl=amcl,
+        disturbances=disturbances,
+        seed=seed,
+        threads=threads,
     )
     both = {query: planned(costs, query) for query in queries}
     found = {query: paths for query, paths in both.items() if len(paths) == 2}
