@@ -15,7 +15,7 @@ from matplotlib.patches import Wedge
 from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.plotting._captions import how, weak_spots
+from locplan.plotting._captions import HARMLESS, how, weak_spots
 from locplan.plotting._cells import draw_cells, field_cells, shrunk, values_of
 from locplan.plotting._maps import (
     draw_field,
@@ -37,8 +37,6 @@ WALL_SHADE = 150
 """Opacity of the white that shows walls over e = 0, 0..255."""
 E_QUANTILE = 0.98
 """Quantile of the free cells' e at which the colour scale of `e_figure` ends by default."""
-FAINT = 0.05
-"""Share of the scale up to which e cannot be told from none."""
 ELLIPSE, AXIS, TURN = "#0072b2", "black", "#d62728"
 WEDGE = 0.4
 """Radius of the wedges that show the heading's deviation, as a share of the spacing."""
@@ -203,13 +201,15 @@ def e_figure(
     fields : mapping of str to CovarianceField
         Fields of one map, by the title to show, at least one.
     limits : (float, float), optional
-        Ends of the colour scale [m^2 rad]; by default 0 and the 98 % quantile of the free cells' e.
-        Give them to compare figures.
+        Ends of the colour scale [m^2 rad]; by default 0 and the 98 % quantile of the free cells' e,
+        or the e of u = 1/3 where that is more. Give them to compare figures.
     """
     maps = [field_cells(field, field.scalar("e", headings="mean")) for field in fields.values()]
     if limits is None:
         known = np.concatenate([values[np.isfinite(values)] for values in maps])
-        limits = 0.0, float(np.quantile(known, E_QUANTILE)) if known.size else 1.0
+        low, high = next(iter(fields.values())).anchors("e")
+        least = low * (high / low) ** HARMLESS  # what is less has no strong colour
+        limits = 0.0, max(least, float(np.quantile(known, E_QUANTILE)) if known.size else 0.0)
     figure, grid_of_axes = _side_by_side(fields)
     image = None
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
@@ -220,10 +220,7 @@ def e_figure(
         walls = np.where(cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
         draw_cells(axes, field.grid, np.dstack([white, walls]))
-        greatest = float(shown.max(initial=0.0))
-        faint = greatest < FAINT * limits[1]
-        about = f"\ne is {greatest:.2g} at most, too little for a colour on this scale"
-        axes.set_title(title + about * faint, fontsize="medium")
+        axes.set_title(f"{title}\n{weak_spots(field, e[np.isfinite(e)], 'e')}", fontsize="medium")
     assert image is not None
     label = next(iter(fields.values())).quantity("e").axis
     figure.colorbar(image, ax=grid_of_axes, label=label, extend="max", shrink=0.8)
@@ -233,6 +230,6 @@ def e_figure(
 def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
     """Figure and Axes for maps of one size, one above the other where that shows them larger."""
     width, height = map_size(next(iter(fields.values())).grid)
-    shape = (len(fields), 1) if width > 1.4 * height else (1, len(fields))
+    shape = (len(fields), 1) if 1.4 * width > height else (1, len(fields))
     figure = Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
     return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()
