@@ -524,7 +524,7 @@ def test_the_command_refuses_in_one_line(run, map_file, options):
 def test_the_figure_joins_places_with_their_twins(equal_rooms):
     figure = twins_figure(equal_rooms, equal_rooms.best_starts(3, apart=2.0))
     axes = figure.axes[0]
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels[0] == "twins by symmetry 1"
     assert "best starts, at most" in labels[-1]
     (lines, *_) = axes.collections

@@ -39,7 +39,7 @@ class Symmetry:
     moved: tuple[float, float]
     """World position that the move takes this middle to [m]."""
     share: float
-    """Share of the places that the move takes to a twin."""
+    """Share of the places that the move takes to a twin, 0..1."""
 
     @property
     def distance(self) -> float:

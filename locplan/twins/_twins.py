@@ -148,7 +148,13 @@ class Twins(Pictured):
         return float((self.elsewhere == 1).mean())
 
     def of(self, place: int) -> list[Twin]:
-        """The best twins of a place of this number, the one with the least excess first."""
+        """The best twins of a place, the one with the least excess first.
+
+        Parameters
+        ----------
+        place : int
+            Number of the place, from 0 on, as `nearest` gives it.
+        """
         found = [
             Twin(x, y, heading, excess, here)
             for here, twins in zip(self.headings.tolist(), self.twins[place].tolist(), strict=True)
@@ -158,7 +164,14 @@ class Twins(Pictured):
         return sorted(found, key=lambda twin: twin.excess)
 
     def nearest(self, x: float | Sequence[float], y: float | None = None) -> int:
-        """Number of the place nearest to a world position x, y, or (x, y) [m].
+        """Number of the place nearest to a position.
+
+        Parameters
+        ----------
+        x : float or (x, y)
+            World x [m], or both.
+        y : float, optional
+            World y [m], unless `x` is both.
 
         Raises
         ------
@@ -176,7 +189,8 @@ class Twins(Pictured):
         Parameters
         ----------
         name : str
-            One of `LAYERS`.
+            "excess" [nats], "elsewhere" (0..1), "modes", "turned" or "stretch" [m]; see the
+            properties of these names.
         stride : int
             Only cells whose row and column are multiples of it are looked at, such as those of a
             field of this stride, (h, w).
@@ -200,6 +214,11 @@ class Twins(Pictured):
         without a twin. Paths planned with it are not shown to lose fewer robots: in simulated
         drives with AMCL they lost 21 instead of the shortest paths' 33 % on 16 routes of a
         warehouse, but 71 instead of 30 % on 8 routes of one that repeats everywhere.
+
+        Parameters
+        ----------
+        weight : float
+            Metres of detour accepted per metre of a path that is all elsewhere, >= 0.
         """
         number("weight", weight, 0.0)
         density = 1 + weight * np.nan_to_num(self.layer("elsewhere"), nan=0.0)
@@ -235,10 +254,10 @@ class Twins(Pictured):
 
         Parameters
         ----------
-        count : int
-            Number of starts.
-        apart : float
-            Least distance between two of them [m].
+        count : int, default 5
+            Greatest number of starts, at least 1.
+        apart : float, default 3.0
+            Least distance between two of them [m], above 0.
 
         Raises
         ------
@@ -263,16 +282,21 @@ class Twins(Pictured):
 
         Parameters
         ----------
-        count : int
-            Number of scans, at least 2.
+        count : int, default 400
+            Number of scans, at least 2. More narrow the interval of the failure rate.
         disturbances : Disturbances, optional
-            Outliers, occlusions and errors of the map; see `locplan.simulation.Disturbances`.
-        seed : int
-            Seed of all random numbers.
+            Outliers, occlusions and errors of the map; those of a small robot indoors by default.
+        seed : int, default 1
+            Seed of all random numbers, >= 0.
         threads : int, optional
-            Number of threads; all cores by default.
+            Number of threads, at least 1; all cores by default.
         progress : callable, optional
             Called with (done, total) scans.
+
+        Returns
+        -------
+        GlobalMatches
+            What was matched where, how often it failed, and whether that was foreseen.
 
         Raises
         ------
