@@ -284,6 +284,16 @@ def test_layers_are_those_of_the_nearest_place(equal_rooms):
     np.testing.assert_array_equal(np.isfinite(costs.density), np.isfinite(blank.density))
     with pytest.raises(LocplanError, match="layer must be one of"):
         equal_rooms.layer("colour")
+    with pytest.raises(LocplanError, match="stride"):
+        equal_rooms.layer("excess", stride=0)
+
+
+@pytest.mark.parametrize("stride", [2, 3, 7])
+def test_a_layer_of_a_stride_has_the_values_of_every_so_many_th_cell(equal_rooms, stride):
+    for name in ("excess", "modes"):
+        own, every = equal_rooms.layer(name, stride=stride), equal_rooms.layer(name)
+        np.testing.assert_array_equal(own, every[::stride, ::stride])
+    assert np.isfinite(own).any()
 
 
 def test_starts_are_the_safest_places_apart():

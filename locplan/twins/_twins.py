@@ -181,7 +181,7 @@ class Twins(Pictured):
         at = np.array(position(x, y))
         return int(np.hypot(*(self.places - at).T).argmin())
 
-    def layer(self, name: str) -> Numbers:
+    def layer(self, name: str, *, stride: int = 1) -> Numbers:
         """Values of `LAYERS` on the map's cells, (H, W): those of the nearest place, else NaN.
 
         Cells where the robot may not stand, or far from all places, have none.
@@ -191,15 +191,19 @@ class Twins(Pictured):
         name : str
             "excess" [nats], "elsewhere" (0..1), "modes", "turned" or "stretch" [m]; see the
             properties of these names.
+        stride : int
+            Only cells whose row and column are multiples of it are looked at, such as those of a
+            field of this stride, (h, w).
 
         Raises
         ------
         ConfigError
-            If there is no such layer.
+            If there is no such layer, or the stride is less than 1.
         """
         one_of("layer", name, LAYERS)
-        values = np.full(self.grid.shape, np.nan)
-        rows, cols, place = self._nearest_places
+        whole("stride", stride, 1)
+        values = np.full(self.grid.cells[::stride, ::stride].shape, np.nan)
+        rows, cols, place = self._nearest_places if stride == 1 else self._nearest(stride)
         values[rows, cols] = getattr(self, name)[place]
         return values
 
@@ -228,10 +232,16 @@ class Twins(Pictured):
     @cached_property
     def _nearest_places(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Rows and columns of the cells that have a place, and its number."""
+        return self._nearest(1)
+
+    def _nearest(
+        self, stride: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """The same of every so many-th cell; rows and columns count these."""
         from scipy.spatial import cKDTree
 
-        rows, cols = np.nonzero(self._fits)
-        xy = np.column_stack(self.grid.grid_to_world(rows + 0.5, cols + 0.5))
+        rows, cols = np.nonzero(self._fits[::stride, ::stride])
+        xy = np.column_stack(self.grid.grid_to_world(stride * rows + 0.5, stride * cols + 0.5))
         bound = BEYOND * self.spacing
         apart, place = cKDTree(self.places).query(xy, distance_upper_bound=bound)
         near = np.isfinite(apart)
