@@ -266,6 +266,24 @@ def test_look_alikes_are_those_of_the_library_from_one_database(session, monkeyp
     assert kept[1] > 4 * session.grid.cells.size  # the losses alone take four bytes a cell
 
 
+def test_look_alikes_can_be_cancelled_while_the_places_are_looked_from(session):
+    session.kept.forget(lambda key: key[0] != "scans")
+    token, calls = Cancel(), []
+
+    def progress(done, total, doing=""):
+        calls.append(doing)
+        if len(calls) == 3:
+            token.cancel()
+        token.check()
+
+    ask = Ask("twins", 1, {"x": 2.0, "y": 3.0})
+    with pytest.raises(Cancelled):
+        ASKS["twins"].load()(session, ask, Work(progress, token))
+    assert calls == ["looking from all places"] * 3
+    assert not [key for key in session.kept._results if key[0] == "scans"]
+    assert answered(session, "twins", x=2.0, y=3.0)["modes"] >= 0
+
+
 def test_a_place_without_twins_has_no_excess(session, monkeypatch):
     monkeypatch.setattr(_twins, "find_twins", found_twins(np.inf))
     assert answered(session, "twins", x=2.0, y=3.0)["excess"] is None
