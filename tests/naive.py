@@ -1414,3 +1414,16 @@ def loss_tables(occupied, resolution, sigmas, z_rand, margin):
             part = losses[row : row + height, col : col + width].astype(np.uint32)
             words[n] |= part << np.uint32(8 * byte)
     return words
+
+
+def clearances(occupied, rows, cols, reach):
+    """Distances of cells' centres to the nearest occupied cell's edge, infinite beyond reach."""
+    found = []
+    for row, col in zip(rows, cols, strict=True):
+        least = math.inf
+        for up, across in np.argwhere(occupied) - (row, col):
+            if max(abs(up), abs(across)) <= reach:
+                gaps = (max(abs(up) - 0.5, 0.0), max(abs(across) - 0.5, 0.0))
+                least = min(least, math.hypot(*gaps))
+        found.append(least)
+    return np.array(found)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.progress import ProgressCallback, parts
+from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.twins._loss_tables import loss_tables
@@ -125,12 +125,12 @@ def make_database(
             f" {grid.name or 'the map'}; give a smaller radius"
         )
     losing, placing, casting = parts(progress, SHARES)
-    tables = loss_tables(grid, matching, fits, _scaled(losing, SHARES[0]))
+    tables = loss_tables(grid, matching, fits, scaled(losing, SHARES[0]))
     lidar_fits = _of_lidar(grid, matching, fits)
-    positions = places_every(LATTICE, lidar_fits, grid.resolution, _scaled(placing, SHARES[1]))
+    positions = places_every(LATTICE, lidar_fits, grid.resolution, scaled(placing, SHARES[1]))
     squares = empty_squares(occupied)
     made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
-    codes = _all_codes(made, _scaled(casting, SHARES[2]))
+    codes = _all_codes(made, scaled(casting, SHARES[2]))
     return dataclasses.replace(made, codes=codes)
 
 
@@ -149,15 +149,6 @@ def _all_codes(database: Database, progress: ProgressCallback) -> NDArray[np.uin
         progress(first + len(some), count)
     laid_out = padded.reshape(blocks, OCTETS, TURNS).transpose(0, 2, 1)
     return np.concatenate([laid_out, laid_out], axis=1).reshape(-1)
-
-
-def _scaled(progress: ProgressCallback, steps: int) -> ProgressCallback:
-    """A callback for a part of the work that has another number of steps than it reports."""
-
-    def update(done: int, total: int) -> None:
-        progress(steps * done // total, steps)
-
-    return update
 
 
 def reachable(
