@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
 from locplan.costs._path import joined
-from locplan.explorer._floor import Floor
+from locplan.explorer._floor import FACTOR, Floor
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, index_of
@@ -45,6 +45,11 @@ class Coarse:
     def bytes(self) -> int:
         """Bytes that it takes."""
         return 3 * self.bordered.half.nbytes
+
+    @staticmethod
+    def expected(fine: Bordered) -> int:
+        """Bytes that the one of a costmap takes, roughly."""
+        return 3 * fine.half.nbytes // FACTOR**2
 
     def free_near(self, xy: Position) -> Position | None:
         """The position, or the centre of a free cell near it; None where there is none [m]."""
@@ -102,10 +107,10 @@ def _over(
         backwards = held == n  # the search is kept from the end that rests
         rests, moves = (last, first) if backwards else (first, last)
         flood = _flood(session, coarse, ("coarse flood", scene.serial, weight), rests)
-        cells = flood.cells_to(index_of(coarse.costs, moves))
+        moving = index_of(coarse.costs, moves)
+        cells = flood.cells_from(moving) if backwards else flood.cells_to(moving)
         if cells is None:
             return None
-        cells = cells[::-1] if backwards else cells
         found = any_angle_path(coarse.costs, coarse.bordered, cells, first, last)
         legs.append(Path(np.vstack([start, found.xy[1:-1], goal])))
     path = joined(legs) if len(legs) > 1 else legs[0]
@@ -119,4 +124,4 @@ def _flood(session: Session, coarse: Coarse, key: tuple[object, ...], end: Posit
     def make() -> Flood:
         return Flood.of(coarse.bordered, source)
 
-    return session.kept.made((*key, source), make, lambda made: made.cost.nbytes)
+    return session.kept.made((*key, source), make, lambda made: made.steps.nbytes)
