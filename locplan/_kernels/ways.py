@@ -20,8 +20,11 @@ from locplan._kernels.search import SQRT2, TIE
 
 EPSILON = 2.0**-53
 """Greatest relative error of a sum of two numbers."""
-ROOM = 4096
-"""Number of cells for which there is room at first."""
+ROOM = 256
+"""Number of cells, and of pages, for which there is room at first."""
+PAGE = 6
+IN_PAGE = (1 << PAGE) - 1
+"""A cell's place stands in a page of 2^6 cells of a row; a path needs few pages of a map."""
 _ROWS = (-1, -1, -1, 0, 0, 1, 1, 1)
 _COLUMNS = (-1, 0, 1, -1, 1, -1, 0, 1)
 """The steps to the neighbours by bit, in the order in which `locplan._kernels.search.trace` takes
@@ -87,7 +90,6 @@ def cheapest_cells(
     half: NDArray[np.float64],
     columns: int,
     steps: NDArray[np.uint8],
-    place: NDArray[np.int32],
     root: int,
     tip: int,
     from_root: bool,
@@ -95,24 +97,34 @@ def cheapest_cells(
     """Cells of the cheapest path between the cell that was searched from, `root`, and `tip`.
 
     It is bit by bit what a search from its first cell to its last one finds, and `trace` then
-    takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`.
+    takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`. `steps` are
+    those of `steps_back`, and lead from `tip` to `root`.
     """
+    table, pages = np.zeros((half.size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
     cells, waits = np.empty(ROOM, np.int64), np.zeros(ROOM, np.int8)
-    cells[0], place[tip], used, at = tip, 1, 1, 0
+    table[tip >> PAGE], opened = 1, 2
+    pages[(1 << PAGE) + (tip & IN_PAGE)] = 1
+    cells[0], used, at = tip, 1, 0
     while at < used:
         if used + 8 > cells.size:
             cells = np.concatenate((cells, np.empty_like(cells)))
             waits = np.concatenate((waits, np.zeros_like(waits)))
+        if (opened + 8) << PAGE > pages.size:
+            pages = np.concatenate((pages, np.zeros_like(pages)))
         cell = cells[at]
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
                 other = cell + _ROWS[n] * columns + _COLUMNS[n]
-                if place[other] == 0:
-                    cells[used] = other
+                place = place_of(table, pages, other)
+                if place < 0:
+                    if table[other >> PAGE] == 0:
+                        table[other >> PAGE] = opened
+                        opened += 1
+                    cells[used], place = other, used
                     used += 1
-                    place[other] = used
-                waits[place[other] - 1] += 1
+                    pages[(table[other >> PAGE] << PAGE) + (other & IN_PAGE)] = used
+                waits[place] += 1
         at += 1
     # Each cell after all those from which a step leads to it; the last one is the root.
     order = np.empty(used, np.int64)
@@ -122,26 +134,26 @@ def cheapest_cells(
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
-                k = place[cell + _ROWS[n] * columns + _COLUMNS[n]] - 1
-                waits[k] -= 1
-                if waits[k] == 0:
-                    order[done] = k
+                place = place_of(table, pages, cell + _ROWS[n] * columns + _COLUMNS[n])
+                waits[place] -= 1
+                if waits[place] == 0:
+                    order[done] = place
                     done += 1
         at += 1
     cost = np.empty(used)
     for k in range(used):
         cost[k] = np.inf
     start, goal = (root, tip) if from_root else (tip, root)
-    cost[place[start] - 1] = 0.0
-    for at in range(done):
-        k = order[done - 1 - at] if from_root else order[at]
+    cost[place_of(table, pages, start)] = 0.0
+    for at in range(used):
+        k = order[used - 1 - at] if from_root else order[at]
         cell = cells[k]
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
                 other = cell + _ROWS[n] * columns + _COLUMNS[n]
                 length = SQRT2 if _ROWS[n] and _COLUMNS[n] else 1.0
-                step, m = length * (half[cell] + half[other]), place[other] - 1
+                step, m = length * (half[cell] + half[other]), place_of(table, pages, other)
                 if from_root:
                     cost[k] = min(cost[k], cost[m] + step)
                 else:
@@ -152,15 +164,22 @@ def cheapest_cells(
         for n in range(8):
             beside, aside = cell + _ROWS[n] * columns, cell + _COLUMNS[n]
             other = beside + _COLUMNS[n]
-            if place[other] == 0:
+            place = place_of(table, pages, other)
+            if place < 0:
                 continue
             length = 1.0
             if _ROWS[n] and _COLUMNS[n]:
                 length = SQRT2
                 if half[beside] + half[aside] == np.inf:
                     continue
-            through = cost[place[other] - 1] + length * (half[cell] + half[other])
+            through = cost[place] + length * (half[cell] + half[other])
             if through < least:
                 least, before = through, other
         path.append(before)
     return np.array(path[::-1])
+
+
+@njit(inline="always")
+def place_of(table: NDArray[np.int32], pages: NDArray[np.int32], cell: int) -> int:
+    """Place of a cell among those that were found, -1 if it is not: page 0 is empty."""
+    return np.int64(pages[(table[cell >> PAGE] << PAGE) + (cell & IN_PAGE)]) - 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -139,9 +140,11 @@ def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         room -= sum(each.bordered.half.size for each in halved)
         if room < 0:
             break  # one search would only push out another
-        for each in weights:
-            work.cancel.check()
-            _flood(session, scene, each, stop, work.cancel.check)
+        check = work.cancel.check
+        with ThreadPoolExecutor(len(weights)) as pool:  # a drag that has begun waits for these
+            made = [pool.submit(_flood, session, scene, each, stop, check) for each in weights]
+        for one in made:
+            one.result()
     return {"ok": True}
 
 

@@ -145,8 +145,7 @@ class Flood:
         if other != self.source and not self.steps[other]:
             return None
         half, columns, _ = self.bordered
-        place = np.zeros(half.size, np.int32)  # only its pages that are written to take memory
-        flat = cheapest_cells(half, columns, self.steps, place, self.source, other, from_source)
+        flat = cheapest_cells(half, columns, self.steps, self.source, other, from_source)
         return cells_of(flat, columns)
 
 
