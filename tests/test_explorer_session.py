@@ -11,11 +11,13 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
+import numba
 import numpy as np
 import pytest
 from conftest import drawn, random_rooms
 
 import locplan
+from locplan.costs import Costmap
 from locplan.errors import LocplanError
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
@@ -24,7 +26,7 @@ from locplan.explorer._plans import SHORTEST_WEIGHT, planned
 from locplan.explorer._points import clearance_at
 from locplan.explorer._profiles import path_answer
 from locplan.explorer._scene import Opening, Scene
-from locplan.explorer._searches import Kept, index_of
+from locplan.explorer._searches import Flood, Kept, index_of
 from locplan.explorer._session import Session
 from locplan.explorer._snap import REACH, Parts, snapped
 from locplan.explorer._state import about, state
@@ -33,6 +35,7 @@ from locplan.explorer._wire import Ask
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import plan_beside_shortest
+from locplan.planners._grid import Bordered, cheapest_cells
 from locplan.planners._plan import AWARE, SHORTEST
 
 SAD = FieldConfig(locplan.Sad(range=1.5), stride=0.4)
@@ -113,6 +116,42 @@ def test_while_a_stop_is_held_the_paths_are_those_of_its_release(session, held):
         for name in ("aware", "shortest"):
             one, other = getattr(dragged, name), getattr(released, name)
             assert one.xy.tolist() == other.xy.tolist()
+
+
+def test_a_kept_search_gives_the_planners_cells_in_both_directions():
+    rng, differ = np.random.default_rng(2), 0
+    for _ in range(40):
+        grid = OccupancyGrid(np.full((20, 20), FREE), 1.0)
+        costs = Costmap.from_density(grid, rng.integers(1, 3, (20, 20)) ** rng.integers(2))
+        start, goal = (tuple(map(float, xy)) for xy in rng.integers(20, size=(2, 2)) + 0.5)
+        flood = Flood.of(Bordered.of(costs), index_of(costs, start))
+        there = flood.cells_to(index_of(costs, goal))
+        back = flood.cells_from(index_of(costs, goal))
+        assert there.tolist() == cheapest_cells(costs, start, goal, False)[0].tolist()
+        assert back.tolist() == cheapest_cells(costs, goal, start, False)[0].tolist()
+        differ += there.tolist() != back[::-1].tolist()
+    assert differ > 10
+
+
+def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
+    from locplan._kernels import ways
+    from locplan.explorer._explore import _warm_up
+
+    used = []
+    for name in ("greatest_cost", "steps_back", "cheapest_cells"):
+        kernel = getattr(ways, name)
+
+        def noted(*given, kernel=kernel):
+            used.append((kernel, [numba.typeof(value) for value in given]))
+            return kernel(*given)
+
+        monkeypatch.setattr(ways, name, noted)
+    _warm_up(session)
+    before, used[:] = list(used), []
+    session.kept.forget(lambda key: False)
+    planned(session, free_places(session, 2), 4.0, held=0)
+    assert len(before) == 3
+    assert all(one in before for one in used)
 
 
 def floods(session) -> list[tuple[float, int]]:

@@ -159,7 +159,7 @@ def cheapest_cells(
                 else:
                     cost[m] = min(cost[m], cost[k] + step)
     path = [goal]
-    while path[-1] != start:
+    while path[-1] != start and len(path) < used:
         cell, least, before = path[-1], np.inf, -1
         for n in range(8):
             beside, aside = cell + _ROWS[n] * columns, cell + _COLUMNS[n]
@@ -182,4 +182,4 @@ def cheapest_cells(
 @njit(inline="always")
 def place_of(table: NDArray[np.int32], pages: NDArray[np.int32], cell: int) -> int:
     """Place of a cell among those that were found, -1 if it is not: page 0 is empty."""
-    return np.int64(pages[(table[cell >> PAGE] << PAGE) + (cell & IN_PAGE)]) - 1
+    return int(pages[(table[cell >> PAGE] << PAGE) + (cell & IN_PAGE)]) - 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap
 from locplan.planners import Position
-from locplan.planners._grid import Bordered, bordered_index, cells_of
+from locplan.planners._grid import Bordered, blank_costs, bordered_index, cells_of
 
 T = TypeVar("T")
 
@@ -122,6 +122,13 @@ class Flood:
         cost = search(half, columns, source, -1, False, scale, check=check).cost
         tolerance = tolerance_of(cost, scale.cheapest)
         return cls(bordered, source, steps_back(half, columns, cost, tolerance))
+
+    @classmethod
+    def prepare(cls) -> None:
+        """Compile the kernels, so that the first drag does not wait for that."""
+        costs = blank_costs(1, 3)
+        flood = cls.of(Bordered.of(costs), index_of(costs, (0.5, 0.5)))
+        flood.cells_to(index_of(costs, (2.5, 0.5)))
 
     @staticmethod
     def expected(bordered: Bordered) -> int:
