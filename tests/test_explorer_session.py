@@ -194,6 +194,16 @@ def test_idle_searches_from_the_stops_that_a_drag_leaves_at_rest(session, monkey
         assert len(floods(session)) == 2 * count
 
 
+def test_idle_prepares_the_drafts_of_large_maps(session, monkeypatch):
+    start, goal = free_places(session, 2, seed=13)
+    asked = {"start": start, "goal": goal, "weight": 4.0}
+    for cells, hold, prepared in ((50, None, 2), (50, "goal", 0), (1500, None, 0)):
+        monkeypatch.setattr("locplan.explorer._plans.DRAFT_CELLS", cells)
+        session.kept.forget(lambda key: False)
+        answer(session, "idle", **asked, hold=hold)
+        assert sum(key[0] == "coarse" for key in session.kept._results) == prepared
+
+
 def test_only_the_legs_beside_the_held_stop_are_planned_again(session, monkeypatch):
     from locplan.explorer import _plans
 

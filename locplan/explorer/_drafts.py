@@ -89,16 +89,21 @@ def drafted(
     return answers[0], (answers[1] if len(answers) > 1 else None)
 
 
-def _over(
-    session: Session, scene: Scene, stops: Sequence[Position], weight: float, held: int | None
-) -> Path | None:
-    """A draft over all stops; None if a leg has none."""
+def coarse_of(session: Session, scene: Scene, weight: float) -> Coarse:
+    """The costmap of drafts at a weight, which is kept."""
     key = ("coarse", scene.serial, weight)
 
     def make() -> Coarse:
         return Coarse.of(scene.floor, weight)
 
-    coarse = session.kept.made(key, make, lambda made: made.bytes)
+    return session.kept.made(key, make, lambda made: made.bytes)
+
+
+def _over(
+    session: Session, scene: Scene, stops: Sequence[Position], weight: float, held: int | None
+) -> Path | None:
+    """A draft over all stops; None if a leg has none."""
+    coarse = coarse_of(session, scene, weight)
     legs: list[Path] = []
     for n, (start, goal) in enumerate(itertools.pairwise(stops)):
         first, last = coarse.free_near(start), coarse.free_near(goal)

@@ -12,7 +12,7 @@ from locplan._util.checks import RESOLUTIONS
 from locplan.costs import Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
-from locplan.explorer._drafts import Coarse, drafted
+from locplan.explorer._drafts import Coarse, coarse_of, drafted
 from locplan.explorer._floor import FACTOR
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
@@ -124,7 +124,7 @@ def planned(
 
 
 def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
-    """Search from the stops while nothing is asked, so that the next drag finds that done.
+    """Prepare drafts and search from the stops, so that the next drag finds that done.
 
     Where a stop is held, its drag has begun: only the stops beside it are searched from.
     """
@@ -133,6 +133,10 @@ def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     held = held_stop(ask, len(stops))
     placed = snapped(session.parts(scene), stops, held)
     weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
+    check = work.cancel.check
+    for each in weights if held is None and _has_drafts(scene.costs.grid) else ():
+        check()
+        coarse_of(session, scene, each)
     halved = [_halved(session, scene, each) for each in weights]
     room = KEPT_BYTES - Flood.expected(halved[0].bordered)
     room -= sum(each.bordered.half.nbytes + Coarse.expected(each.bordered) for each in halved)
@@ -140,7 +144,6 @@ def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         room -= sum(each.bordered.half.size for each in halved)
         if room < 0:
             break  # one search would only push out another
-        check = work.cancel.check
         with ThreadPoolExecutor(len(weights)) as pool:  # a drag that has begun waits for these
             made = [pool.submit(_flood, session, scene, each, stop, check) for each in weights]
         for one in made:
