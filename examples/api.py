@@ -17,6 +17,7 @@ from types import ModuleType
 import pdoc
 
 import locplan
+from locplan._util import public
 
 PACKAGES = ("locplan", "locplan.planners.ompl")
 """The package, and one that it does not name since OMPL is imported with it."""
@@ -24,6 +25,7 @@ PACKAGES = ("locplan", "locplan.planners.ompl")
 
 def main(folder: str = "api") -> None:
     """Write FOLDER/index.html, and a page of each public package beside it."""
+    public.tell_fields = lambda thing: None  # pdoc shows them by itself
     for package in map(importlib.import_module, PACKAGES):
         for thing in public_things(package):
             resolve_fields(thing)

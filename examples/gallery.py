@@ -1,4 +1,4 @@
-"""Every picture that the commands draw, on a map of yours, with the command below each.
+"""Every picture that locplan draws, on a map of yours, with the command below each.
 
 Run: python examples/gallery.py [FOLDER [MAP.yaml [LIDAR [WORD ...]]]]
 
@@ -18,7 +18,8 @@ from pathlib import Path
 import locplan
 from locplan.planners import describe_map
 
-PROJECT = Path(__file__).resolve().parent.parent
+EXAMPLES = Path(__file__).resolve().parent
+PROJECT = EXAMPLES.parent
 MAP = PROJECT / "maps" / "two_corridors.yaml"
 DRIVE = PROJECT / "tests" / "small_drive.npz"
 DRIVEN = PROJECT / "maps" / "office.yaml"
@@ -36,14 +37,32 @@ class Entry:
     command: str
     """Command that draws it, with {map}, {lidar}, {start}, {goal} and {middle}.
 
-    For recorded drives there are {drive} and its map, {driven}.
+    For recorded drives there are {drive} and its map, {driven}; {examples} is this file's folder.
     """
     picture: str
     """File that the command writes, relative to the gallery's folder, with {name} of the map."""
 
 
 QUERY = "--start {start} --goal {goal} --lidar {lidar}"
+COSTS = """
+import locplan
+from locplan.plotting import save_figure
+grid = locplan.load_map('{map}')
+field = locplan.load_or_compute(grid, locplan.Scan(locplan.Lidar.preset('{lidar}')))
+costs = locplan.Costmap.from_field(grid, field, robot_radius=0.25)
+"""
+"""Beginning of a program that draws with the library."""
 ENTRIES = (
+    Entry(
+        "The map alone",
+        "Walls are black, the inside of solid walls is grey, unknown space light grey.",
+        """python -c "
+import locplan
+from locplan.plotting import map_figure, save_figure
+save_figure(map_figure(locplan.load_map('{map}')), 'map.png')
+" """,
+        "map.png",
+    ),
     Entry(
         "The map, and places for start and goal",
         "Numbered grid lines are world metres; S and G are places that a path joins.",
@@ -97,6 +116,39 @@ ENTRIES = (
         "The paper compares these before it takes SAD.",
         "locplan plot {map} --figure models --at {middle} -o models.png",
         "models.png",
+    ),
+    Entry(
+        "Models of similarity, in one dimension",
+        "The paper's figures 4 to 8: where a pattern slides along itself, which models show it.",
+        """python -c "
+from locplan.paper import one_dimensional, slides_figure
+from locplan.plotting import save_figure
+save_figure(slides_figure(one_dimensional()), 'slides.png')
+" """,
+        "slides.png",
+    ),
+    Entry(
+        "The estimators where they differ",
+        "What a disc of 6 m sees, and what a lidar of 30 m sees.",
+        "python {examples}/estimators.py estimators {map}",
+        "estimators/estimators.png",
+    ),
+    Entry(
+        "The degeneracy that planners are charged",
+        "Cells without colour are too near to a wall for the robot.",
+        f"""python -c "{COSTS}
+save_figure(locplan.plotting.costmap_figure(costs), 'costmap.png')
+" """,
+        "costmap.png",
+    ),
+    Entry(
+        "One path over the degeneracy",
+        "Notebooks show plans like this.",
+        f"""python -c "{COSTS}
+plan = locplan.plan(costs, ({{start}}), ({{goal}}))
+save_figure(locplan.plotting.path_figure(plan), 'path.png')
+" """,
+        "path.png",
     ),
     Entry(
         "The shortest and the aware path",
@@ -159,6 +211,36 @@ ENTRIES = (
         "marked/landmarks.png",
     ),
     Entry(
+        "Features that localization hangs on",
+        "Numbered walls and objects are those without which the robot's pose errs most.",
+        "locplan features {map} --start {start} --goal {goal} --lidar {lidar} -o features",
+        "features/features.png",
+    ),
+    Entry(
+        "Places that look alike",
+        "Lines join places that the lidar mistakes; numbers are good places to start the robot.",
+        "locplan twins {map} --lidar {lidar} -o twins",
+        "twins/twins.png",
+    ),
+    Entry(
+        "The look-alikes of one place",
+        "The star is the place, the numbers are its twins, best first.",
+        "locplan twins {map} --lidar {lidar} --at {middle} -o place",
+        "place/twins.png",
+    ),
+    Entry(
+        "Where a scan was taken",
+        "Numbers are the likely places, best first.",
+        "locplan locate {driven} --drive {drive} --scan 20 -o located",
+        "located/located.png",
+    ),
+    Entry(
+        "Where the scans of a drive were taken",
+        "Each scan is located by itself, and compared with its recorded pose.",
+        "locplan locate {driven} --drive {drive} --every 10 -o all_located",
+        "all_located/located.png",
+    ),
+    Entry(
         "A mask for Nav2",
         "The costs that the planner is charged.",
         "locplan export {map} --to nav2-keepout --lidar {lidar} -o mask",
@@ -175,6 +257,19 @@ ENTRIES = (
         "Edges follow the cheap ways.",
         "locplan export {map} --to route-graph --lidar {lidar} -o lanes",
         "lanes/preview.png",
+    ),
+    Entry(
+        "The recommended ways of many queries",
+        "Lanes for Nav2's route server along paths that were chosen by driving.",
+        "locplan export {map} --to nav2-routes --start {start} --goal {goal} --lidar {lidar}"
+        " -o ways",
+        "ways/preview.png",
+    ),
+    Entry(
+        "The degeneracy as a map for map servers",
+        "Cells hold u in per cent.",
+        "locplan export {map} --to ros-map --lidar {lidar} -o ros_map",
+        "ros_map/preview.png",
     ),
     Entry(
         "Degenerate areas",
@@ -229,13 +324,12 @@ def main(
             continue
         command = partial(entry.command.format, lidar=lidar, **places)
         picture = entry.picture.format(name=locplan.load_map(map_file).name)
-        files = {"map": Path(map_file), "driven": DRIVEN, "drive": DRIVE}
+        files = {"map": Path(map_file), "driven": DRIVEN, "drive": DRIVE, "examples": EXAMPLES}
         whole = {name: shlex.quote(str(file.resolve())) for name, file in files.items()}
-        line = shlex.split(command(**whole))
+        program, *arguments = shlex.split(command(**whole))
+        line = [*([] if program == "python" else ["-m", program]), *arguments]
         before = _written(target / picture)
-        done = subprocess.run(
-            [sys.executable, "-m", *line], cwd=target, capture_output=True, text=True
-        )
+        done = subprocess.run([sys.executable, *line], cwd=target, capture_output=True, text=True)
         now = _written(target / picture)  # also beside an answer of no, which is exit code 1
         drawn = now > before or (done.returncode == 0 and now > 0)
         print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()[-300:]}")
@@ -249,7 +343,7 @@ def main(
 def _places(map_file: str) -> dict[str, str]:
     """Start, goal and a place half-way along the shortest path, as options."""
     start, goal = QUERY_OF_OUR_MAP
-    if Path(map_file) != MAP:
+    if Path(map_file).resolve() != MAP:
         pair = describe_map(map_file).pairs[0]
         start, goal = (pair.start.x, pair.start.y), (pair.goal.x, pair.goal.y)
     path = locplan.plan(locplan.Costmap.blank(locplan.load_map(map_file)), start, goal).path

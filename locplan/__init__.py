@@ -9,7 +9,7 @@
 'solved'
 """
 
-import lazy_loader
+from locplan._util.public import attach
 
 __version__ = "0.2.0.dev0"
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

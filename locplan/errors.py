@@ -8,6 +8,11 @@ class LocplanError(Exception):
     """Bad input: one line that says what was wrong, where, and what to do about it.
 
     Whatever the values and the names of files in it, the message is one line that can be printed.
+
+    Parameters
+    ----------
+    message : str
+        The line; of more than 1000 characters the middle is left out.
     """
 
     def __init__(self, message: str = "") -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 import shutil
@@ -27,6 +28,19 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 WAIT = 20_000
 """Longest time that a test waits for something to appear [ms]."""
+
+
+HAS_COLOUR = """async (colour) => {
+    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+    const canvas = document.getElementById("overlay");
+    const copy = new OffscreenCanvas(canvas.width, canvas.height);
+    const pen = copy.getContext("2d", { willReadFrequently: true });
+    pen.drawImage(canvas, 0, 0);
+    const pixels = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+    for (let k = 0; k < pixels.length; k += 4)
+        if (colour.every((value, channel) => pixels[k + channel] === value)) return true;
+    return false;
+}"""
 
 
 def browser_file() -> str | None:
@@ -64,6 +78,29 @@ class Seen:
         self.page.locator("#aware-length", has_text="m").wait_for()
         return self
 
+    def answer(self, answers: dict[str, Any]) -> None:
+        """Answer some asks in the server's place; to be called before the page is opened.
+
+        An answer is what the page is told, or a function of the ask and of what tells it.
+        """
+
+        def passed_on(socket: Any) -> None:
+            behind = socket.connect_to_server()
+
+            def asked(text: str) -> None:
+                ask = json.loads(text)
+                told = answers.get(ask["do"])
+                if told is None:
+                    behind.send(text)
+                elif callable(told):
+                    told(ask["id"], lambda message: socket.send(json.dumps(message)))
+                else:
+                    socket.send(json.dumps({"re": ask["id"], **told}))
+
+            socket.on_message(asked)
+
+        self.page.route_web_socket(re.compile("/socket$"), passed_on)
+
     def wait(self, selector: str, state: str = "attached") -> Any:
         """Wait until something is there."""
         found = self.page.locator(selector)
@@ -97,6 +134,10 @@ class Seen:
         self.page.mouse.move(x + dx, y + dy)
         if release:
             self.page.mouse.up()
+
+    def has_drawn(self, colour: tuple[int, int, int]) -> bool:
+        """Whether anything above the map is of a colour, after the next frame."""
+        return bool(self.page.evaluate(HAS_COLOUR, colour))
 
     def place(self, name: str) -> tuple[float, float]:
         """World position of a marker, as it is read out [m]."""

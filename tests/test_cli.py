@@ -256,18 +256,21 @@ def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
     assert run("cache", "path", *here)[1].strip() == str(folder)
     assert run("cache", "list", *here)[1].startswith("0 fields, 0 B of at most 5 GB")
     run("field", room, "--range", "3", *here)
-    out = run("cache", "list", *here)[1]
-    assert "room" in out
-    assert re.search(r"room +range=3.0 ", out)
+    out = " ".join(run("cache", "list", *here)[1].split())
+    assert "room sad, range 3 " in out
     assert "100%" in out
     (about,) = json.loads(run("cache", "list", "--json", *here)[1])
     assert about["map"] == "room"
     assert run("cache", "clear", "--older-than", "1", *here)[1].startswith("removed 0")
     run("field", room, "--estimator", "fisher", "--range", "4", *here)
-    out = run("cache", "list", *here)[1]
-    assert "name=fisher," in out
-    assert "lidar.range=4.0" in out
-    assert run("cache", "clear", *here)[1].startswith("removed 2")
+    out = " ".join(run("cache", "list", *here)[1].split())
+    assert "room fisher, no lidar named" in out
+    assert " range 4," in out
+    run("field", room, "--lidar", "turtlebot4", "--headings", "2", "--stride", "0.5", *here)
+    out = " ".join(run("cache", "list", *here)[1].split())
+    assert "room scan, turtlebot4, stride" in out
+    assert "beams" not in out
+    assert run("cache", "clear", *here)[1].startswith("removed 3")
     assert run("cache", "list", *here)[1].startswith("0 fields")
 
 
@@ -591,6 +594,18 @@ def test_the_help_of_every_command_has_headings_and_an_example(run):
     at = [out.index(f"─ {title} ─") for title in ("Planner", "Costs", "Field", "Computing")]
     assert at == sorted(at)
     assert "--field.range" not in out
+
+
+def test_helps_fill_their_lines(run):
+    """Texts have line ends and indents in the source that would be odd on a terminal."""
+    for command in COMMANDS:
+        _, out, _ = run(command, "--help")
+        for panel in out.split("╭")[1:]:
+            lines = [line.strip("│").rstrip() for line in panel.splitlines() if line[:1] == "│"]
+            indents = {len(line) - len(line.lstrip()) for line in lines}
+            assert len({indent for indent in indents if indent > 8}) <= 1, (command, lines)
+        examples = out.split("Example\n")[-1]
+        assert all(len(line) <= 80 for line in examples.splitlines()), command
 
 
 def test_a_command_is_a_module_and_a_line(run, monkeypatch):

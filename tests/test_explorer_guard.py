@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import locplan
 from locplan.errors import LocplanError
-from locplan.explorer._server import Server
+from locplan.explorer._server import STATIC, Server
 from locplan.field import FieldConfig
 from locplan.maps import OccupancyGrid
 
@@ -185,6 +185,34 @@ def test_files_of_the_page_are_sent_once(server):
     assert (status, again) == (304, b"")
     assert fetched(server, "/static/index.html", If_None_Match='"other"')[2] == content
     assert headers["content-type"].startswith("text/html")
+
+
+@pytest.mark.parametrize("accepted", ["gzip", "br, GZIP;q=0.5", "deflate, gzip; q=1.0"])
+def test_files_are_packed_where_the_browser_takes_that(server, accepted):
+    _, plain, content = fetched(server, "/static/main.js")
+    _, headers, packed = fetched(server, "/static/main.js", Accept_Encoding=accepted)
+    assert headers["content-encoding"] == "gzip"
+    assert gzip.decompress(packed) == content
+    assert "content-encoding" not in plain
+    assert headers["content-type"] == plain["content-type"]
+    assert (headers["etag"], headers["vary"]) == (plain["etag"], "accept-encoding")
+    tag = {"If_None_Match": headers["etag"], "Accept_Encoding": accepted}
+    status, again, nothing = fetched(server, "/static/main.js", **tag)
+    assert (status, nothing, again["vary"]) == (304, b"", "accept-encoding")
+
+
+@pytest.mark.parametrize("accepted", [None, "", "br", "gzip;q=0", "gzip; q=0.000", "gzipped"])
+def test_files_are_plain_where_the_browser_takes_nothing_else(server, accepted):
+    _, headers, content = fetched(server, "/static/main.js", Accept_Encoding=accepted)
+    assert "content-encoding" not in headers
+    assert content == (STATIC / "main.js").read_bytes()
+    assert headers["vary"] == "accept-encoding"
+
+
+def test_the_page_is_small_on_the_wire(server):
+    files = [each.name for each in STATIC.iterdir()]
+    sent = [fetched(server, f"/static/{name}", Accept_Encoding="gzip")[2] for name in files]
+    assert sum(map(len, sent)) <= 150_000
 
 
 def test_cells_and_layers_are_the_sessions(server):

@@ -257,6 +257,7 @@ def test_landmarks_are_those_of_the_library():
     assert sum(told["gains"]) == pytest.approx(told["curve"][0] - told["curve"][-1])
     assert (told["tool"], told["size"]) == ("pole", [0.3])
     assert told["verdict"] == "not verified: nothing was driven"
+    assert told["helps"] is None
 
 
 def test_drives_verify_landmarks():
@@ -264,6 +265,7 @@ def test_drives_verify_landmarks():
     own = shown.made.verify(4, seed=2, random_sets=1)
     assert own.verdict in shown.verdict
     assert "4 drives" in shown.verdict
+    assert as_json(shown)["helps"] is own.helps
     assert shown.made.setting.kind == Box(0.5, 0.2)
     assert as_json(shown)["size"] == [0.5, 0.2]
 

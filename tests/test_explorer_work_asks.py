@@ -10,7 +10,7 @@ import pytest
 from explorer_views import GOAL, MIDDLE, START, corridors, view
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer import _twins
+from locplan.explorer import _twins, _twins_layer
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._drives import RecordedDrive, drive_json
@@ -18,13 +18,14 @@ from locplan.explorer._front import front_of
 from locplan.explorer._scene import Opening
 from locplan.explorer._session import Session
 from locplan.explorer._sharing import share
-from locplan.explorer._state import about
+from locplan.explorer._state import about, state
 from locplan.explorer._wire import Ask
-from locplan.field import Lidar
+from locplan.field import FieldConfig, Fisher, Lidar
 from locplan.recordings import Recording
 from locplan.simulation import Amcl
 from locplan.simulation._settings import lidar_of
-from locplan.twins import _scan_database, find_twins
+from locplan.twins import ScanDatabase, _scan_database, find_twins
+from locplan.twins._find import SPACING
 
 WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
 LONG = ("front", "simulate", "landmarks", "reproduce", "export")
@@ -276,6 +277,111 @@ def test_a_place_in_a_wall_is_moved(session, monkeypatch):
     wall = session.grid.cell_to_world(*np.argwhere(session.grid.cells == 0)[0].tolist())
     told = answered(session, "twins", x=wall[0], y=wall[1])
     assert session.scene.costs.cell_of((told["x"], told["y"]))
+
+
+# Look-alikes of the whole map
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Few places, so that the search is quick."""
+    monkeypatch.setattr(_twins_layer, "spacing_of", lambda database: 3.0)
+
+
+@pytest.fixture
+def own():
+    """A session whose map may be changed."""
+    made = session_of()
+    yield made
+    made.upkeep.close()
+
+
+def twins_told(session: Session) -> dict[str, object] | None:
+    """What the page is told of the layer of look-alikes; None where it is not offered."""
+    return next((each for each in state(session)["layers"] if each["name"] == "twins"), None)
+
+
+def test_look_alikes_of_the_map_are_a_layer_beside_the_fields(own, coarse):
+    events = []
+    own.listeners.append(events.append)
+    assert twins_told(own) is None
+    calls = []
+    told = answered(own, "twins_everywhere", calls=calls)
+    grid, lidar, stride = own.grid, own.lidar, own.field.stride
+    found = find_twins(grid, lidar=lidar, spacing=3.0, robot_radius=own.robot_radius)
+    assert told == {
+        **{"layer": "twins", "alike": 3.0, "spacing": 3.0},
+        **{"share": found.share, "places": len(found)},
+    }
+    assert calls[-2][0] == calls[-2][1] == 2 * len(found)
+    assert {"event": "state"} in events
+    layer = twins_told(own)
+    assert (layer["unit"], layer["anchors"], layer["scale"]) == ("nat", [12.0, 0.0], "linear")
+    assert layer["present"][0] > layer["present"][1]
+    texture = own.textures(layer["digest"])["twins"]
+    excess = np.clip(found.layer("excess")[::stride, ::stride], 0, 12)
+    np.testing.assert_array_equal(texture.values, excess)
+    assert texture.values.shape == own.field.covariance.shape[:2]
+    steps = texture.texels[::-1]
+    assert (steps[excess == 0] == 255).all()  # the worst places have the last colour
+    assert (steps[excess == 12] == 1).all()
+    assert (steps[np.isnan(excess)] == 0).all()
+    assert {0.0, 12.0} <= set(excess.ravel().tolist())
+    page = share(own, Ask("share", 1, {"view": WAY}), Work(lambda *_: None, Cancel()))
+    assert '"twins":"' in own.download(page["download"]).content.decode()
+
+
+def test_the_layer_of_look_alikes_goes_with_the_map_and_comes_with_undo(own, coarse):
+    answered(own, "twins_everywhere")
+    before = twins_told(own)
+    answered(own, "edit", strokes=[{"tool": "pole", "points": [[20.0, 8.0]], "width": 0.3}])
+    assert twins_told(own) is None
+    own.upkeep.latest.result(60)
+    assert twins_told(own) is None
+    answered(own, "undo")
+    own.upkeep.latest.result(60)
+    assert twins_told(own) == before
+
+
+def test_the_layer_of_look_alikes_goes_with_the_lidar(own, coarse):
+    answered(own, "twins_everywhere")
+    own.config = FieldConfig(Fisher(Lidar(range=5.0)), stride=0.4)
+    assert twins_told(own) is None
+
+
+@pytest.mark.parametrize("how", ["cancelled", "edited"])
+def test_look_alikes_that_are_out_of_date_are_not_sought_to_the_end(own, coarse, how):
+    token = Cancel()
+
+    class Calls(list):
+        def append(self, call):
+            super().append(call)
+            if how == "cancelled" and call[0]:
+                token.cancel()
+            elif call[0]:
+                stroke = {"tool": "pole", "points": [[20.0, 8.0]], "width": 0.3}
+                answered(own, "edit", strokes=[stroke])
+
+    calls = Calls()
+    error, why = {"cancelled": (Cancelled, None), "edited": (ConfigError, "meanwhile")}[how]
+    with pytest.raises(error, match=why):
+        answered(own, "twins_everywhere", token, calls)
+    assert calls[-1][0] < calls[-1][1]
+    assert own.twins is None
+
+
+def test_places_are_thinned_where_all_would_take_too_long():
+    spacing = _twins_layer.affordable_spacing
+    assert spacing(1000.0, 6000, 1) == SPACING
+    assert spacing(11_000.0, 70_000, 1) == pytest.approx(2.2)
+    assert spacing(4 * 11_000.0, 70_000, 1) == pytest.approx(4.4, abs=0.1)
+    assert spacing(11_000.0, 70_000, 8) == pytest.approx(2.2 * np.sqrt(8), abs=0.15)
+    grid, _ = corridors()
+    database = ScanDatabase(grid, Lidar(range=6.0), 0.2)
+    assert _twins_layer.spacing_of(database) == SPACING
+    rooms = dataclasses.replace(grid, resolution=2.0)
+    wide = ScanDatabase(rooms, Lidar(range=6.0, field_of_view_deg=90.0), 0.2)
+    assert _twins_layer.spacing_of(wide) > 2.0
 
 
 # The page that is handed on

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
+import signal
 import stat
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from urllib.request import HTTPCookieProcessor, build_opener
 
 import pytest
 from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
+from test_explorer_command import AS_IN_A_TERMINAL
 
 PROJECT = Path(__file__).resolve().parent.parent
 GUIDES = PROJECT / "examples" / "guides"
@@ -26,7 +30,7 @@ LINKING = (
 )
 GIVEN = ("maps", "examples/nav2_params.yaml", "tests/small_drive.npz")
 """Files that a reader copies to a folder, as the guides' first page says."""
-RUN, SHOWN = ("sh", "python"), ("text", "console", "yaml")
+RUN, SHOWN = ("sh", "python", "console"), ("text", "yaml")
 """Languages of blocks that are run, and of those that are only shown."""
 SETS_UP = "python3 -m venv"
 """Beginning of a block that makes an environment; `.ci/run` runs those of README.md."""
@@ -40,7 +44,30 @@ def run_in_shell(example: Example) -> None:
     assert done.returncode == 0, f"{example.path}:{example.line}\n{done.stdout}{done.stderr}"
 
 
-PARSED = Sybil([CodeBlockParser("sh", run_in_shell), CodeBlockParser("python", PythonEvaluator())])
+def run_in_terminal(example: Example) -> None:
+    """Serve the page of a block that shows a terminal, after what it installs, and end it."""
+    *installed, command = example.parsed.replace("$ ", "").replace("\n", " && ").split(" && ")
+    assert all(line.startswith("pip install") for line in installed)
+    program, *arguments = shlex.split(command)
+    assert program == "locplan"
+    line = [sys.executable, "-c", AS_IN_A_TERMINAL, *arguments, "--no-browser"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as page:
+        try:
+            address = page.stdout.readline().strip()
+            with build_opener(HTTPCookieProcessor()).open(address, timeout=60) as answer:
+                assert b"<title>" in answer.read()
+        finally:
+            page.send_signal(signal.SIGINT)
+    assert page.returncode == 0
+
+
+PARSED = Sybil(
+    [
+        CodeBlockParser("sh", run_in_shell),
+        CodeBlockParser("console", run_in_terminal),
+        CodeBlockParser("python", PythonEvaluator()),
+    ]
+)
 
 
 @pytest.fixture
@@ -64,7 +91,8 @@ def given_folder(tmp_path, monkeypatch):
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="the guides are for the shells of Unix")
 @pytest.mark.parametrize("page", [PROJECT / "README.md", *PAGES], ids=lambda page: page.stem)
-def test_all_blocks_of_a_page_run_in_their_order(page, given_folder):
+def test_all_blocks_of_a_page_run_in_their_order(page, given_folder, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
     document = PARSED.parse(page)
     document.namespace["__name__"] = "__main__"  # functions go to other processes by value
     for example in document.examples():

@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -140,6 +141,7 @@ def test_the_map_of_e_is_zero_outside_free_space(field):
     assert image.norm.vmin == 0
     assert np.mean(values[field.grid.free] <= image.norm.vmax) == pytest.approx(0.98, abs=0.01)
     assert plotting.e_figure({"one": field}, (0.1, 0.2)).axes[0].images[1].norm.vmax == 0.2
+    assert re.match(r"one\n(.*% weak|no weak spot)", figure.axes[0].get_title())
 
 
 def test_slides_are_drawn_with_their_templates():

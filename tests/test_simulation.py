@@ -347,6 +347,7 @@ def test_queries_without_a_path_are_left_out(two_corridors):
     near, far = Query("near", (2, 3), (6, 3)), Query("far", (2, 3), (38, 3))
     routes = simulate_queries(cut, [near, far], drives=2)
     assert [route.query.name for route in routes.routes] == ["near"]
+    assert routes.about["lidar"]["range"] == 1.0  # that of the field
     with pytest.raises(LocplanError, match="no query has a path"):
         simulate_queries(cut, [far], drives=2)
 

@@ -284,6 +284,16 @@ def test_layers_are_those_of_the_nearest_place(equal_rooms):
     np.testing.assert_array_equal(np.isfinite(costs.density), np.isfinite(blank.density))
     with pytest.raises(LocplanError, match="layer must be one of"):
         equal_rooms.layer("colour")
+    with pytest.raises(LocplanError, match="stride"):
+        equal_rooms.layer("excess", stride=0)
+
+
+@pytest.mark.parametrize("stride", [2, 3, 7])
+def test_a_layer_of_a_stride_has_the_values_of_every_so_many_th_cell(equal_rooms, stride):
+    for name in ("excess", "modes"):
+        own, every = equal_rooms.layer(name, stride=stride), equal_rooms.layer(name)
+        np.testing.assert_array_equal(own, every[::stride, ::stride])
+    assert np.isfinite(own).any()
 
 
 def test_starts_are_the_safest_places_apart():
@@ -514,7 +524,7 @@ def test_the_command_refuses_in_one_line(run, map_file, options):
 def test_the_figure_joins_places_with_their_twins(equal_rooms):
     figure = twins_figure(equal_rooms, equal_rooms.best_starts(3, apart=2.0))
     axes = figure.axes[0]
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels[0] == "twins by symmetry 1"
     assert "best starts, at most" in labels[-1]
     (lines, *_) = axes.collections

@@ -1,19 +1,24 @@
-"""What the docstrings below the fields of a dataclass say."""
+"""What the docstrings below the fields of a class say: of a dataclass, or of a named tuple."""
 
 from __future__ import annotations
 
 import ast
 import dataclasses
 import inspect
+import re
 import textwrap
+from typing import Any
+
+INDENTS: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
+PARAMETERS = re.compile(r"^Parameters\n---", re.MULTILINE)
 
 
 def field_docs(kind: type) -> dict[str, str]:
     """The docstring of each field in one line, those of base classes included.
 
-    A dataclass that was not written in a file has none.
+    A class that was not written in a file has none.
     """
-    docs = dict.fromkeys((each.name for each in dataclasses.fields(kind)), "")
+    docs = dict.fromkeys(_types_of(kind), "")
     for base in reversed(kind.__mro__[:-1]):
         try:
             (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
@@ -28,3 +33,42 @@ def field_docs(kind: type) -> dict[str, str]:
                 ):
                     docs[name] = " ".join(text.split())
     return docs
+
+
+class WithFields:
+    """The docstring of a class, with what stands below its fields, which Python does not show.
+
+    The source is read where the docstring is looked at.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __get__(self, _: object, kind: type) -> str:
+        if PARAMETERS.search(self.text):
+            return self.text
+        docs, lines = field_docs(kind), []
+        for name, type_ in _types_of(kind).items():
+            if docs[name]:
+                lines += [f"{name} : {type_}", *textwrap.wrap(docs[name], 96, **INDENTS)]
+        if not lines:
+            return self.text
+        about, *sections = re.split(r"\n\n(?=[A-Z]\w+\n---)", self.text, maxsplit=1)
+        return "\n\n".join([about, "\n".join(["Parameters", "-" * 10, *lines]), *sections])
+
+
+def tell_fields(thing: object) -> None:
+    """Let the help of a class tell its fields; nothing happens where there are none."""
+    if isinstance(thing, type) and _types_of(thing):
+        text = vars(thing)["__doc__"]
+        if isinstance(text, str):
+            thing.__doc__ = WithFields(inspect.cleandoc(text))  # type: ignore[assignment]
+
+
+def _types_of(kind: type) -> dict[str, str]:
+    """The fields that a class is made with, and their types as they are written."""
+    if dataclasses.is_dataclass(kind):
+        return {each.name: str(each.type) for each in dataclasses.fields(kind) if each.init}
+    hints = getattr(kind, "__annotations__", {})
+    names = getattr(kind, "_fields", ())
+    return {name: getattr(hints.get(name), "__forward_arg__", "") for name in names}

@@ -15,8 +15,11 @@ class Interval(NamedTuple):
     """A value with its 95 % interval; NaN where there is none."""
 
     value: float
+    """The estimate, in the unit of what it is of."""
     low: float
+    """Lower end of the interval, in that unit."""
     high: float
+    """Upper end of the interval, in that unit."""
 
 
 def wilson(share: float, trials: int) -> Interval:

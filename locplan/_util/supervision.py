@@ -68,13 +68,15 @@ def supervised(work: Callable[[], None]) -> int:
     return _told(asked, os.waitstatus_to_exitcode(status))
 
 
-def end_if_supervised() -> None:
+def end_if_supervised(code: int = INTERRUPTED) -> None:
     """End this process at once after an interrupt if another one cleans up and says so.
+
+    The exit code is another one where an interrupt is the usual end.
 
     Threads that are within a kernel are not awaited.
     """
     if _supervised:
-        os._exit(INTERRUPTED)
+        os._exit(code)
 
 
 def end_with_parent(parent: int) -> None:

@@ -7,6 +7,7 @@ from cyclopts import App, Parameter
 from locplan import __version__
 from locplan.cli._exit_codes import EXPLAINED
 from locplan.cli._groups import GENERAL
+from locplan.cli._help import Filling
 
 COMMANDS = (
     "cache",
@@ -42,6 +43,7 @@ def application(*names: str) -> App:
         help_flags=("-h", "--help"),
         version_flags="--version",
         help_format="plaintext",
+        help_formatter=Filling(),
         help_epilogue=EXPLAINED,
         group_parameters=GENERAL,
         default_parameter=Parameter(

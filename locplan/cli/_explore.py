@@ -22,6 +22,12 @@ from locplan.cli._options import CacheDir, CostOptions, FieldOptions, Threads, r
 from locplan.cli._simulation_options import FilterOptions
 from locplan.cli._values import load, two_numbers
 
+NEXT = {
+    False: "the page opens in your browser, or open the address above; Ctrl-C ends it",
+    True: "open the address above in a browser on this machine; Ctrl-C ends the page",
+}
+"""What the user does next, with and without `--no-browser`."""
+
 app = command(
     "explore",
     "explore lab.yaml --lidar turtlebot4",
@@ -76,9 +82,11 @@ def explore(
 ) -> None:
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
-    The page is for this machine alone, at the address that is printed. Ctrl-C ends it.
+    The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
+    with exit code 0.
     """
     from locplan._util.progress import progress_bar
+    from locplan._util.supervision import end_if_supervised
     from locplan._util.working import working
     from locplan.explorer._drives import RecordedDrive
     from locplan.explorer._explore import check_installed, opened
@@ -117,9 +125,11 @@ def explore(
     with working("opening the page"):
         page = opened(grid, opening, port=port)
     with page:
-        print(page.address, flush=True)
-        if sys.stderr.isatty():
-            print("locplan: the page is served until Ctrl-C", file=sys.stderr)
-        if not no_browser:
-            page.open()
-        page.wait()
+        try:
+            print(page.address, flush=True)
+            print(f"locplan: {NEXT[no_browser]}", file=sys.stderr, flush=True)
+            if not no_browser:
+                page.open()
+            page.wait()
+        except KeyboardInterrupt:  # the usual end of this command
+            end_if_supervised(0)

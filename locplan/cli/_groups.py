@@ -11,6 +11,7 @@ from cyclopts import App, Group, Parameter
 from cyclopts.validators import Number
 
 from locplan._util.files import keep_input
+from locplan.cli._help import example
 
 Options = TypeVar("Options")
 
@@ -73,7 +74,7 @@ def results(what: str) -> Parameter:
 
 def command(name: str, *examples: str) -> App:
     """A command; its examples are shown at the end of its help."""
-    lines = ["Example", *(f"  locplan {example}" for example in examples)]
+    lines = ["Example", *map(example, examples)]
     return App(name=name, help_epilogue="\n".join(lines))
 
 

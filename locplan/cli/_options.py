@@ -299,8 +299,8 @@ class CostOptions:
 
     def check(self, config: FieldConfig) -> None:
         """Raise a ConfigError if an option is out of range; to be called before long work."""
-        from locplan.costs._costmap import check_weight
         from locplan.costs._degeneracy import check_criterion
+        from locplan.costs._density import check_weight
 
         if self.weight is not None:
             check_weight(self.weight)

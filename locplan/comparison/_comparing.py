@@ -66,55 +66,62 @@ def compare(
     ----------
     maps : map, or sequence or mapping of them
         Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
-    planners : sequence, or one of them
+    planners : sequence, or one of them, default ("grid", "any-angle")
         Names with options, such as "BITstar:time_limit=2"; "simulated choice", which drives each
         candidate path with the lidar of the field, and takes drives, minimise, price, longest and
         params (a parameter file of Nav2) as options; functions ``f(costs, start, goal,
         **options)`` that return a `Path`, each with a costmap of its own; objects such as
         ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
-    queries : int, path, sequence, or mapping of them by map
-        Number of random queries; a CSV file of name, start_x, start_y, goal_x, goal_y [m], or a
-        MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal) pairs.
+    queries : int, path, sequence, or mapping of them by map, default 10
+        Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
+        goal_y [m], or a MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal)
+        pairs [m]. Intervals are over the queries: more of them narrow these.
     weights : sequence of float, optional
-        Metres of detour accepted per degenerate metre; each estimator's own by default.
-    seeds : iterable of int
-        Seeds of planners with random numbers; the others run once.
-    configs : FieldConfig, or mapping of them by label
-        Settings of the fields: the comparison is made for each of them.
-    robot_radius : float
-        Radius of the robot [m].
+        Metres of detour accepted per degenerate metre, >= 0; each estimator's own by default. Give
+        several to see how the planners trade length.
+    seeds : iterable of int, default (1,)
+        Seeds of planners with random numbers, each 1 to 2^32 - 1; the others run once. Give several
+        where a planner's paths scatter.
+    configs : FieldConfig or Estimator, or mapping of them by label, optional
+        Settings of the fields: the comparison is made for each of them; `Sad()` by default.
+    robot_radius : float, default 0.25
+        Radius of the robot [m], >= 0; a Costmap has its own.
     criterion : str, optional
         Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
     time_limit : float, optional
-        Time limit of OMPL's planners that have none of their own [s].
-    least_distance : float
-        Least straight distance between start and goal of random queries [m].
-    query_seed : int
-        Seed of the random queries.
+        Time limit of planners that take one and have none of their own [s], above 0; by default
+        OMPL's have 5.
+    least_distance : float, default 5.0
+        Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
+        small map.
+    query_seed : int, default 1
+        Seed of the random queries, >= 0.
     baseline : str, optional
         Label of the planner to compare with; by default any-angle if it is there, else the first.
     workers : int, optional
-        Number of processes at once; by default the number of cores.
+        Number of processes at once; by default the number of cores. Fewer disturb each
+        other's planning times less.
     memory : float, optional
         Memory of a run [bytes], on Linux; by default the workers share 80 % of the machine's.
-    patience : float
-        Time after which a planner without a time limit is ended [s]. A planner with a limit is
-        ended after twice that limit and 10 s.
+    patience : float, default 300.0
+        Time after which a planner without a time limit is ended [s], above 0. A planner with a
+        limit is ended after twice that limit and 10 s.
     journal : path, optional
-        File that every run is written to as soon as it is done.
-    anew : bool
-        Whether the runs in the journal are forgotten.
-    resume : bool
-        Whether the journal may hold runs already. Their tasks are not run again, except for those
+        File that every run is written to as soon as it is done; by default there is none.
+    anew : bool, default False
+        True forgets the runs in the journal.
+    resume : bool, default False
+        True lets the journal hold runs already. Their tasks are not run again, except for those
         that crashed, hung or took too much memory.
-    field_of : callable
-        Function that makes or reads the field of a map.
+    field_of : callable, default `load_or_compute`
+        Function ``f(grid, config)`` that makes or reads the field of a map.
     progress : callable, optional
-        Function that is called with the number of runs done and of all runs.
+        Called with (done, total) runs.
 
     Returns
     -------
     Comparison
+        All runs, and their statistics as tables, a report or JSON.
 
     Raises
     ------

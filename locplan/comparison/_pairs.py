@@ -60,11 +60,16 @@ class Contrast:
     """A planner's measure compared with the baseline's, over the queries that both have solved."""
 
     setting: Setting
+    """The map, the field's settings and the weight of the runs."""
     planner: str
+    """The planner's label."""
     baseline: str
+    """The label of the planner that it is compared with."""
     measure: str
+    """Name of the measure, one of `MEASURES`."""
     kind: str
-    """Kind of the comparison; ratios have no unit, a difference has the measure's unit."""
+    """Kind of the comparison, "ratio", "ratio of sums" or "difference", which is the planner's over
+    or minus the baseline's; ratios have no unit, a difference has the measure's."""
     estimate: Interval
     """The ratio or difference with its 95 % interval."""
     pairs: int

@@ -45,12 +45,19 @@ COMPARISON = Results("comparison", ("report.html", "comparison.json", "runs.csv"
 
 
 def check_result_folder(folder: Path, *, force: bool = False) -> ResultFolder:
-    """The folder, if results can be written into it; it need not exist.
+    """The folder of a comparison's results, checked before long work.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the results, which need not exist.
+    force : bool, default False
+        True also replaces files of these names that locplan did not write.
 
     Raises
     ------
     LocplanError
-        If they cannot be written, or, but for `force`, would replace files of others.
+        If the results cannot be written, or would replace files of others.
     """
     return COMPARISON.into(folder, force=force)
 
@@ -62,9 +69,9 @@ class Comparison:
     runs: tuple[Run, ...]
     """The runs by map, settings, weight, query, planner and seed."""
     baseline: str
-    """The planner that the others are compared with."""
+    """The label of the planner that the others are compared with."""
     sources: Mapping[Case, Source]
-    """The map, settings and queries of each case."""
+    """The map, settings and queries of each case, by the names of map and settings."""
     about: Mapping[str, Any] = field(default_factory=dict)
     """Settings, versions, the machine and the time of the comparison, fit for JSON."""
 
@@ -73,11 +80,23 @@ class Comparison:
         return f"Comparison({len(self.runs)} runs of {', '.join(planners)})"
 
     def summaries(self, *, pooled: bool = False) -> list[Summary]:
-        """Success, medians and quartiles of each planner; `pooled` takes all maps together."""
+        """Success, medians and quartiles of each planner.
+
+        Parameters
+        ----------
+        pooled : bool, default False
+            True takes all maps together; by default each map has its own.
+        """
         return summaries(self.runs, pooled)
 
     def contrasts(self, *, pooled: bool = False) -> list[Contrast]:
-        """Each planner and measure compared with the baseline's, with interval and sentence."""
+        """Each planner and measure compared with the baseline's, with interval and sentence.
+
+        Parameters
+        ----------
+        pooled : bool, default False
+            True takes all maps together, each query alike; by default each map has its own.
+        """
         return contrasts(self.runs, self.baseline, pooled)
 
     def to_frame(self) -> Any:
@@ -93,14 +112,15 @@ class Comparison:
         ----------
         folder : path
             Folder of the results, which need not exist.
-        command : str
-            Command that repeats the comparison, for the report.
-        force : bool
-            Whether files of these names are replaced that locplan did not write.
+        command : str, default ""
+            Command that repeats the comparison, which the report shows.
+        force : bool, default False
+            True also replaces files of these names that locplan did not write.
 
         Returns
         -------
         list of Path
+            The files that were written, and the folder of OMPL's logs.
 
         Raises
         ------

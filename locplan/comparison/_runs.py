@@ -46,7 +46,7 @@ class Task:
     query: str
     """The query's name."""
     weight: float
-    """Metres of detour accepted per degenerate metre."""
+    """Metres of detour accepted per degenerate metre, >= 0."""
     planner: str
     """The planner's label, such as "BITstar:time_limit=2"."""
     seed: int
@@ -58,6 +58,7 @@ class Run:
     """The outcome of a task; a run without a path has no measures."""
 
     task: Task
+    """The map, query, weight, planner and seed of the run."""
     status: str
     """One of `STATUSES`."""
     seconds: float
@@ -65,13 +66,15 @@ class Run:
     wall_seconds: float
     """Time from the start of the order to its result [s]."""
     measures: Mapping[str, float] = field(default_factory=dict)
-    """The measures by their names in `MEASURES`, except "seconds"."""
+    """The measures by their names in `MEASURES`, which tells their units, except "seconds"; none
+    without a path."""
     history: tuple[tuple[float, float], ...] = ()
-    """Times [s] since an anytime planner began, each with its best J until then [m]."""
+    """Times since an anytime planner began [s], each with its best J until then [m]; none for
+    others."""
     xy: tuple[tuple[float, float], ...] = ()
-    """The path's positions [m]."""
+    """The path's positions (x, y) in the world [m]; none without a path."""
     note: str = ""
-    """Why there is no path."""
+    """The reason why there is no path; empty with one."""
     expanded: int | None = None
     """Number of cells that a grid planner expanded; None for other planners."""
 

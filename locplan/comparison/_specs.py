@@ -48,14 +48,19 @@ class PlannerSpec:
     label: str
     """The planner's name in tables; no two planners of a comparison share it."""
     planner: Planner
-    """The planner with its options."""
+    """The planner with its options, as `locplan.planners.planner_for` makes it."""
 
     @classmethod
     def of(cls, planner: AnyPlanner | PlannerSpec) -> PlannerSpec:
-        """Make a spec from text such as "BITstar:time_limit=2,seed=3", a function or a Planner.
+        """Make a spec from text, a function or a Planner.
 
-        The values of options are numbers, true, false or words; OMPL's own settings begin with
-        "settings.".
+        Parameters
+        ----------
+        planner : str, function, Planner or PlannerSpec
+            A name with options, such as "BITstar:time_limit=2,seed=3", whose values are numbers,
+            true, false or words; OMPL's own settings begin with "settings.". Or a function
+            ``f(costs, start, goal, **options)`` with a name, or an object such as
+            ``planners.AnyAngle()``.
 
         Raises
         ------
@@ -82,7 +87,13 @@ class PlannerSpec:
         return cls(f"{made.name}:{options}" if options else made.name, made)
 
     def with_time_limit(self, limit: float | None) -> PlannerSpec:
-        """The spec with a time limit [s], if the planner takes one and has none of its own."""
+        """The spec with a time limit, if the planner takes one and has none of its own.
+
+        Parameters
+        ----------
+        limit : float or None
+            Time after which a planner ends [s], above 0; None changes nothing.
+        """
         own = {"time_limit", "iterations"} & set(options_of(self.planner))
         if limit is None or own or not takes(self.planner, "time_limit"):
             return self
@@ -105,7 +116,13 @@ class PlannerSpec:
         return None if limit is None else float(limit)
 
     def seeds(self, seeds: Sequence[int]) -> tuple[int, ...]:
-        """The seeds that the planner runs with: its own if it has one, 0 if it takes none."""
+        """The seeds that the planner runs with: its own if it has one, 0 if it takes none.
+
+        Parameters
+        ----------
+        seeds : sequence of int
+            Seeds of the comparison, 1 to 2^32 - 1.
+        """
         own = options_of(self.planner).get("seed")
         if own is not None:
             return (int(own),)
@@ -142,8 +159,19 @@ class PlannerSpec:
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
         """Plan once; the path is measured on the costmap.
 
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap to plan on.
+        start, goal : (x, y) or (x, y, heading)
+            Positions in the world [m, rad]; headings are left out where the planner has none.
+        seed : int
+            Seed of the planner's random numbers, if it has some.
+
         Raises
         ------
+        PoseError
+            If the robot cannot stand at start or goal, or a heading is missing.
         LocplanError
             If a user's planner returns something else than a path that can be driven.
         """
@@ -158,6 +186,11 @@ class PlannerSpec:
 
 def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
     """Specs of all planners, checked, each with a label of its own.
+
+    Parameters
+    ----------
+    planners : iterable of str, function, Planner or PlannerSpec
+        The planners, at least one; see `PlannerSpec.of`.
 
     Raises
     ------

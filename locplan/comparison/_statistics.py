@@ -27,16 +27,22 @@ class Setting(NamedTuple):
     map: str | None
     """The map's name; None for all maps together."""
     config: str
+    """The label of the field's settings."""
     weight: float
+    """Metres of detour accepted per degenerate metre."""
 
 
 class Quartiles(NamedTuple):
-    """Median and quartiles of `known` finite values; NaN if there are none."""
+    """Median and quartiles of some values, in the measure's unit; NaN if there are none."""
 
     median: float
+    """The median."""
     lower: float
+    """The lower quartile."""
     upper: float
+    """The upper quartile."""
     known: int
+    """Number of finite values."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +50,15 @@ class Summary:
     """Statistics of one planner by itself; do not compare them: planners solve different runs."""
 
     setting: Setting
+    """The map, the field's settings and the weight of the runs."""
     planner: str
+    """The planner's label."""
     runs: int
+    """Number of runs."""
     solved: int
+    """Number of runs that found a path."""
     success: Interval
-    """The mean over the queries of the share of seeds that solved them."""
+    """The mean over the queries of the share of seeds that solved them, 0..1."""
     measures: Mapping[str, Quartiles]
     """Median and quartiles over the solved runs, by the names of `MEASURES`."""
 

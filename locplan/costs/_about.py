@@ -8,7 +8,13 @@ from locplan.costs._costmap import Costmap
 
 
 def about_costs(costs: Costmap) -> dict[str, object]:
-    """Version, map and settings of a costmap, fit for JSON."""
+    """Version, map and settings of a costmap, fit for JSON.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whether or not it has a field.
+    """
     return {
         "locplan": __version__,
         "map": {"name": costs.grid.name, "digest": costs.grid.digest},

@@ -12,25 +12,25 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._util.checks import instance, number, one_of, position
+from locplan._util.checks import instance, number, one_of
 from locplan._util.notebook import Pictured
-from locplan.costs._degeneracy import (
-    LAWS,
-    CostSettings,
-    HeadingLayers,
-    degeneracy,
+from locplan.costs._degeneracy import LAWS, CostSettings, HeadingLayers, degeneracy
+from locplan.costs._density import (
+    MAX_DENSITY,
+    blocked_near,
+    check_weight,
+    checked_density,
     density_of,
     sealed,
 )
+from locplan.costs._standing import standing_cell
 from locplan.costs._window import changed_window, part_around
-from locplan.errors import ConfigError, FieldError, PoseError
+from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
-from locplan.maps import OCCUPIED, UNKNOWN, OccupancyGrid, check_grid
+from locplan.maps import OccupancyGrid, check_grid
 
 ROBOT_RADIUS = 0.25
 """Default radius of the robot [m]."""
-MAX_DENSITY = 1e9
-"""Greatest finite density; with a higher one, rounding would swallow a path's short steps."""
 LAYERS = ("density", "u", "e")
 """Names of the arrays of a costmap."""
 
@@ -50,9 +50,9 @@ class Costmap(Pictured):
     density: NDArray[np.float64]
     """Cost per metre, at least 1; infinite where the robot cannot be, (H, W)."""
     weight: float
-    """Metres of detour accepted per degenerate metre (lambda)."""
+    """Metres of detour accepted per degenerate metre (lambda), >= 0; NaN without a field."""
     robot_radius: float
-    """Least distance from the robot's centre to an occupied cell [m]."""
+    """Least distance from the robot's centre to an occupied cell [m], >= 0."""
     u: NDArray[np.float64]
     """Degeneracy of a cell, 0..1, (H, W); NaN where there is no field."""
     e: NDArray[np.float64]
@@ -103,12 +103,15 @@ class Costmap(Pictured):
         field : CovarianceField
             The field; u is made of Sigma + Q, whether or not its estimator adds Q.
         weight : float, optional
-            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own.
+            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own,
+            4 of `Sad` and 8 of the others. More avoids degenerate places by longer paths.
         robot_radius : float
-            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
+            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0;
+            `Footprint` has the radii of a robot that is not round.
         law : str
             "logarithmic": u = ln(s/s_min) / ln(s_max/s_min) of the criterion's value s; "linear":
-            s / s_max; "cube-root": the cube root of s / s_max. All are clipped to 0..1.
+            s / s_max, which charges the worst places only; "cube-root": the cube root of s / s_max.
+            All are clipped to 0..1.
         criterion : str, optional
             Value that u is made of, by default the estimator's own ("e" of `Sad`, else
             "position_std"): "e", "position_std", "position_rms", "heading_std" (see
@@ -144,7 +147,7 @@ class Costmap(Pictured):
         u, e = degeneracy(field, criterion, law, headings)
         return cls(
             grid=grid,
-            density=_blocked(density_of(u, weight), grid, robot_radius),
+            density=blocked_near(density_of(u, weight), grid, robot_radius),
             weight=float(weight),
             robot_radius=float(robot_radius),
             u=sealed(u),
@@ -157,10 +160,20 @@ class Costmap(Pictured):
     def from_density(
         cls, grid: OccupancyGrid, density: ArrayLike, *, robot_radius: float = 0.0
     ) -> Costmap:
-        """Make a costmap from a density of your own, (H, W): at least 1 per metre, inf if blocked.
+        """Make a costmap from a density of your own.
 
-        Cells that are not free, or closer to an occupied one than `robot_radius` [m], are
-        blocked as well. Without a field a path's `integrated_e` and `integrated_u` are NaN.
+        Without a field a path's `integrated_e` and `integrated_u` are NaN.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        density : (H, W) array
+            Cost per metre of each cell, 1 to 1e9, or inf to block it, row 0 at the lowest y. Cells
+            that are not free are blocked in any case.
+        robot_radius : float
+            Distance to an occupied cell below which a cell's centre is blocked as well [m], >= 0;
+            0 where the density has done that.
 
         Raises
         ------
@@ -169,20 +182,26 @@ class Costmap(Pictured):
             ones above 1e9.
         """
         check_grid(grid)
-        values = np.array(density, dtype=np.float64)
-        if values.shape != grid.shape:
-            raise ConfigError(f"density has shape {values.shape}, but the map {grid.shape}")
-        if not ((values >= 1) & ((values <= MAX_DENSITY) | np.isposinf(values))).all():
-            raise ConfigError(
-                f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
-            )
-        values[~grid.free] = np.inf
-        density, nothing = _blocked(values, grid, robot_radius), np.broadcast_to(np.nan, grid.shape)
-        return cls(grid, density, math.nan, float(robot_radius), u=nothing, e=nothing)
+        values = blocked_near(checked_density(density, grid), grid, robot_radius)
+        nothing = np.broadcast_to(np.nan, grid.shape)
+        return cls(grid, values, math.nan, float(robot_radius), u=nothing, e=nothing)
 
     @classmethod
     def blank(cls, grid: OccupancyGrid, *, robot_radius: float = ROBOT_RADIUS) -> Costmap:
-        """A cost of 1 wherever the robot can be: shortest paths, no field."""
+        """A cost of 1 wherever the robot can be: shortest paths, no field.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        robot_radius : float
+            Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
+
+        Raises
+        ------
+        ConfigError
+            If the radius is negative or not finite.
+        """
         check_grid(grid)
         return cls.from_density(grid, np.ones(grid.shape), robot_radius=robot_radius)
 
@@ -206,7 +225,12 @@ class Costmap(Pictured):
         return np.where(free, 1 + self.weight * u, np.inf)
 
     def with_weight(self, weight: float) -> Costmap:
-        """Copy of the costmap with the density of another weight; 0 finds shortest paths.
+        """Copy of the costmap with the density of another weight.
+
+        Parameters
+        ----------
+        weight : float
+            Metres of detour accepted per degenerate metre, 0 to 1e9; 0 finds shortest paths.
 
         Raises
         ------
@@ -259,11 +283,22 @@ class Costmap(Pictured):
         return dataclasses.replace(self, **arrays)
 
     def blocked_where(self, blocked: NDArray[np.bool_]) -> Costmap:
-        """Copy of the costmap with more cells blocked, given as a mask (H, W)."""
+        """Copy of the costmap with more cells blocked, such as a zone that is closed.
+
+        Parameters
+        ----------
+        blocked : (H, W) array of bool
+            True where the robot may not be, row 0 at the lowest y.
+        """
         return dataclasses.replace(self, density=sealed(np.where(blocked, np.inf, self.density)))
 
     def with_robot_radius(self, robot_radius: float) -> Costmap:
-        """Copy of the costmap for a robot of another radius [m], at least the costmap's own.
+        """Copy of the costmap for a robot of another radius.
+
+        Parameters
+        ----------
+        robot_radius : float
+            The radius [m], at least the costmap's own.
 
         Raises
         ------
@@ -276,7 +311,7 @@ class Costmap(Pictured):
                 f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
                 f" {robot_radius:g} m; make another one instead"
             )
-        density = _blocked(self.density, self.grid, robot_radius)
+        density = blocked_near(self.density, self.grid, robot_radius)
         return dataclasses.replace(self, density=density, robot_radius=float(robot_radius))
 
     @property
@@ -286,7 +321,14 @@ class Costmap(Pictured):
         return not known.size or bool(known.max() > 0)
 
     def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
-        """Row and column of the cell at a world position [m] where the robot can stand.
+        """Row and column of the cell at a world position where the robot can stand.
+
+        Parameters
+        ----------
+        xy : (x, y)
+            The world position [m].
+        role : str
+            What the error calls the position, such as "start".
 
         Raises
         ------
@@ -294,56 +336,15 @@ class Costmap(Pictured):
             If the robot cannot stand there. The error says why, and names the nearest position
             where it can.
         """
-        x, y = position(xy, name=role)
-        row, col = self.grid.world_to_cell(x, y)
-        fault = self._fault(row, col)
-        if fault is None:
-            return row, col
-        remedy = f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
-        if nearest := self._nearest_free(x, y):
-            decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
-            shown = ",".join(f"{v:.{decimals}f}" for v in nearest)
-            remedy = f"the nearest free position is {shown}"
-        where = "locplan info MAP -o PICTURE shows coordinates"
-        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {where}")
-
-    def _fault(self, row: int, col: int) -> str | None:
-        if not self.grid.contains(row, col):
-            return "lies outside the map"
-        if np.isfinite(self.density[row, col]):
-            return None
-        level = self.grid.cells[row, col]
-        if level in (OCCUPIED, UNKNOWN):
-            return "lies in a wall" if level == OCCUPIED else "lies in unknown space"
-        clearance, radius = self.grid.clearance[row, col], self.robot_radius
-        if clearance < radius:
-            return (
-                f"is {clearance:.2f} m from a wall, closer than the robot's radius of {radius:g} m"
-            )
-        return "lies in a blocked cell"
-
-    def _nearest_free(self, x: float, y: float) -> tuple[float, float] | None:
-        rows, cols = np.nonzero(np.isfinite(self.density))
-        if rows.size == 0:
-            return None
-        row, col = self.grid.world_to_grid(x, y)
-        nearest = np.argmin((rows + 0.5 - row) ** 2 + (cols + 0.5 - col) ** 2)
-        return self.grid.cell_to_world(int(rows[nearest]), int(cols[nearest]))
+        return standing_cell(self.grid, self.density, self.robot_radius, xy, role)
 
 
 def check_costs(costs: object) -> None:
-    """Raise a ConfigError unless this is a costmap."""
+    """Raise a ConfigError unless this is a costmap.
+
+    Parameters
+    ----------
+    costs : object
+        What a function was given for a costmap.
+    """
     instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")
-
-
-def check_weight(weight: float) -> None:
-    """Raise a ConfigError unless the weight is a number of at least 0."""
-    number("weight", weight, 0, MAX_DENSITY)
-
-
-def _blocked(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float) -> NDArray[Any]:
-    """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
-    number("robot_radius", robot_radius, 0, MAX_DENSITY)
-    density = density if density.flags.writeable else density.copy()
-    np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
-    return sealed(density)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import one_of, shown
+from locplan.costs._density import sealed
 from locplan.errors import ConfigError
 from locplan.field import SCALARS, CovarianceField, FieldConfig
 
@@ -23,8 +24,11 @@ class CostSettings:
     """Settings of the degeneracy u of a costmap; see `Costmap.from_field`."""
 
     law: str
+    """Law that makes u of the criterion: "logarithmic", "linear" or "cube-root"."""
     criterion: str
+    """Scalar or layer of the field that u is made of, such as "e" or "position_std"."""
     headings: str
+    """Value that counts where the robot's heading is not known: "mean" or "worst"."""
     config: FieldConfig
     """The settings of the field."""
     whole_field: bool = True
@@ -97,17 +101,3 @@ class HeadingLayers:
         self.__dict__.update(state)
         for layer in state.get("both", ()):
             sealed(layer)
-
-
-def density_of(u: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
-    """1 + weight u; infinite where u is NaN."""
-    density = u * weight
-    density += 1
-    np.copyto(density, np.inf, where=np.isnan(u))
-    return density
-
-
-def sealed(layer: NDArray[Any]) -> NDArray[Any]:
-    """Make an array read-only, and return it."""
-    layer.setflags(write=False)
-    return layer

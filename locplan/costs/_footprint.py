@@ -69,6 +69,13 @@ class Footprint:
         the spot, the shorter way, where two lines meet. The check is exact for lines, and slightly
         too strict for turns.
 
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        path : Path
+            The path of the robot's centre in the world, with or without headings.
+
         Returns
         -------
         (x, y) or None

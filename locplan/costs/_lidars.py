@@ -26,7 +26,7 @@ class LidarShare:
     lidar: Lidar
     """The lidar."""
     degenerate_share: float
-    """Share of the floor, where the robot can stand, with u above 0.5; NaN without floor."""
+    """Share of the floor, where the robot can stand, with u above 0.5, 0..1; NaN without floor."""
 
     def to_json(self) -> dict[str, Any]:
         """The share, fit for JSON."""
@@ -51,9 +51,14 @@ def compare_lidars(
     lidars : sequence of Lidar
         The lidars, such as ``[Lidar.preset("turtlebot3"), Lidar.preset("tim571")]``.
     robot_radius : float
-        Radius of the robot [m].
+        Radius of the robot [m], >= 0; places closer to a wall are no part of the floor.
     progress : callable, optional
-        It is called with the numbers of cells done and of all cells, lidar by lidar.
+        Function that is called with (done, total) cells from time to time, lidar by lidar.
+
+    Returns
+    -------
+    list of LidarShare
+        The lidars in their order, each with its share.
 
     Raises
     ------

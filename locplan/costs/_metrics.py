@@ -40,7 +40,7 @@ class PathMetrics:
     max_e: float
     """Greatest e on the path [m^2 rad]."""
     degenerate_share: float
-    """Share of the length with u above 0.5."""
+    """Share of the length with u above 0.5, 0..1."""
     longest_degenerate: float
     """Length of the longest stretch with u above 0.5 [m]."""
     clearance: float
@@ -59,6 +59,18 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
 
     Where the path leaves the map or touches cells that are not free, the cost is infinite and the
     integrals of e and u are NaN.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap; its e and u count whatever the path was planned on.
+    path : Path
+        The path in the world [m].
+
+    Raises
+    ------
+    LocplanError
+        If the path crosses over 1e7 cells.
     """
     layers: list[Any] = [costs.e[None], costs.u[None], costs.density[None]]
     if path.heading is not None and costs.u_of_heading is not None:
@@ -81,7 +93,20 @@ def path_metrics(costs: Costmap, path: Path) -> PathMetrics:
 
 
 def path_cost(costs: Costmap, path: Path) -> float:
-    """J of a path [m], as `path_metrics` has it, without the other metrics."""
+    """J of a path [m], as `path_metrics` has it, without the other metrics.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap whose density is integrated.
+    path : Path
+        The path in the world [m].
+
+    Raises
+    ------
+    LocplanError
+        If the path crosses over 1e7 cells.
+    """
     density: Any = costs.density[None]
     if path.heading is not None and costs.u_of_heading is not None:
         density = costs.density_of_heading
@@ -93,14 +118,29 @@ def path_cost(costs: Costmap, path: Path) -> float:
 def profile(
     costs: Costmap, path: Path, layer: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Steps of a layer (H, W), or (n, H, W) for n headings, along a path.
+    """Steps of a layer along a path.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whose map has the layer's cells.
+    path : Path
+        The path in the world [m]; with headings if the layer has several.
+    layer : (H, W) or (n, H, W) array
+        Values of the cells, such as `costs.u`, or those for n headings evenly spaced from 0 on,
+        such as `costs.u_of_heading`.
 
     Returns
     -------
-    distance : (n + 1,) array
+    distance : (k + 1,) array
         Distance along the path at which each crossed cell begins, and the path's length [m].
-    values : (n,) array
+    values : (k,) array
         Value of the layer in each cell; NaN outside the map.
+
+    Raises
+    ------
+    LocplanError
+        If the path crosses over 1e7 cells.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
     *at, lengths = _crossed(costs.grid, path, len(layers))

@@ -33,7 +33,13 @@ class Path:
         World positions from start to goal, n >= 1, within 1e8 m. They are copied, and read-only
         afterwards.
     heading : (n,) array of float64, optional
-        Heading of the robot at each position, counter-clockwise from the x axis [rad].
+        Heading of the robot at each position, counter-clockwise from the x axis [rad], within
+        1e6. Give it where the robot does not face the way it goes.
+
+    Raises
+    ------
+    LocplanError
+        If the arrays have other shapes, or hold values that are not finite or out of range.
 
     Examples
     --------
@@ -85,6 +91,11 @@ class Path:
 
         Positions are rounded to the micrometre.
 
+        Parameters
+        ----------
+        path : path
+            The file, named *.csv; one that is there is replaced.
+
         Raises
         ------
         LocplanError
@@ -99,6 +110,11 @@ class Path:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Path:
         """Read a path from a CSV file whose header names x_m, y_m and perhaps heading_rad.
+
+        Parameters
+        ----------
+        path : path
+            The file: metres and radians, a position a row; other columns are left out.
 
         Raises
         ------
@@ -148,7 +164,18 @@ class Path:
         return np.asarray(np.arctan2(y, x))
 
     def resampled(self, spacing: float) -> Path:
-        """Path along the same line with positions at equal distances of at most `spacing` [m]."""
+        """Path along the same line with positions at equal distances.
+
+        Parameters
+        ----------
+        spacing : float
+            Greatest distance from one position to the next, along the path [m], above 0.
+
+        Raises
+        ------
+        LocplanError
+            If the spacing is not positive, or gives more than 1e7 positions.
+        """
         positive("spacing", spacing, "metres")
         if self.length / spacing > MAX_POSITIONS:
             raise LocplanError(
@@ -163,9 +190,14 @@ class Path:
         return Path(xy, np.interp(at, self.distance, np.unwrap(self.heading)))
 
     def by_heading(self, count: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-        """Split the path into stretches by the nearest of `count` headings, evenly spaced from 0.
+        """Split a path with headings into stretches by the nearest of several even headings.
 
         Along each line of the path the heading turns evenly, the shorter way.
+
+        Parameters
+        ----------
+        count : int
+            Number of headings, >= 1, evenly spaced from 0 on, as those of a field.
 
         Yields
         ------

@@ -69,6 +69,7 @@ ASKS: dict[str, Entry] = {
     "simulate": Entry("locplan.explorer._simulating:simulate", "long"),
     "landmarks": Entry("locplan.explorer._landmarks:landmarks", "long"),
     "twins": Entry("locplan.explorer._twins:twins", "long"),
+    "twins_everywhere": Entry("locplan.explorer._twins_layer:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._exporting:export", "long"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
     "reproduce": Entry("locplan.explorer._reproduce:reproduce", "look"),

@@ -32,6 +32,11 @@ class Explorer:
     """A page that is served on this machine, until it is closed or the program ends.
 
     It is made by `locplan.explore`.
+
+    Parameters
+    ----------
+    server : Server
+        The server of the page, which runs.
     """
 
     def __init__(self, server: Server) -> None:
@@ -106,15 +111,15 @@ def explore(
         The robot's lidar; by default the field's, if it has one.
     estimator : FieldConfig or Estimator, optional
         Settings of the field; by default `Scan` of the lidar, or `Sad` without one.
-    robot_radius : float
-        Radius of the robot [m].
-    port : int
-        Port of the server; any free one by default.
-    open_browser : bool
+    robot_radius : float, default 0.25
+        Radius of the robot [m], >= 0.
+    port : int, default 0
+        Port of the server, 0 to 65535; 0 takes any free one. Name one to find the page again.
+    open_browser : bool, default True
         False opens no browser. In a notebook none is opened: the page is displayed there.
     folder : path, optional
         Folder that the page may write maps and exports to; without it, it writes none.
-    drives : sequence
+    drives : sequence of Recording or path, default ()
         Recorded drives to show: recordings or their files, see `locplan.recordings.read_drive`.
 
     Returns

@@ -72,6 +72,7 @@ class ProposedLandmarks:
             "gains": (curve[:-1] - curve[1:]).tolist(),
             "paying": self.made.paying,
             "verdict": self.verdict,
+            "helps": None if self.verification is None else self.verification.helps,
             "warnings": self.warnings,
         }
         return finite(about)

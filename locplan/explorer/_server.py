@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 import logging
 import secrets
 import socket
 import threading
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,10 +129,13 @@ class Server:
         if name not in files:
             return None
         content = files[name].read_bytes()
-        tag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-        headers = {"etag": tag, "cache-control": "private, no-cache"}
+        tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'  # weak: packed or not, it is one
+        headers = {"etag": tag, "cache-control": "private, no-cache", "vary": "accept-encoding"}
         if request.headers.get("if-none-match") == tag:
             return Response(status_code=304, headers=headers)
+        if takes_gzip(request.headers.get("accept-encoding", "")):
+            content = _packed_file(content)
+            headers["content-encoding"] = "gzip"
         return Response(content, headers=headers, media_type=KINDS[files[name].suffix])
 
     def _about(self, request: Request) -> Response:
@@ -190,6 +195,27 @@ class Server:
             await socket.close(1013, "too many pages are open")
             return
         await Link(self.session, self.lanes, socket).run()
+
+
+def takes_gzip(accepted: str) -> bool:
+    """Whether a browser's Accept-Encoding names gzip, and does not refuse it.
+
+    Examples
+    --------
+    >>> takes_gzip("gzip, deflate, br"), takes_gzip("br"), takes_gzip("gzip;q=0")
+    (True, False, False)
+    """
+    for each in accepted.lower().split(","):
+        name, _, quality = each.replace(" ", "").partition(";q=")
+        if name == "gzip":
+            return quality.strip("0.") != "" or not quality
+    return False
+
+
+@lru_cache(maxsize=100)
+def _packed_file(content: bytes) -> bytes:
+    """A file of the page, compressed once."""
+    return gzip.compress(content, 9, mtime=0)
 
 
 def _listening(port: int) -> socket.socket:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import secrets
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +24,7 @@ from locplan.explorer._wire import Ask
 from locplan.field import CovarianceField, Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import Position
+from locplan.simulation._settings import lidar_of
 
 KEPT_BYTES = 520e6
 """Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two costmaps, searches on both
@@ -67,6 +70,7 @@ class Session:
         self.scene = Scene(blank, None, True, 0)
         self.saved, self.saved_as = grid, ""
         self.written: set[Path] = set()
+        self.twins: Texture | None = None
         self.upkeep = Upkeep(self)
 
     @property
@@ -84,6 +88,21 @@ class Session:
         """The robot's lidar by the present settings; None where none was named."""
         own: Lidar | None = getattr(self.config.estimator, "lidar", None)
         return own if self.config is not self.opening.config else self.opening.lidar
+
+    @property
+    def simulated_lidar(self) -> Lidar:
+        """The robot's lidar; where none was named, one of the field's range."""
+        return self.lidar or lidar_of(self.config)
+
+    @property
+    def twins_digest(self) -> str:
+        """Digest of what the layer of look-alikes is made of; empty before there is a lattice."""
+        field = self.scene.field
+        if field is None:
+            return ""
+        lidar = dataclasses.asdict(self.simulated_lidar)
+        made_of = [self.grid.digest, lidar, self.robot_radius, field.stride]
+        return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:32]
 
     @property
     def robot_radius(self) -> float:
@@ -177,8 +196,13 @@ class Session:
         return View(costs.grid, scene.field, costs, self.lidar, start, goal, tuple(via))
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
-        """The layers of the scene by its digest, or of one shortly before; None without them."""
-        scene = self.scene
+        """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.
+
+        None where there is nothing of it.
+        """
+        scene, twins = self.scene, self.twins
+        if twins is not None and digest == twins.digest:
+            return {twins.name: twins}
         if scene.digest != digest or scene.field is None:
             before: Mapping[str, Texture] | None = self.files.get(("textures", digest))
             return before
@@ -188,6 +212,13 @@ class Session:
             lambda: textures_of(found),
             lambda made: sum(each.values.nbytes for each in made.values()),
         )
+
+    def layers(self) -> dict[str, Texture]:
+        """The layers to choose from: the field's, and the look-alikes of this map and lidar."""
+        found = dict(self.textures(self.scene.digest) or {})
+        if found and self.twins is not None and self.twins.digest == self.twins_digest:
+            found[self.twins.name] = self.twins
+        return found
 
     def add_download(self, name: str, content: bytes, media_type: str) -> str:
         """Keep a file for the page to fetch, and return its key."""

@@ -89,9 +89,8 @@ def shared_page(
 
 def share(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Answer the ask for a page of the present view: it is kept to be downloaded."""
-    digest = session.scene.digest
-    textures = session.textures(digest)
-    if textures is None:
+    textures = session.layers()
+    if not textures:
         raise ConfigError("the field is still being computed; wait until it is there")
     view = ask.mapping("view")
     way = Ask("plan", ask.id, {name: view.get(name) for name in WAY})

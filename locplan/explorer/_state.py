@@ -56,7 +56,7 @@ def state(session: Session) -> dict[str, Any]:
     layers: list[dict[str, object]] = []
     lattice = None
     if field is not None:
-        layers = [each.to_json() for each in (session.textures(scene.digest) or {}).values()]
+        layers = [each.to_json() for each in session.layers().values()]
         rows, cols = field.covariance.shape[:2]
         lattice = {"rows": rows, "cols": cols, "stride_cells": field.stride, "row0": 0, "col0": 0}
     return finite(

@@ -38,9 +38,13 @@ class Texture:
     logarithmic: bool
     """Whether the steps are even in the logarithm."""
     anchors: tuple[float, float]
-    """Values of the first and the last step."""
+    """Values of the first and the last step; the last one is the worst."""
     values: NDArray[np.float64]
     """Values on the lattice in SI units, row 0 at the lowest y; NaN where there are none."""
+    note: str = ""
+    """What the values say, for people; empty where the title suffices."""
+    digest: str = ""
+    """Digest of what it is made of; empty for a layer of the field, which has one."""
 
     @property
     def texels(self) -> NDArray[np.uint8]:
@@ -51,7 +55,8 @@ class Texture:
     def present(self) -> list[float]:
         """Values that nearly all on this map lie between; the anchors where there are none."""
         known = self.values[np.isfinite(self.values)]
-        return np.quantile(known, USUAL).tolist() if known.size else list(self.anchors)
+        ends = USUAL if self.anchors[0] < self.anchors[1] else USUAL[::-1]
+        return np.quantile(known, ends).tolist() if known.size else list(self.anchors)
 
     def to_json(self) -> dict[str, object]:
         """All but the values, fit for JSON."""
@@ -64,6 +69,8 @@ class Texture:
             "present": self.present,
             "decimals": self.decimals,
             "factor": self.factor,
+            "note": self.note,
+            "digest": self.digest or None,
         }
 
 

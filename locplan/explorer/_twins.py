@@ -15,7 +15,6 @@ from locplan.errors import ConfigError
 from locplan.explorer._snap import snapped
 from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
-from locplan.simulation._settings import lidar_of
 from locplan.twins import ScanDatabase, find_twins
 
 if TYPE_CHECKING:
@@ -138,15 +137,24 @@ def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         raise ConfigError("look-alikes need a place: x and y in metres")
     (place,) = snapped(session.parts(), [(x, y)])
     work.progress(0, 1, "comparing places")
-    grid, radius = session.grid, session.robot_radius
-    lidar = session.lidar or lidar_of(session.config)
-    database = session.kept.made(
+    database = database_of(session)
+    work.progress(0, 1, "comparing places")
+    found = twins_of(
+        database.grid,
+        database.lidar,
+        place,
+        robot_radius=session.robot_radius,
+        database=database,
+        progress=work.progress,
+    )
+    return found.summary()
+
+
+def database_of(session: Session) -> ScanDatabase:
+    """What the lidar sees at all places of the map, made once and kept with the costmaps."""
+    grid, lidar, radius = session.grid, session.simulated_lidar, session.robot_radius
+    return session.kept.made(
         ("scans", session.scene.serial, grid.digest, lidar),
         lambda: ScanDatabase(grid, lidar, radius),
         lambda made: made.everywhere.bytes,
     )
-    work.progress(0, 1, "comparing places")
-    found = twins_of(
-        grid, lidar, place, robot_radius=radius, database=database, progress=work.progress
-    )
-    return found.summary()

@@ -4,6 +4,6 @@ Folders are written whole or not at all, with a README.md that says what each fi
 launch it.
 """
 
-import lazy_loader
+from locplan._util.public import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

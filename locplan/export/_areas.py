@@ -91,9 +91,10 @@ def degenerate_areas(
     field : CovarianceField
         The field; several headings count by their mean information.
     threshold : float, optional
-        Least u of a cell, 0..1; by default `half_free`: .5 for `Scan`, .18 for `Sad`.
+        Least u of a cell, 0..1; by default half of the u of a corridor without features: .5 for
+        `Scan`, .18 for `Sad`. A lower one makes more and larger areas.
     min_area : float
-        Least area [m^2], >= 0.
+        Least area [m^2], >= 0. Areas of a few lattice points may be chance.
 
     Returns
     -------

@@ -74,11 +74,11 @@ def bag(
     frame : str
         The frame of all coordinates.
     stamp : int
-        Time of all messages [ns]. To ROS, zero means "whenever".
+        Time of all messages since 1970 [ns], >= 0. To ROS, zero means "whenever".
     spacing : float
-        Least distance between ellipses [m].
+        Least distance between ellipses [m], above 0.
     magnify : float
-        Factor on the ellipses.
+        Factor on the ellipses, above 0; 1 draws one standard deviation to the map's scale.
 
     Raises
     ------

@@ -40,11 +40,13 @@ def values_figure(
     Parameters
     ----------
     grid : OccupancyGrid
+        The map.
     values : (H, W) array of int
         The values 0..100, or -1 where there is none.
     label : str
         Label of the values, with their unit.
     title : str
+        Title of the figure.
     falling : bool
         Whether the scale names what is left of 100, such as the speed of which the values say how
         much is given up.
@@ -69,8 +71,11 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     Parameters
     ----------
     costs : Costmap
+        The costmap that the graph was made of.
     graph : RouteGraph
+        The graph.
     title : str
+        Title of the figure.
     """
     figure, axes = map_axes(costs.grid)
     draw_map(axes, costs.grid)

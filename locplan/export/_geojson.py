@@ -31,6 +31,18 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     a PenaltyScorer of `penalty_tag: integrated_u`, with any weight. `cost` is J for a server
     without scorers. No id is both a node's and an edge's: Nav2 blocks either by it.
 
+    Parameters
+    ----------
+    graph : RouteGraph
+        The graph, with an edge at least.
+    frame : str
+        Frame of the nodes.
+
+    Returns
+    -------
+    dict
+        A FeatureCollection, fit for JSON: the nodes as points [m], and then the edges.
+
     Raises
     ------
     ConfigError
@@ -85,7 +97,7 @@ def route_graph(
         blocked cells as pays: make it with a radius one or two cells above the robot's.
     spacing : float
         How close lanes are [m]: nearly all free cells see a node within two spacings, and places
-        that far apart are joined, see `roadmap`.
+        that far apart are joined, see `roadmap`. A smaller one makes more lanes.
     frame : str
         Frame of the nodes.
     distro : str
@@ -94,6 +106,7 @@ def route_graph(
     Returns
     -------
     RouteGraph
+        The graph that was written.
 
     Raises
     ------

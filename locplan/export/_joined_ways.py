@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from locplan._kernels.route import line_costs
 from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path
-from locplan.costs._degeneracy import density_of
+from locplan.costs._density import density_of
 
 MERGED = 2.0
 """Greatest distance of a lane that a way can join [m]."""

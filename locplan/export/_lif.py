@@ -53,6 +53,7 @@ def to_lif(
     Parameters
     ----------
     graph : RouteGraph
+        The graph, with an edge at least.
     name : str
         Name of the map; it is the layout's and the map's id.
     timestamp : datetime
@@ -62,9 +63,14 @@ def to_lif(
     speed : float, optional
         Speed of the vehicle where u is 0 [m/s]; without it edges have no maxSpeed.
     stations : sequence of Station
-        The stations.
+        The stations, none by default.
     at : sequence of int
-        The node of each station.
+        The node of each station, as `with_stations` gives them.
+
+    Returns
+    -------
+    dict
+        The layout, fit for JSON, with positions in metres.
 
     Raises
     ------
@@ -158,9 +164,9 @@ def lif(
     costs : Costmap
         The costs of travel.
     spacing : float
-        How close lanes are [m], see `roadmap`.
+        How close lanes are [m], at least two cells, see `roadmap`.
     stations : sequence of Station
-        Positions in the world that get nodes.
+        Positions in the world that get nodes, none by default.
     vehicle, speed
         See `to_lif`.
     timestamp : datetime, optional
@@ -169,6 +175,7 @@ def lif(
     Returns
     -------
     RouteGraph
+        The graph that was written.
 
     Raises
     ------

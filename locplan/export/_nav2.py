@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import shown
 from locplan.costs import Costmap, about_costs
-from locplan.costs._degeneracy import density_of
+from locplan.costs._density import density_of
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
 from locplan.export._folders import export_folder
@@ -79,14 +79,15 @@ def nav2_keepout(
         there: what is too close to a wall is for Nav2's own inflation to say, and its robot may
         fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
         either.
-    planner : str
-        "smac2d", "smac-hybrid", "navfn" or "thetastar"; by default the first of these that `params`
-        has, or "smac2d".
+    planner : str, optional
+        "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that the robot runs. By default
+        the first of these that `params` has, or "smac2d".
     param : float, optional
-        The planner's own parameter: cost_travel_multiplier, cost_penalty or w_traversal_cost. By
-        default such that u = 1 just fits, whatever the map. "navfn" has none.
+        The planner's own parameter, above 0: cost_travel_multiplier, cost_penalty or
+        w_traversal_cost. Give it where the robot's must stay. By default it is such that u = 1
+        just fits, whatever the map. "navfn" has none.
     distro : str
-        The distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
+        The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
     params : path, optional
         A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Where a
         value of the file has to be another one, a `ParametersChanged` warning and the folder's
@@ -117,9 +118,14 @@ def nav2_static(
 ) -> Conversion:
     """Write a map for a second StaticLayer that makes a planner charge the costmap's J.
 
-    Arguments, result and errors are those of `nav2_keepout`. In Nav2 `trinary_costmap` (false),
+    The result and the errors are those of `nav2_keepout`. In Nav2 `trinary_costmap` (false),
     `use_maximum` (true) and `lethal_cost_threshold` (100) hold for all static layers of a costmap,
     the robot's own included.
+
+    Parameters
+    ----------
+    folder, costs, planner, param, distro, params
+        See `nav2_keepout`.
     """
     return _write_charged(folder, "static", costs, planner, param, distro, params)
 
@@ -141,11 +147,12 @@ def nav2_speed(
     costs : Costmap
         A costmap that was made of a field.
     slowest : float
-        Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed.
+        Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
+        lower share gives the filter more scans a metre there.
     distro : str
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path, optional
-        A Nav2 parameter file to merge ours into.
+        A Nav2 parameter file to merge ours into, as for `nav2_keepout`.
 
     Returns
     -------
@@ -175,8 +182,28 @@ def keepout_mask(
 
     Every free cell whose u is known has a value, or where a density of one's own is finite. Free
     cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
-    100, which is lethal. Arguments and errors are those of `nav2_keepout`; `static` is for a
-    StaticLayer, up to 98.
+    100, which is lethal.
+
+    Parameters
+    ----------
+    costs, param
+        See `nav2_keepout`.
+    planner : str
+        "smac2d", "smac-hybrid", "navfn" or "thetastar".
+    static : bool
+        Whether the values are for a StaticLayer, up to 98.
+
+    Returns
+    -------
+    values : (H, W) array of int8
+        The values, row 0 at the lowest y.
+    conversion : Conversion
+        Where the planner saturates, and how exact the mask is.
+
+    Raises
+    ------
+    ConfigError
+        If no cell is passable, or the planner is unknown or cannot charge as much.
     """
     passable = np.isfinite(costs.density)
     if not passable.any():

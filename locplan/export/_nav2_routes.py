@@ -96,7 +96,8 @@ def nav2_routes(
         write_route_server(temporary, None)
         bag(temporary / BAG, unturned.grid, paths=paths, frame=frame)
         _write_table(temporary / TABLE, ways, topics_of(paths))
-        title = f"{name}: recommended ways of {len(ways.ways)} queries"
+        count = len(ways.ways)
+        title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
         figure = _figures.routes_figure(unturned, graph, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
     return ways

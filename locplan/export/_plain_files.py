@@ -32,12 +32,14 @@ def path(
     Parameters
     ----------
     target : path
-        The file.
+        The file, named *.csv, *.json or *.yaml; one that is there is replaced.
     route : Path
+        The path.
     frame : str
         Frame of the coordinates.
     step : float, optional
-        Greatest distance of the positions [m]; by default they are the path's corners.
+        Greatest distance of the positions [m], above 0, as a controller may want them; by default
+        they are the path's corners.
 
     Raises
     ------
@@ -87,8 +89,9 @@ def field(target: str | os.PathLike[str], computed: CovarianceField) -> None:
     Parameters
     ----------
     target : path
-        The file.
+        The file, named *.csv, *.npz or *.png; one that is there is replaced.
     computed : CovarianceField
+        The field.
 
     Raises
     ------

@@ -73,8 +73,13 @@ class Format:
     def check_target(self, target: Path, *, force: bool = False) -> None:
         """Raise a LocplanError unless it can be written there; to be called before long work.
 
-        A file that is there is replaced with `force` only; a folder if it is an export of ours
-        without changes.
+        Parameters
+        ----------
+        target : Path
+            The file, or the folder, which is refused unless it is an export of ours without
+            changes.
+        force : bool
+            Whether a file that is there is replaced.
         """
         from locplan._util.extras import needed
         from locplan._util.files import check_target

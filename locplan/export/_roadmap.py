@@ -33,17 +33,20 @@ def roadmap(
     costs : Costmap
         The costs of travel.
     spacing : float
-        How close lanes are [m]: nearly all free cells see a node two spacings away or less, and
-        places that are two spacings apart are joined.
+        How close lanes are [m], at least two cells: nearly all free cells see a node two spacings
+        away or less, and places that are two spacings apart are joined. A smaller one makes more
+        lanes.
     detour : float
         Routes over lanes between these places cost about this many times as much as the cheapest
-        ones at most, >= 1; half of them cost no more than a grid planner's paths.
+        ones at most, >= 1; half of them cost no more than a grid planner's paths. Less makes more
+        lanes.
     min_area : float
-        Connected free space smaller than this gets no nodes [m^2].
+        Connected free space smaller than this gets no nodes [m^2], >= 0.
 
     Returns
     -------
     RouteGraph
+        The lanes, which can be travelled both ways.
 
     Raises
     ------

@@ -72,7 +72,7 @@ class RouteGraph:
         edges : (m, 2) array of int
             Pairs of nodes.
         directed : bool
-            Whether edges lead from the first node to the second only.
+            Whether edges lead from the first node to the second only, as one-way lanes.
 
         Raises
         ------

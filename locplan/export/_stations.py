@@ -24,6 +24,22 @@ def with_stations(
     A station is joined to the two nodes that its straight lines to cost least; one that is nearly
     at a node takes that one.
 
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap that the graph was made of.
+    graph : RouteGraph
+        The graph, such as `roadmap` makes.
+    stations : sequence of Station
+        The stations in the world.
+
+    Returns
+    -------
+    graph : RouteGraph
+        The graph with more nodes and edges; the nodes that were there keep their numbers.
+    at : list of int
+        The node of each station.
+
     Raises
     ------
     LocplanError

@@ -119,16 +119,17 @@ class Conversion:
     """The accuracy of a planner's J = integral of (1 + weight u) ds with the exported values."""
 
     planner: NavPlanner
+    """The planner of Nav2, with the name and the parameter that scale its costs."""
     param: float
     """Value of `planner.parameter`; NaN where there is none."""
     greatest: float
-    """The excess weight u at which the planner saturates."""
+    """The excess weight u at which the planner saturates [m per m]."""
     saturated_share: float
     """Share of the cells whose excess is above that, 0..1."""
     quantisation: float
-    """Largest difference of weight u and the planner's charge, in cells that do not saturate."""
+    """Largest difference of weight u and the planner's charge [m per m], where none saturates."""
     mean_quantisation: float
-    """Mean of that difference over those cells."""
+    """Mean of that difference over the cells that do not saturate [m per m]."""
 
     def summary(self) -> dict[str, float | str | None]:
         """The facts by name, fit for JSON."""

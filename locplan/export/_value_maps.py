@@ -112,6 +112,11 @@ def check_has_field(costs: Costmap) -> None:
 def percent(costs: Costmap) -> NDArray[np.int8]:
     """u in per cent, 0..100, and -1 where it is not known, (H, W).
 
+    Parameters
+    ----------
+    costs : Costmap
+        A costmap that was made of a field.
+
     Raises
     ------
     ConfigError

@@ -11,7 +11,8 @@ from locplan._util.tables import age, in_bytes, table
 from locplan.field._cache import CacheEntry
 from locplan.field._config import FieldConfig
 from locplan.field._lidar import Lidar
-from locplan.field._settings import settings_of
+from locplan.field._lidar_presets import PRESETS
+from locplan.field._registry import ESTIMATORS, estimator_class
 
 
 def cache_summary(entries: Sequence[CacheEntry]) -> list[dict[str, Any]]:
@@ -31,14 +32,13 @@ def cache_summary(entries: Sequence[CacheEntry]) -> list[dict[str, Any]]:
 
 
 def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
-    """Cached fields with sizes and ages, and how full the folder is."""
+    """Cached fields with sizes and when they were used, and how full the folder is."""
     rows = [
         [
             entry.about.get("map_name", "(not of this version)"),
             _unusual(entry.about["config"]) if entry.about else "–",
             in_bytes(entry.size),
             "near paths" if entry.share is None else f"{entry.share:.0%}",
-            age(entry.computed),
             age(entry.used),
         ]
         for entry in entries
@@ -48,7 +48,7 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
     last = f"{count}, {in_bytes(total)} of at most {in_bytes(limit)}, in {folder}"
     if not rows:
         return last
-    columns = ["map", "config", "size", "finished", "computed", "last used"]
+    columns = ["map", "config", "size", "finished", "last used"]
     return f"{table(columns, rows)}\n{last}"
 
 
@@ -59,14 +59,31 @@ def cleared(removed: Sequence[CacheEntry], busy: Sequence[CacheEntry]) -> str:
 
 
 def _unusual(config: Mapping[str, Any]) -> str:
-    """The settings that are not the default ones."""
-    usual = dict(_leaves(FieldConfig().to_json() | {"lidar": settings_of(Lidar())}))
+    """The estimator, the lidar's name, and the settings that are not their default ones."""
+    settings = dict(_leaves(config))
+    texts = (settings.pop(key, "") for key in ("name", "lidar.model"))
+    names = [text if isinstance(text, str) else shown(text) for text in texts]
+    usual = _usual(*names)
     changed = [
-        f"{key}={v if isinstance(v, str) else shown(v)}"
-        for key, v in _leaves(config)
+        f"{key.rpartition('.')[2]} {_short(v)}"
+        for key, v in settings.items()
         if usual.get(key, v) != v
     ]
-    return ", ".join(changed) or "default"
+    said = [name for name in names if name] + changed
+    return ", ".join(dict.fromkeys(said))  # both parts of fused have the same lidar
+
+
+def _short(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    return value if isinstance(value, str) else shown(value)
+
+
+def _usual(estimator: str, lidar: str) -> dict[str, object]:
+    """The settings of an estimator with a lidar by default; few where either is not known."""
+    kind = estimator_class(estimator if estimator in ESTIMATORS else "sad")
+    sheet = Lidar.preset(lidar) if lidar in PRESETS else Lidar()
+    return dict(_leaves(FieldConfig(kind.of(sheet)).to_json()))
 
 
 def _leaves(settings: Mapping[str, Any], depth: int = 4) -> Iterator[tuple[str, Any]]:

@@ -36,9 +36,10 @@ def covariance_field(
     config : FieldConfig or Estimator, optional
         Estimator and lattice; `Sad()` by default.
     points : (h, w) array of bool, optional
-        Lattice points to evaluate, by default all. The others are read from those around them.
+        Lattice points to evaluate, by default all: point (i, j) is cell (i, j) times the stride.
+        The others are read from those around them. A few points take a fraction of the time.
     threads : int, optional
-        Number of threads; all cores by default. The result does not depend on it.
+        Number of threads, >= 1; all cores by default. The result does not depend on it.
     executor : concurrent.futures.Executor, optional
         Executor that runs the tiles instead of threads: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan.

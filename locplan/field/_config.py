@@ -41,11 +41,16 @@ class FieldConfig(Settings):
     estimator: Estimator = field(default_factory=Sad)
     """Estimator of the covariance at a pose: `Sad`, `Fisher`, `Scan`, `Fused`, or your own."""
     stride: float = field(default=0.2, kw_only=True)
-    """Spacing of the evaluated cells [m], rounded to whole cells, at least one."""
-    headings: int = field(default=0, kw_only=True)
-    """Number of headings of the robot, evenly spaced from 0 on, that have covariances.
+    """Spacing of the evaluated cells [m], above 0 up to the estimator's range.
 
-    0 becomes 1 where the estimator sees the same in all headings, and 8 otherwise.
+    It is rounded to whole cells, at least one. Twice as much takes a quarter of the time, but
+    misses what changes from one cell to the next.
+    """
+    headings: int = field(default=0, kw_only=True)
+    """Number of headings of the robot, evenly spaced from 0 on, that have covariances, up to 360.
+
+    0 becomes 1 where the estimator sees the same in all headings, and 8 otherwise. The time grows
+    with the number; more of them suit a lidar with a narrow field of view.
     """
 
     def __post_init__(self) -> None:
@@ -77,7 +82,13 @@ class FieldConfig(Settings):
 
     @classmethod
     def from_json(cls, settings: Mapping[str, object]) -> FieldConfig:
-        """Make a config from what `to_json` returned; missing settings take their defaults.
+        """Make a config from what `to_json` returned.
+
+        Parameters
+        ----------
+        settings : mapping
+            Settings by name; those that are missing take their defaults. "estimator" is a mapping
+            with the estimator's "name" and settings.
 
         Raises
         ------

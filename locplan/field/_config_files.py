@@ -23,7 +23,16 @@ class CalibrationWarning(UserWarning):
 
 
 def save_config(path: str | os.PathLike[str], config: FieldConfig, **about: object) -> None:
-    """Write the settings of a field, and the further entries `about`, as JSON.
+    """Write the settings of a field as JSON, for `load_config` and every command's ``--config``.
+
+    Parameters
+    ----------
+    path : path
+        The file, named *.json; one that is there is replaced.
+    config : FieldConfig
+        The settings.
+    **about
+        Further entries of the file, fit for JSON, such as where the settings come from.
 
     Raises
     ------
@@ -43,6 +52,11 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
 
     They are the file's "config", as `save_config` or a command writes it, or the whole file.
     Missing settings take their defaults.
+
+    Parameters
+    ----------
+    path : path
+        The JSON file.
 
     Raises
     ------

@@ -42,11 +42,21 @@ def scalar(covariance: ArrayLike, name: str) -> NDArray[np.float64]:
     Parameters
     ----------
     covariance : (..., d, d) array
-        d = 3, or 2 without rotation [m, m, rad].
+        Covariances of (x, y, theta) [m, m, rad], d = 3, or of (x, y), d = 2.
     name : str
         "e": sqrt(det) (Eq. 10) [m^2 rad, or m^2]; "position_std": the largest standard deviation
         in any direction [m]; "position_rms": sqrt of the trace of the positional block [m];
         "heading_std": standard deviation of the heading [rad], zero without rotation.
+
+    Returns
+    -------
+    (...) array
+        The scalar of each covariance; NaN where the covariance is.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scalar.
 
     Examples
     --------
@@ -75,6 +85,11 @@ def position_axes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Standard deviations along the error ellipse's axes and the first axis' direction.
 
+    Parameters
+    ----------
+    covariance : (..., d, d) array
+        Covariances whose first two axes are x and y [m], such as `CovarianceField.covariance`.
+
     Returns
     -------
     major, minor : (...) arrays
@@ -92,9 +107,16 @@ def position_axes(
 def log_euclidean_mean(
     covariances: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Weighted mean of covariances (n, d, d) in the matrix logarithm.
+    """Weighted mean of covariances in the matrix logarithm, (d, d).
 
     ln det of the mean, and so its ln e, is the weighted mean of those of the covariances.
+
+    Parameters
+    ----------
+    covariances : (n, d, d) array
+        The covariances, of one unit.
+    weights : (n,) array
+        Weight of each of them, not negative; only their ratios count.
     """
     return _exp(np.einsum("n,nij->ij", weights / weights.sum(), _log(covariances)))
 
@@ -128,9 +150,15 @@ def rotated(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
 
 
 def mean_information(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse of the mean of the inverses of covariances (..., n, d, d) over n, (..., d, d).
+    """Inverse of the mean of the inverses of covariances, (..., d, d).
 
-    `MIN_VARIANCE` is added to all variances, since one of zero would have no inverse.
+    It merges the headings of a robot: information adds up. 1e-12 m^2 or rad^2 is added to all
+    variances, since one of zero would have no inverse.
+
+    Parameters
+    ----------
+    covariances : (..., n, d, d) array
+        The covariances, of which each n are merged.
     """
     extended = covariances + MIN_VARIANCE * np.eye(covariances.shape[-1])
     return np.linalg.inv(np.linalg.inv(extended).mean(axis=-3))

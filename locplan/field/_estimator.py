@@ -29,16 +29,21 @@ class Layer:
     """A value that an estimator gives for each place besides the covariance."""
 
     name: str
+    """Name of the layer in files and on the command line, such as "ambiguity"."""
     label: str
     """Label of the layer at a colour bar."""
     unit: str
+    """Unit of the values in text; "1" for a plain number."""
     anchors: Callable[[OffsetLattice], tuple[float, float]]
     """Function that gives the layer's value for a perfect match and for a featureless place."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MapPart:
-    """Some cells of a map, with the part of the map that their covariances depend on."""
+    """Some cells of a map, with the part of the map that their covariances depend on.
+
+    It is what `Estimator.covariances` works on; only who writes an estimator needs to know it.
+    """
 
     levels: NDArray[np.uint8]
     """Levels of the part, (h, w); it reaches `Estimator.halo` cells beyond each of the cells."""
@@ -78,7 +83,17 @@ class MapPart:
         cols: NDArray[np.int64],
         resolution: float,
     ) -> MapPart:
-        """Part that is a whole map, with some of its cells; the robot heads along the rows."""
+        """Part that is a whole map, with some of its cells; the robot heads along the rows.
+
+        Parameters
+        ----------
+        cells : (H, W) array of uint8
+            Levels of the map, row 0 at the lowest y.
+        rows, cols : (n,) arrays of int64
+            The cells whose covariances are wanted.
+        resolution : float
+            Edge of a cell [m].
+        """
         return cls(cells, rows, cols, resolution, (cells.shape[0], cells.shape[1]))
 
 
@@ -104,11 +119,22 @@ class Estimator(Settings, ABC):
     """True if the estimator simulates a lidar, which must not stand in a wall."""
 
     noise_level: float = 1.0
-    """Factor k on the covariance (Eq. 8)."""
+    """Factor k on the covariance (Eq. 8), above 0; a calibration finds the one of your filter."""
 
     @abstractmethod
     def lattice(self, resolution: float) -> OffsetLattice:
-        """Lattice of pose offsets that bounds the covariance, on cells of `resolution` metres."""
+        """Lattice of pose offsets that bounds the covariance.
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of a cell of the map [m].
+
+        Raises
+        ------
+        ConfigError
+            If the cells are too coarse or too fine for the search window.
+        """
 
     @property
     @abstractmethod
@@ -122,17 +148,35 @@ class Estimator(Settings, ABC):
 
     @classmethod
     def of(cls, lidar: Lidar, **settings: Any) -> Estimator:
-        """This estimator for a lidar, with further settings of its own.
+        """This estimator for a lidar.
+
+        Parameters
+        ----------
+        lidar : Lidar
+            The lidar.
+        **settings
+            Further settings of the estimator by name; the others take their defaults.
 
         Raises
         ------
         ConfigError
-            If it has nothing to do with a lidar.
+            If the estimator has nothing to do with a lidar, or a setting is out of its range.
         """
         raise ConfigError(f"estimator {cls.name} knows no lidar; leave the lidar out")
 
     def with_lidar(self, lidar: Lidar) -> Estimator:
-        """This estimator with another lidar; a ConfigError if it has nothing to do with one."""
+        """This estimator with another lidar, and its other settings as they are.
+
+        Parameters
+        ----------
+        lidar : Lidar
+            The lidar.
+
+        Raises
+        ------
+        ConfigError
+            If the estimator has nothing to do with a lidar.
+        """
         return type(self).of(lidar)
 
     @property
@@ -144,6 +188,12 @@ class Estimator(Settings, ABC):
     def covariances(self, part: MapPart) -> Values:
         """Covariance of a pose match at each cell of a part of a map, in the grid's own axes.
 
+        Parameters
+        ----------
+        part : MapPart
+            The n cells, the levels around them, and k headings of the robot. Its `control` is
+            read, so that the computation can be stopped, and counts the cells that are done.
+
         Returns
         -------
         dict of arrays
@@ -153,21 +203,53 @@ class Estimator(Settings, ABC):
         """
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> object:
-        """Prepare data from these levels of a map for all threads to share."""
+        """Prepare data from a map or a part of it, for all threads to share.
+
+        Parameters
+        ----------
+        levels : (h, w) array of uint8
+            Levels of the cells, row 0 at the lowest y.
+        resolution : float
+            Edge of a cell [m].
+
+        Returns
+        -------
+        object
+            What `MapPart.prepared` will be; None where nothing is prepared.
+        """
         return None
 
     @abstractmethod
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """Distance from a cell within which the map decides its covariance [cells]."""
+        """Distance from a cell within which the map decides its covariance [cells].
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of a cell of the map [m].
+        map_shape : (int, int)
+            Number of rows and columns of the whole map.
+        """
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        """Memory that a tile takes, or else what `prepare` makes for all tiles to share [bytes]."""
+        """Memory that a tile takes, or else what `prepare` makes for all tiles to share [bytes].
+
+        Parameters
+        ----------
+        resolution, map_shape
+            See `Estimator.halo`.
+        """
         return 0.0
 
     def seconds(self, resolution: float) -> float:
         """Rough time that one thread takes for a place and a heading, rather too long [s].
 
         It sets the size of the tiles, which are finished and stored as a whole.
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of a cell of the map [m].
         """
         return 1e-3
 
@@ -176,15 +258,33 @@ class Estimator(Settings, ABC):
         return settings_of(self)
 
     def perfect(self, lattice: OffsetLattice) -> NDArray[np.float64]:
-        """Covariance up to which a match counts as perfect, so that u is 0, (d, d)."""
+        """Covariance up to which a match counts as perfect, so that u is 0, (d, d).
+
+        Parameters
+        ----------
+        lattice : OffsetLattice
+            Lattice of the offsets on the map, which `lattice` gives.
+        """
         return lattice.quantisation
 
     def featureless(self, lattice: OffsetLattice) -> NDArray[np.float64]:
-        """Covariance of a featureless place, where u is 1, (d, d)."""
+        """Covariance of a featureless place, where u is 1, (d, d).
+
+        Parameters
+        ----------
+        lattice
+            See `Estimator.perfect`.
+        """
         return self.noise_level * lattice.uniform_covariance + self.q(lattice)
 
     def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
-        """Q, the variance that the estimator's steps of offset cannot resolve, (d, d)."""
+        """Q, the variance that the estimator's steps of offset cannot resolve, (d, d).
+
+        Parameters
+        ----------
+        lattice
+            See `Estimator.perfect`.
+        """
         return lattice.quantisation
 
     @property

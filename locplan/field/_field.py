@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,22 +19,17 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
 from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
-from locplan.field._covariance import (
-    SCALARS,
-    Quantity,
-    log_euclidean_mean,
-    mean_information,
-    scalar,
-)
+from locplan.field._covariance import Quantity, scalar
 from locplan.field._estimator import Values
 from locplan.field._lattice import (
-    corners_of,
     evaluated_points,
     evenly_spread,
     filled,
     read_on_map,
     stride_cells,
 )
+from locplan.field._reading import covariance_at, merged
+from locplan.field._scales import anchors_of, quantity_of
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -75,7 +69,15 @@ class CovarianceField(Pictured):
 
     @classmethod
     def of(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
-        """Make a field from the arrays that `locplan.field._tiles` fills."""
+        """Make a field from its arrays by name.
+
+        Parameters
+        ----------
+        values : dict of arrays
+            "covariance", and the layers by their names, shaped as in the class.
+        grid, config
+            See `CovarianceField`.
+        """
         layers = {name: array for name, array in values.items() if name != "covariance"}
         return cls(values["covariance"], grid, config, layers)
 
@@ -117,10 +119,7 @@ class CovarianceField(Pictured):
 
     @cached_property
     def e(self) -> NDArray[np.float64]:
-        """sqrt(det Sigma) (Eq. 10) on the lattice, (h, w) or (h, w, n) [m^2 rad].
-
-        NaN where not evaluated.
-        """
+        """sqrt(det Sigma) (Eq. 10), (h, w) or (h, w, n) [m^2 rad]; NaN where not evaluated."""
         e = np.full(self.covariance.shape[:-2], np.nan)
         e[self.evaluated] = scalar(self.covariance[self.evaluated], "e")
         return e
@@ -134,12 +133,12 @@ class CovarianceField(Pictured):
         ----------
         name : str
             "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`,
-            or one of `layers`.
+            or one of `layers`; another name is a ConfigError.
         headings : "mean" or "worst", optional
             One value for all headings, (h, w): that of the mean information (of a layer, the
             mean), or the greatest.
         with_q : bool
-            Whether Sigma + Q counts even where the estimator has not added Q.
+            Whether Sigma + Q counts even where the estimator has not added Q, as it does in u.
         """
         if name in self.layers:
             values = self.layers[name]
@@ -147,8 +146,8 @@ class CovarianceField(Pictured):
         else:
             covariance = self.quantised_covariance if with_q else self.covariance
             if headings == "mean":
-                as_it_is = covariance is self.covariance
-                covariance = self.mean_covariance if as_it_is else self._merged(covariance)
+                own = covariance is self.covariance
+                covariance = self.mean_covariance if own else merged(covariance, self.evaluated)
             known = name == "e" and covariance is self.covariance
             values = self.e if known else scalar(covariance, name)
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
@@ -156,14 +155,7 @@ class CovarianceField(Pictured):
     @cached_property
     def mean_covariance(self) -> NDArray[np.float64]:
         """Covariance of the mean information over the headings, (h, w, d, d)."""
-        return self._merged(self.covariance)
-
-    def _merged(self, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-        if covariance.ndim == 4:
-            return covariance
-        merged = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
-        merged[self.evaluated] = mean_information(covariance[self.evaluated])
-        return merged
+        return merged(self.covariance, self.evaluated)
 
     @property
     def quantised_covariance(self) -> NDArray[np.float64]:
@@ -172,16 +164,14 @@ class CovarianceField(Pictured):
         return self.covariance if estimator.adds_q else self.covariance + estimator.q(self.window)
 
     def anchors(self, name: str = "e") -> tuple[float, float]:
-        """Values of a scalar for a perfect match and for a featureless place.
+        """Values of a scalar or a layer for a perfect match and for a featureless place.
 
-        The estimator itself defines the anchors of its layers.
+        Parameters
+        ----------
+        name : str
+            See `scalar`; the estimator itself defines the anchors of its layers.
         """
-        for layer in self.config.estimator.layers:
-            if layer.name == name:
-                return layer.anchors(self.window)
-        estimator = self.config.estimator
-        least, greatest = estimator.perfect(self.window), estimator.featureless(self.window)
-        return float(scalar(least, name)), float(scalar(greatest, name))
+        return anchors_of(self.config.estimator, self.window, name)
 
     @property
     def saturated_share(self) -> float:
@@ -202,27 +192,33 @@ class CovarianceField(Pictured):
         return "m² rad" if self.window.dimension == 3 else "m²"
 
     def quantity(self, name: str | None = None) -> Quantity:
-        """Label and unit of a scalar or of a layer, by default of the estimator's criterion."""
-        name = name or self.config.estimator.criterion
-        if name == "e":
-            return Quantity(SCALARS["e"].label, self.e_unit)
-        layers = {each.name: each for each in self.config.estimator.layers}
-        return Quantity(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
+        """Label and unit of a scalar or a layer, and the factor that gives it in that unit.
+
+        Parameters
+        ----------
+        name : str, optional
+            See `scalar`; by default it is the estimator's criterion, which u is made of.
+        """
+        return quantity_of(self.config.estimator, self.e_unit, name)
 
     def e_map(self) -> NDArray[np.float64]:
-        """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad]; NaN elsewhere.
-
-        The interpolation is bilinear in ln e.
-        """
+        """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad], bilinear in ln e, or NaN."""
         return self.on_map(self.e)
 
     def on_map(
         self, values: NDArray[np.float64], *, logarithmic: bool = True
     ) -> NDArray[np.float64]:
-        """Interpolate values (h, w, ...) on the lattice to the free cells, (H, W, ...).
+        """Interpolate values to the map's free cells, (H, W) or (H, W, n); NaN elsewhere.
 
-        The interpolation is bilinear in the logarithm of positive values, or in the values
-        themselves. Where a corner was not evaluated, the other corners take its weight.
+        Where a corner was not evaluated, the other corners take its weight.
+
+        Parameters
+        ----------
+        values : (h, w) or (h, w, n) array
+            Values on the lattice, such as `scalar` gives.
+        logarithmic : bool
+            Whether the interpolation is bilinear in the logarithm of positive values, as of e, or
+            else in the values themselves, as of layers.
         """
         if values.ndim == 3:
             layers = np.empty((values.shape[2], *self.grid.shape))
@@ -235,45 +231,41 @@ class CovarianceField(Pictured):
         return np.exp(result, out=result) if logarithmic else result
 
     def on_lattice(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values with the lacking points filled, (h, w)."""
+        """Values with the `lacking` points filled by the mean of those around them, (h, w).
+
+        Parameters
+        ----------
+        values : (h, w) array
+            Values on the lattice, NaN where not evaluated.
+        """
         return filled(values, self.evaluated, self.lacking) if self.lacking.any() else values
 
     def at(
         self, x: float | Sequence[float], y: float | None = None, heading: float | None = None
     ) -> NDArray[np.float64]:
-        """Covariance at a world position x, y, or (x, y) [m], (d, d).
+        """Covariance at a world position, (d, d), as the axes of `covariance`.
 
-        It is interpolated between the lattice points, and between the headings next to `heading`
-        [rad], in the matrix logarithm, so that ln e is bilinear. Without a heading, it is that of
-        the mean information over all headings. NaN in cells that are not free or outside the map.
+        It is interpolated between the lattice points, and between headings, in the matrix
+        logarithm, so that ln e is bilinear. NaN in cells that are not free or outside the map.
+
+        Parameters
+        ----------
+        x : float or (x, y)
+            World x [m], or both coordinates.
+        y : float, optional
+            World y [m], unless x holds both.
+        heading : float, optional
+            Heading of the robot, counter-clockwise from the x axis [rad]. By default all headings
+            count by their mean information.
 
         Raises
         ------
         PoseError
             If the position is not two finite numbers.
         """
-        nowhere = np.full(self.covariance.shape[-2:], np.nan)
-        x, y = position(x, y)
-        cell = self.grid.world_to_cell(x, y)
-        if not (self.grid.contains(*cell) and self.grid.free[cell]):
-            return nowhere
-        row, col = ((float(v) - 0.5) / self.stride for v in self.grid.world_to_grid(x, y))
-        corners = corners_of(row, col, self.evaluated, self.lacking)
-        if not corners:
-            return nowhere
-        covariances = [self._towards(self.covariance[point], heading) for point in corners]
-        return log_euclidean_mean(np.array(covariances), np.array(list(corners.values())))
-
-    def _towards(self, covariance: NDArray[Any], heading: float | None) -> NDArray[np.float64]:
-        """Covariance of a lattice point for one heading [rad], or for all headings together."""
-        if covariance.ndim == 2:
-            return covariance
-        if heading is None:
-            return mean_information(covariance)
-        position = heading / (2 * math.pi) * len(covariance)
-        low, share = math.floor(position), position % 1
-        both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
-        return log_euclidean_mean(both, np.array([1 - share, share]))
+        known, lacking = self.evaluated, self.lacking
+        xy = position(x, y)
+        return covariance_at(self.covariance, self.grid, self.stride, known, lacking, xy, heading)
 
     def to_xarray(self) -> Dataset:
         """All arrays with their coordinates as an xarray.Dataset.
@@ -305,7 +297,7 @@ class CovarianceField(Pictured):
         grid : OccupancyGrid
             The new map, of the same shape, resolution and origin.
         points, threads, executor, progress
-            See `covariance_field`; other points stay where they are known and unchanged.
+            See `covariance_field`; points that are not asked for stay where they are unchanged.
 
         Raises
         ------
@@ -313,19 +305,20 @@ class CovarianceField(Pictured):
             If the maps differ in more than their cells.
         """
         check_grid(grid)
-        same = tiles.untouched_points(self.grid, grid, self.config)
-        values = tiles.nothing_known(grid, self.config)
-        for name, known in self.values.items():
-            values[name][same] = known[same]
+        values = tiles.untouched_values(self.values, self.grid, grid, self.config)
         made = grid, self.config, threads, executor, progress
         tiles.fill(values, *made, tiles.wanted_points(grid, self.config, points))
         return CovarianceField.of(values, grid, self.config)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the field with its map and config as a Zarr v3 group, a folder named *.zarr.
+        """Write the field with its map and config as a Zarr v3 group.
 
-        A field of that name is replaced, unless it has other files in it: `force` deletes them.
-        Any other folder is refused.
+        Parameters
+        ----------
+        path : path
+            The folder, named *.zarr. A field of that name is replaced; any other folder is refused.
+        force : bool
+            Whether a field is replaced even where its folder has other files, which are deleted.
 
         Raises
         ------
@@ -341,6 +334,11 @@ class CovarianceField(Pictured):
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
         """Read a field written by `save`.
+
+        Parameters
+        ----------
+        path : path
+            The folder, named *.zarr.
 
         Raises
         ------

@@ -57,21 +57,27 @@ class Lidar(Settings):
     """
 
     range: float = 12.0
-    """Greatest distance that is measured [m]."""
+    """Greatest distance that is measured [m], above 0 up to 10,000: that of bright walls."""
     least_range: float = 0.0
-    """Distance below which a return counts as none [m]."""
+    """Distance below which a return counts as none [m], from 0 to below `range`."""
     field_of_view_deg: float = FULL_CIRCLE
-    """Angle that the beams cover, centred on `mount_yaw_deg` [deg]."""
+    """Angle that the beams cover, centred on `mount_yaw_deg` [deg], above 0 up to 360.
+
+    Less than 360 makes what the lidar sees depend on the robot's heading.
+    """
     beams: int = 360
-    """Number of beams in the field of view."""
+    """Number of beams in the field of view, 1 to 100,000."""
     range_sigma: float = RANGE_SIGMA
-    """Standard deviation of a measured distance [m]."""
+    """Standard deviation of a measured distance [m], at least 1e-6.
+
+    Simulated scans and `Fisher` of ranges read it; the other estimators do not.
+    """
     model: str = field(default="", compare=False)
     """Name of the lidar, for titles; it decides nothing."""
     mount_x: float = 0.0
-    """Position of the lidar on the robot, ahead of its centre [m]."""
+    """Position of the lidar on the robot, ahead of its centre [m]; negative is behind it."""
     mount_y: float = 0.0
-    """Position of the lidar on the robot, to the left of its centre [m]."""
+    """Position of the lidar on the robot, to the left of its centre [m]; negative is right."""
     mount_yaw_deg: float = 0.0
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
@@ -95,7 +101,11 @@ class Lidar(Settings):
     def preset(cls, name: str) -> Lidar:
         """Common lidar, or that of a robot, with the values of its data sheet.
 
-        `locplan.field.PRESETS` has the names, the values and their sources.
+        Parameters
+        ----------
+        name : str
+            One of `locplan.field.PRESETS`, such as "rplidar-a1" or "turtlebot3", which has the
+            values and their sources, too.
 
         Raises
         ------
@@ -129,13 +139,13 @@ class Lidar(Settings):
             lidar is mounted upside down, which TF tells by a roll of pi, give the first two with
             the other sign.
         range_min, range_max : float
-            Least and greatest distance that is measured [m].
+            Least and greatest distance that is measured [m], 0 <= range_min < range_max.
         mount : (x, y, yaw)
             Pose of the lidar on the robot [m, m, rad], as TF has it.
         range_sigma : float, optional
-            Standard deviation of a measured distance [m], 0.03 by default.
+            Standard deviation of a measured distance [m], 0.03 by default; a scan does not say it.
         model : str
-            Name for titles.
+            Name of the lidar, for titles.
 
         Raises
         ------
@@ -178,6 +188,11 @@ class Lidar(Settings):
         Its pose on the link that carries it is taken, but not that link's pose on the robot: put
         it right by ``dataclasses.replace(lidar, mount_x=...)``. The noise is the file's, where it
         is Gaussian.
+
+        Parameters
+        ----------
+        path : path
+            The URDF or SDF file; a .xacro file is to be run through xacro first.
 
         Raises
         ------

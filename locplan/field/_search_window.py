@@ -33,13 +33,19 @@ class SearchWindow(Settings):
     """
 
     half_width: float = 2.0
-    """Greatest offset in x and in y [m]."""
+    """Greatest offset in x and in y [m], from `step` to 1000 times it.
+
+    A larger one finds look-alike places farther away, in a time that grows with its square.
+    """
     step: float = 0.2
-    """Spacing of the offsets [m]; it is rounded to whole cells."""
+    """Spacing of the offsets [m], above 0; it is rounded to whole cells, at least one.
+
+    Half of it resolves smaller deviations, in four times the time.
+    """
     half_rotation_deg: float = 60.0
-    """Greatest turn [deg]; 0 compares positions only."""
+    """Greatest turn [deg], 0 to 180; 0 compares positions only, and then e has the unit m^2."""
     rotation_step_deg: float = 10.0
-    """Spacing of the turns [deg]."""
+    """Spacing of the turns [deg], above 0 up to `half_rotation_deg`."""
 
     def __post_init__(self) -> None:
         keep_checked(self, ("half_width", "step"), positive, "m")
@@ -59,7 +65,12 @@ class SearchWindow(Settings):
             )
 
     def on(self, resolution: float) -> OffsetLattice:
-        """Lattice of the window's offsets on a map with cells of `resolution` metres.
+        """Lattice of the window's offsets on a map.
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of a cell of the map [m].
 
         Raises
         ------

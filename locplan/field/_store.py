@@ -65,8 +65,7 @@ def load_or_compute(
     config : FieldConfig or Estimator, optional
         Estimator and lattice; `Sad()` by default.
     points : (h, w) array of bool, optional
-        Lattice points to evaluate, by default all; see `covariance_field`. The field has values at
-        these alone, whatever else is cached.
+        See `covariance_field`. The field has values at these alone, whatever else is cached.
     cache_dir : path, optional
         Cache folder; by default LOCPLAN_CACHE of the environment, or else the user's. It may grow
         to LOCPLAN_CACHE_SIZE (5 GB); the least recently used fields are removed first.

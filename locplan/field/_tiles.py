@@ -266,6 +266,16 @@ def untouched_points(
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 
 
+def untouched_values(
+    values: Values, before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
+) -> Values:
+    """Arrays for the second map: the first one's at `untouched_points`, and NaN elsewhere."""
+    same, kept = untouched_points(before, after, config), nothing_known(after, config)
+    for name, known in values.items():
+        kept[name][same] = known[same]
+    return kept
+
+
 def tiles_of(missing: NDArray[np.bool_], edge: int) -> Iterator[tuple[Chunk, _Points]]:
     """Yield each chunk and its missing lattice points."""
     for chunk in chunks_of(missing, edge):

@@ -1,5 +1,5 @@
 """Landmarks: where to put objects that keep a robot from getting lost, and whether they help."""
 
-import lazy_loader
+from locplan._util.public import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

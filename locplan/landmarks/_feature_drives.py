@@ -32,7 +32,9 @@ class FeatureDrives:
     """Drives with all features, without some, and without as many random ones in the world."""
 
     before: Outcome
+    """Drives with all features."""
     without: Outcome
+    """Drives without these features."""
     alone: Mapping[int, Outcome]
     """Drives without one of these features, by its number; empty where there is one only."""
     random: Outcome | None
@@ -42,6 +44,7 @@ class FeatureDrives:
     profiles: Mapping[str, tuple[Drives, Drives]]
     """Drives of each route with all features, and without these."""
     seed: int
+    """Seed of all random numbers."""
 
     def __repr__(self) -> str:
         return f"FeatureDrives({self.verdict})"

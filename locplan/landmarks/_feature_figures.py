@@ -42,9 +42,9 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
     Parameters
     ----------
     found : KeyFeatures
-        The features.
+        The features, as `key_features` returns them.
     drives : FeatureDrives, optional
-        Drives; with them their mean error along the first route is drawn, too.
+        Drives of `KeyFeatures.verify`; with them their mean error along the first route is drawn.
     """
     grid = around(found.grid, list(found.routes.values()))
     said = [f"{found.grid.name or 'map'}: {found.verdict}"]

@@ -48,9 +48,9 @@ class Feature:
     width: float
     """Shorter side of that rectangle [m]."""
     heading: float
-    """Heading of the longer side in the world [rad]."""
+    """Heading of the longer side in the world, 0..pi [rad]."""
     seen: float
-    """Share of the poses along the routes at which rays meet it."""
+    """Share of the poses along the routes at which rays meet it, 0..1."""
     loss: float
     """How far the expected deviation along the routes rises without it [m].
 
@@ -133,22 +133,26 @@ class KeyFeatures(Pictured):
     grid: OccupancyGrid
     """The map."""
     routes: Mapping[str, Path]
-    """Routes by name."""
+    """Routes of the robot by name."""
     lidar: Lidar
+    """Lidar of the robot."""
     amcl: Amcl
+    """Parameters of the robot's filter."""
     disturbances: Disturbances
+    """Noise, errors of odometry, and how the worlds differ from the map."""
     features: tuple[Feature, ...]
     """All features that rays meet, the greatest loss first."""
     together: tuple[int, ...]
-    """Numbers of the few whose removal hurts most: each the worst beside those before it."""
+    """Numbers of the few features, from 1, whose removal hurts most: each is the worst beside those
+    before it."""
     curve: NDArray[np.float64]
     """Mean of P_xx + P_yy along the routes without the first 0, 1, ... of them, (k + 1,) [m^2]."""
     positions: NDArray[np.float64]
     """World x and y of the poses along the routes, (n, 2) [m]."""
     begins: tuple[int, ...]
-    """Indices at which the routes begin among them, and the number of all."""
+    """Indices at which the routes begin among `positions`, and the number of all, n."""
     profiles: NDArray[np.float64]
-    """P_xx + P_yy there with all, without feature 1, and without the few, (3, n) [m^2]."""
+    """P_xx + P_yy at `positions` with all, without feature 1, and without the few, (3, n) [m^2]."""
     shift: float
     """Distance by which `Feature.error` moves a feature [m]."""
 
@@ -211,7 +215,18 @@ class KeyFeatures(Pictured):
         return "this route" if len(self.routes) == 1 else f"these {len(self.routes)} routes"
 
     def feature(self, number: int) -> Feature:
-        """The feature of a number, from 1."""
+        """The feature of a number.
+
+        Parameters
+        ----------
+        number : int
+            Its place in order of loss, from 1.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such feature.
+        """
         if not 1 <= number <= len(self.features):
             raise ConfigError(f"there is no feature {number}: they are 1 to {len(self.features)}")
         return self.features[number - 1]
@@ -233,17 +248,22 @@ class KeyFeatures(Pictured):
 
         Parameters
         ----------
-        drives : int
-            Number of drives along each route, at least 2; as many are made in all sets of random
-            features together, and without the few one by one.
-        seed : int
-            Seed of all random numbers.
-        random_sets : int
-            Number of sets of as many random features, at least 1.
+        drives : int, default 100
+            Number of drives along each route, 2 to 100,000; as many are made in all sets of random
+            features together, and without the few one by one. More narrow the intervals.
+        seed : int, default 1
+            Seed of all random numbers, >= 0.
+        random_sets : int, default 5
+            Number of sets of as many random features, 1 to 1000.
         threads : int, optional
-            Number of threads; all cores by default.
+            Number of threads, at least 1; all cores by default.
         progress : callable, optional
             Called with (done, total) drives.
+
+        Returns
+        -------
+        FeatureDrives
+            Share of lost drives and errors in each world, and a verdict.
 
         Raises
         ------

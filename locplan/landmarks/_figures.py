@@ -37,9 +37,9 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
     Parameters
     ----------
     made : Landmarks
-        The placement.
+        The placement, as `place_landmarks` returns it.
     verification : Verification, optional
-        Drives; with them the routes are coloured by the mean position error there.
+        Drives of `Landmarks.verify`; with them the routes are coloured by the mean position error.
     """
     grids = [around(grid, list(made.setting.routes.values())) for grid in (made.before, made.grid)]
     title = f"{made.before.name or 'map'}: {len(made)} x {made.setting.kind.title}"

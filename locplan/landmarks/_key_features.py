@@ -71,30 +71,37 @@ def key_features(
     paths : Path, or mapping of str to Path or to (n, 2) array, optional
         Routes of the robot in the world [m], within the free cells.
     places : sequence of (x, y), or mapping of str to (x, y), optional
-        Instead of paths: the robot drives the shortest paths between all of these [m].
-    lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and the disturbances; see `locplan.simulation.Simulator`.
-    robot_radius : float
-        Radius of the robot, for the shortest paths [m].
-    count : int
+        Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m].
+    lidar : Lidar, optional
+        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
+    amcl : Amcl, optional
+        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
+    disturbances : Disturbances, optional
+        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
+        indoors by default.
+    robot_radius : float, default 0.25
+        Radius of the robot, for the shortest paths [m], >= 0.
+    count : int, default 3
         Number of features that are taken away together, 1 to 50: the worst one, then the worst
         beside it, and so on, since features that stand in for each other hide their loss.
-    piece : float
-        Length of the pieces that walls are divided into, about their corners and ends, up to
-        20 [m].
-    largest : float
-        Greatest extent of what counts as one object [m]; what hangs together farther is a wall.
-    gap : float
-        Greatest gap between the parts of one object [m]; outlines on maps are often broken.
-        It is at most 2 m.
-    shift : float
-        Distance for `Feature.error` by which a feature has been moved in the world [m].
+    piece : float, default 1.0
+        Length of the pieces that walls are divided into, about their corners and ends, above 0, up
+        to 20 [m].
+    largest : float, default 4.0
+        Greatest extent of what counts as one object [m], above 0; what hangs together farther is a
+        wall. Raise it for large machines or shelves.
+    gap : float, default 0.1
+        Greatest gap between the parts of one object [m], 0 to 2; outlines on maps are often broken.
+    shift : float, default 0.3
+        Distance for `Feature.error` by which a feature has been moved in the world [m], above 0, up
+        to 2.
     progress : callable, optional
         Called with (done, total) features that were taken away.
 
     Returns
     -------
     KeyFeatures
+        The features in order of loss, and a verdict.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class Landmarks(Pictured):
     _drawn_by: ClassVar[str] = "locplan.landmarks:landmarks_figure"
 
     setting: Setting
-    """What they are placed for."""
+    """The map, the routes and the robot that they are placed for."""
     poses: NDArray[np.float64]
     """World x, y and heading of each, (k, 3) [m, m, rad]."""
     curve: NDArray[np.float64]
@@ -65,15 +65,15 @@ class Landmarks(Pictured):
     existing: int
     """Number of existing objects that could be moved."""
     indices: NDArray[np.int64]
-    """Index of each place among those of the search; the existing objects' come first."""
+    """Index of each place among those of the search, (k,); the existing objects' come first."""
     search: Search
     """The search, for other placements."""
     shifts: tuple[Shift, ...] = ()
-    """Landmarks that were taken out of regular rows."""
+    """Landmarks that were taken out of regular rows; none by default."""
     chosen_by: str = ""
     """How the places were chosen: what was made small, and among which places."""
     trials: tuple[Trial, ...] = ()
-    """Placements that were driven, the best first, of which this one is the best."""
+    """Placements that were driven by `best_of_trials`, the best first, which is this one."""
 
     @classmethod
     def of(
@@ -86,7 +86,19 @@ class Landmarks(Pictured):
         existing: int,
         shifts: tuple[Shift, ...],
     ) -> Landmarks:
-        """Landmarks at the places that a search chose, in order of gain."""
+        """Landmarks at the places that a search chose, in order of gain.
+
+        Parameters
+        ----------
+        setting : Setting
+            What they are placed for.
+        search : Search
+            The search, with all places.
+        order : list of int
+            Indices of the chosen places among those of the search, in order of gain.
+        rejected, before, existing, shifts
+            The fields of these names.
+        """
         indices = np.array(order, np.int64)
         poses = in_world(setting.grid, search.places[indices])
         return cls(
@@ -121,7 +133,7 @@ class Landmarks(Pictured):
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """What each landmark takes off the curve beside those before it, (k,)."""
+        """What each landmark takes off the curve beside those before it, in its unit, (k,)."""
         return -np.diff(self.curve)
 
     @property
@@ -158,7 +170,13 @@ class Landmarks(Pictured):
         return regularity(self.positions)
 
     def first(self, count: int) -> NDArray[np.float64]:
-        """Poses of the `count` landmarks that gain most, (count, 3) [m, m, rad]."""
+        """World x, y and heading of the landmarks that gain most, (count, 3) [m, m, rad].
+
+        Parameters
+        ----------
+        count : int
+            Number of landmarks, such as `paying`; with more than there are, all are returned.
+        """
         return self.poses[:count].copy()
 
     def reasons(self) -> dict[str, int]:
@@ -181,17 +199,22 @@ class Landmarks(Pictured):
 
         Parameters
         ----------
-        drives : int
-            Number of drives along each route, at least 2; as many are made in all sets of random
-            places together.
-        seed : int
-            Seed of all random numbers.
-        random_sets : int
-            Number of sets of random places, at least 1.
+        drives : int, default 100
+            Number of drives along each route, 2 to 100,000; as many are made in all sets of random
+            places together. More narrow the intervals.
+        seed : int, default 1
+            Seed of all random numbers, >= 0.
+        random_sets : int, default 5
+            Number of sets of random places, 1 to 1000.
         threads : int, optional
-            Number of threads; all cores by default.
+            Number of threads, at least 1; all cores by default.
         progress : callable, optional
             Called with (done, total) drives.
+
+        Returns
+        -------
+        Verification
+            Share of lost drives and errors on each map, and a verdict.
 
         Raises
         ------

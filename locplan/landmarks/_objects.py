@@ -62,7 +62,7 @@ class Pole(Settings):
     """
 
     diameter: float = 0.2
-    """Diameter [m]."""
+    """Diameter, above 0 and at most 100 [m]."""
 
     def __post_init__(self) -> None:
         keep_checked(self, ("diameter",), _size)
@@ -94,9 +94,9 @@ class Box(Settings):
     """
 
     length: float = 0.6
-    """Extent along its heading, which is the wall's where it stands at one [m]."""
+    """Extent along its heading, which is the wall's where it stands at one, at most 100 [m]."""
     width: float = 0.3
-    """Extent across its heading [m]."""
+    """Extent across its heading, at most 100 [m]."""
 
     def __post_init__(self) -> None:
         keep_checked(self, ("length", "width"), _size)
@@ -168,6 +168,11 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     poses : iterable of (x, y) or (x, y, heading)
         Centres in the world, and headings counter-clockwise from the x axis [m, m, rad]. What lies
         outside the map is left out.
+
+    Returns
+    -------
+    OccupancyGrid
+        The new map; the given one stays as it is.
 
     Raises
     ------

@@ -38,7 +38,7 @@ class Outcome:
 
     @property
     def lost_rate(self) -> Interval:
-        """Share of the drives that were lost at any time."""
+        """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
         lost = np.concatenate([each.lost for each in self.drives])
         return wilson(float(lost.mean()), len(lost))
 
@@ -65,6 +65,11 @@ class Outcome:
 
         Fewer are lost, and the error is less, where the intervals do not touch. A clear difference
         of the error is also a tenth or more.
+
+        Parameters
+        ----------
+        other : Outcome
+            Drives along the same routes with other objects.
         """
         if self.lost_rate.high < other.lost_rate.low:
             return True

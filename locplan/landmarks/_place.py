@@ -91,42 +91,49 @@ def place_landmarks(
     kind : Pole or Box
         The object.
     count : int
-        Number of objects to place, besides those in `existing`. There are fewer where no further
-        one helps, or may stand.
+        Number of objects to place besides those in `existing`, 1 to 200, or 0 with some of those.
+        There are fewer where no further one helps, or may stand.
     paths : Path, or mapping of str to Path or to (n, 2) array, optional
         Routes of the robot in the world [m], within the free cells. It drives just these.
     places : sequence of (x, y), or mapping of str to (x, y), optional
-        Instead of paths: the robot drives the shortest paths between all of these [m], planned
-        again among the objects.
+        Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m],
+        planned again among the objects.
     region : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
         Instead of paths: the robot may go anywhere in these cells, or rectangles in the world [m].
         Of parts that no way joins, the largest counts. Drives between places far apart verify it.
-    lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and the disturbances; see `locplan.simulation.Simulator`.
-    robot_radius : float
-        Radius of the robot [m].
-    margin : float
+    lidar : Lidar, optional
+        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
+    amcl : Amcl, optional
+        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
+    disturbances : Disturbances, optional
+        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
+        indoors by default.
+    robot_radius : float, default 0.25
+        Radius of the robot [m], >= 0.
+    margin : float, default 0.2
         Distance that routes, and ends of those in a region, and passages keep from the objects
-        besides the radius [m].
-    where : str
+        besides the radius [m], >= 0. Lower it where no place is left.
+    where : str, default "both"
         Places that are tried: along "walls", "free" with a clearance above 1.2 m, on a lattice of
         1 m and beside the routes, or "both". Those beyond the lidar's range of the robot are left
         out.
-    spacing : float
-        Distance between the places along walls and beside routes [m].
+    spacing : float, default 0.5
+        Distance between the places along walls and beside routes [m], above 0. A smaller one tries
+        more places, and takes longer.
     keep_out : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
-        Cells, or rectangles in the world [m], that no object may stand in.
-    existing : iterable of (x, y) or (x, y, heading)
+        Cells, or rectangles in the world [m], that no object may stand in; none by default.
+    existing : iterable of (x, y) or (x, y, heading), default ()
         Objects of this kind that are drawn in the map and may be moved [m, m, rad]. There must be
         occupied cells within a cell of where each would be.
     threads : int, optional
-        Number of threads; all cores by default. The result does not depend on it.
+        Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
         Called with (done, total) steps of the search.
 
     Returns
     -------
     Landmarks
+        The places in order of gain, and the map with the objects.
 
     Raises
     ------

@@ -22,15 +22,18 @@ class Setting:
     grid: OccupancyGrid
     """The map without the objects that are placed."""
     kind: LandmarkObject
-    """The object."""
+    """The object, of which several are placed."""
     routes: Mapping[str, Path]
-    """Routes by name; of a region, those across it that are driven."""
+    """Routes of the robot by name; of a region, those across it that are driven."""
     region: NDArray[np.bool_] | None
     """Cells in which the robot may be anywhere, (H, W), or None where it drives the routes."""
     planned: bool
-    """Whether the routes are shortest paths, to be planned again among the objects."""
+    """True if the routes are shortest paths, to be planned again among the objects."""
     lidar: Lidar
+    """Lidar of the robot."""
     amcl: Amcl
+    """Parameters of the robot's filter."""
     disturbances: Disturbances
+    """Noise, errors of odometry, and how the worlds differ from the map."""
     robot_radius: float
     """Radius of the robot [m]."""

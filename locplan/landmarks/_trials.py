@@ -55,15 +55,21 @@ def best_of_trials(
     Parameters
     ----------
     made : Landmarks
-        The placement.
-    trials : int
-        Number of placements, with `made`; 1 returns it without a drive.
-    seed : int
-        Seed of all random numbers.
+        The placement, as `place_landmarks` returns it.
+    trials : int, default 4
+        Number of placements, `made` among them, 1 to 100; 1 returns it without a drive. More take
+        longer, and may find a better one.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) drives.
+
+    Returns
+    -------
+    Landmarks
+        The best placement, with the results of all in `trials`.
 
     Raises
     ------

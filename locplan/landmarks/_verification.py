@@ -35,14 +35,18 @@ class Verification:
     """Drives without landmarks, with them, and with as many objects at random places."""
 
     before: Outcome
+    """Drives without landmarks."""
     after: Outcome
+    """Drives with them."""
     random: Outcome | None
     """Drives with random places; None where no object may stand at other ones."""
     profiles: Mapping[str, tuple[Drives, Drives]]
     """Drives of each route before and after."""
     fields: Mapping[str, tuple[Profile, Profile]]
-    """Largest deviation of a single match along each route before and after, by `Scan`."""
+    """Largest deviation of a single match along each route before and after, by `Scan`: rows of the
+    distance driven and the deviation, (n, 2) [m]."""
     seed: int
+    """Seed of all random numbers."""
 
     def __repr__(self) -> str:
         return f"Verification({self.verdict})"

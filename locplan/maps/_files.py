@@ -56,11 +56,20 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     becomes row 0. The YAML's stem becomes the name, or for a map.yaml its folder's name. The
     origin [m, m, rad] keeps its yaw.
 
+    Parameters
+    ----------
+    path : path
+        The YAML file, or a folder with a single map in it. The image may have 2^28 pixels.
+
     Raises
     ------
     MapError
         If a file cannot be read or is damaged, or a key is missing or out of its range.
-        A MapWarning says when map_saver's grey for unknown makes over 1 % of the cells free.
+
+    Warns
+    -----
+    MapWarning
+        If map_saver's grey for unknown makes over 1 % of the cells free.
 
     Examples
     --------
@@ -84,6 +93,16 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
 
 def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
     """Read a map as `load_map` does, without its warning, and tell how its pixels were read.
+
+    Parameters
+    ----------
+    path : path
+        See `load_map`.
+
+    Returns
+    -------
+    grid, source : OccupancyGrid, MapSource
+        The map, and the entries of the YAML with the number of pixels that they make what.
 
     Raises
     ------
@@ -117,7 +136,13 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
 
 
 def name_of(map_file: Path) -> str:
-    """Name of the map in a file: the file's stem, or for a map.yaml its folder's name."""
+    """Name of the map in a file: the file's stem, or for a map.yaml its folder's name.
+
+    Parameters
+    ----------
+    map_file : Path
+        The YAML file, which need not be there; what cannot be printed in its name becomes U+FFFD.
+    """
     return printable(map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem)
 
 
@@ -135,7 +160,17 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     """List map files: the given files, and in given folders each YAML that names an image.
 
     Subfolders count, too, but not what was exported there. A folder without any is listed itself,
-    so that `load_map` reports it.
+    so that `load_map` reports it. The order is that of the arguments, in a folder by name.
+
+    Parameters
+    ----------
+    *paths : path
+        Files and folders; files are listed as they are, whether or not they are there.
+
+    Raises
+    ------
+    LocplanError
+        If an argument can be no path.
     """
     found: list[Path] = []
     for path in (file_path("a map file", path) for path in paths):
@@ -158,9 +193,21 @@ def save_map(
 ) -> None:
     """Write a map_server YAML (.yaml), with its image beside it under the same stem.
 
-    `load_map` reads the same grid again. Either both files are replaced or neither. In mode
-    ``scale`` unknown cells are transparent, so it needs png. With ``negate`` white is occupied,
-    but in mode ``raw`` it has no effect.
+    `load_map` reads the same grid again. Either both files are replaced or neither.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    path : path
+        The YAML file, named .yaml or .yml, in a folder that is there.
+    mode : str
+        "trinary", which every stack reads; "scale", in which unknown cells are transparent, so
+        that it needs png; or "raw", in which pixels are per cent.
+    image_format : str
+        "pgm", or "png", which is smaller.
+    negate : bool
+        Whether white is occupied, which few maps have; it has no effect in mode "raw".
 
     Raises
     ------

@@ -35,7 +35,8 @@ class OccupancyGrid(Pictured):
     resolution : float
         Edge of a cell, 0.001 to 10 [m].
     origin : (x, y, yaw)
-        World pose of the outer corner of cell (0, 0) [m, m, rad].
+        World pose of the outer corner of cell (0, 0) [m, m, rad], each within 1e8. A yaw turns
+        the map counter-clockwise about that corner.
     name : str
         Name of the map in tables and titles; what cannot be printed in it becomes U+FFFD.
 
@@ -109,9 +110,9 @@ class OccupancyGrid(Pictured):
             what lies between is unknown, by map_server's default thresholds. Or bool: True is
             occupied, False is free.
         resolution, origin, name
-            As for `OccupancyGrid`.
+            See `OccupancyGrid`.
         probabilities : bool
-            Whether the values are probabilities of 0.0 to 1.0, or NaN where unknown.
+            True if the values are probabilities of 0.0 to 1.0, or NaN where unknown.
 
         Raises
         ------
@@ -124,6 +125,13 @@ class OccupancyGrid(Pictured):
     @classmethod
     def from_message(cls, message: Any, name: str = "") -> OccupancyGrid:
         """Make a grid from a nav_msgs/OccupancyGrid: its flat data, size, resolution and origin.
+
+        Parameters
+        ----------
+        message : nav_msgs/OccupancyGrid
+            The message, as rclpy or rosbags gives it; any object with its fields will do.
+        name : str
+            Name of the map in tables and titles, which the message has not.
 
         Raises
         ------
@@ -191,9 +199,14 @@ class OccupancyGrid(Pictured):
         return np.multiply(np.sqrt(clearance, out=clearance), self.resolution / 2, out=clearance)
 
     def closer_than(self, distance: float) -> NDArray[np.bool_]:
-        """Mask of the cells whose `clearance` is below a distance [m], (H, W).
+        """Mask of the cells whose `clearance` is below a distance, (H, W).
 
         Short distances take a fraction of the clearance's time.
+
+        Parameters
+        ----------
+        distance : float
+            The distance [m]; none is closer than 0 or less.
         """
         import cv2
 
@@ -218,7 +231,18 @@ class OccupancyGrid(Pictured):
     def world_to_grid(
         self, x: ArrayLike, y: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Convert world coordinates [m] to continuous (row, col); a cell's centre ends in .5."""
+        """Convert world coordinates to continuous (row, col); a cell's centre ends in .5.
+
+        Parameters
+        ----------
+        x, y : float or array
+            World coordinates [m], of one shape (...); they may lie outside the map.
+
+        Returns
+        -------
+        row, col : (...) arrays
+            Position from the outer corner of cell (0, 0) [cells].
+        """
         x0, y0, yaw = self.origin
         dx, dy = np.asarray(x, float) - x0, np.asarray(y, float) - y0
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -227,37 +251,73 @@ class OccupancyGrid(Pictured):
     def grid_to_world(
         self, row: ArrayLike, col: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Convert continuous (row, col) in cells to world coordinates [m]."""
+        """Convert continuous (row, col) to world coordinates, as `world_to_grid` backwards.
+
+        Parameters
+        ----------
+        row, col : float or array
+            Position from the outer corner of cell (0, 0) [cells], of one shape (...).
+
+        Returns
+        -------
+        x, y : (...) arrays
+            World coordinates [m].
+        """
         x0, y0, yaw = self.origin
         u, v = np.asarray(col, float) * self.resolution, np.asarray(row, float) * self.resolution
         cos, sin = math.cos(yaw), math.sin(yaw)
         return x0 + cos * u - sin * v, y0 + sin * u + cos * v
 
     def world_to_cell(self, x: float | Sequence[float], y: float | None = None) -> tuple[int, int]:
-        """Row and column of the cell at x, y, or at (x, y) [m].
+        """Row and column of the cell at a world position.
 
         The cell may lie outside the grid, see `contains`.
+
+        Parameters
+        ----------
+        x : float or (x, y)
+            World x [m], or both coordinates.
+        y : float, optional
+            World y [m], unless x holds both.
 
         Raises
         ------
         PoseError
-            If x and y are not finite numbers.
+            If x and y are not finite numbers within 1e8 m.
         """
         row, col = self.world_to_grid(*position(x, y))
         return math.floor(row), math.floor(col)
 
     def cell_to_world(self, row: int, col: int) -> tuple[float, float]:
-        """World x, y [m] of a cell's centre."""
+        """World x, y [m] of a cell's centre.
+
+        Parameters
+        ----------
+        row, col : int
+            The cell, which may lie outside the grid.
+        """
         x, y = self.grid_to_world(row + 0.5, col + 0.5)
         return float(x), float(y)
 
     def contains(self, row: int, col: int) -> bool:
-        """Return whether (row, col) is a cell of the grid."""
+        """Return whether (row, col) is a cell of the grid.
+
+        Parameters
+        ----------
+        row, col : int
+            The cell, as of `world_to_cell`.
+        """
         return 0 <= row < self.shape[0] and 0 <= col < self.shape[1]
 
 
 def check_grid(grid: object) -> None:
-    """Raise a ConfigError unless this is an occupancy grid."""
+    """Raise a ConfigError unless this is an occupancy grid.
+
+    Parameters
+    ----------
+    grid : object
+        What a function was given for a map.
+    """
     instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
 
 

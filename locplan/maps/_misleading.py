@@ -67,7 +67,7 @@ def _of_source(grid: OccupancyGrid, source: MapSource) -> list[str]:
     if free == occupied:
         doubts.append(
             f"free_thresh and occupied_thresh are both {free:g}, so that no grey is unknown;"
-            " map_saver writes 0.196 and 0.65"
+            " map_saver writes 0.25 or 0.196, and 0.65"
         )
     if source.over_100 > MIN_SHARE * source.pixels:
         doubts.append(

@@ -35,10 +35,20 @@ def read_parameters(path: str | os.PathLike[str] | None) -> Parameters:
     As in ROS, names are texts, and values are numbers, true, false, texts, or lists of them; what
     YAML makes something else of, such as a date, is a text. Aliases are written out.
 
+    Parameters
+    ----------
+    path : path or None
+        The YAML file, of at most 128 KiB, with a node of Nav2 such as amcl at its top.
+
+    Returns
+    -------
+    dict
+        The whole content: nodes by name, each with its "ros__parameters".
+
     Raises
     ------
     LocplanError
-        If it cannot be read, or is no parameter file of Nav2 without namespaces.
+        If the file cannot be read, or is no parameter file of Nav2 without namespaces.
     """
     if path is None:
         return {}

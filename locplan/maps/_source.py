@@ -21,20 +21,20 @@ MID_GREY = (0.49, 0.51)
 
 @dataclass(frozen=True)
 class MapSource:
-    """The entries of a map's YAML, and how many pixels they make what."""
+    """The entries of a map's YAML, and how many pixels they make what; made by `read_map`."""
 
     file: str
     """Name of the YAML file."""
     image: str
     """Name of the image, as the YAML has it."""
     mode: str
-    """Mode: trinary, scale or raw."""
+    """Mode of the YAML: "trinary", "scale" or "raw"."""
     negate: bool
     """Whether white is occupied."""
     free_thresh: float
-    """Greatest occupancy that is free, 0..1."""
+    """Greatest occupancy that is free, 0..1; map_saver writes 0.196 or 0.25."""
     occupied_thresh: float
-    """Least occupancy that is occupied, 0..1."""
+    """Least occupancy that is occupied, 0..1; map_saver writes 0.65."""
     pixels: int
     """Number of pixels."""
     saver_grey_free: int
@@ -57,7 +57,21 @@ class MapSource:
         occupancy: NDArray[np.float32],
         levels: NDArray[np.uint8],
     ) -> MapSource:
-        """The source of a map, from the number, occupancy and level of each pixel value."""
+        """The source of a map, from the number, occupancy and level of each pixel value.
+
+        Parameters
+        ----------
+        file : str
+            Name of the YAML file.
+        header : Header
+            The entries of the YAML.
+        counts : (n,) array of int64
+            Number of pixels of each value 0..n - 1, where n is 256, or 65536 for 16 bits.
+        occupancy : (n,) array of float32
+            Occupancy that each value stands for, 0..1; above 1 there is none, in mode raw.
+        levels : (n,) array of uint8
+            Level that each value is read as: `FREE`, `UNKNOWN` or `OCCUPIED`.
+        """
         raw = header.mode == "raw"
         grey = (50 if header.negate else 205) * ((counts.size - 1) // 255)
         light = (levels == FREE) & _within(occupancy, *LIGHT) & (not raw)

@@ -188,10 +188,25 @@ def names() -> tuple[str, ...]:
 
 
 def landmarks(name: str) -> dict[str, tuple[float, float]]:
-    """World positions x, y [m] of the named places of one of the environments `names`.
+    """World positions x, y [m] of the named places of an environment.
 
     They lie in free space, at least 0.25 m from any wall, and all are reachable from one another at
     that clearance.
+
+    Parameters
+    ----------
+    name : str
+        One of `names`.
+
+    Returns
+    -------
+    dict of str to (x, y)
+        Positions [m] by name, such as "start" and "goal".
+
+    Raises
+    ------
+    ConfigError
+        If the name is unknown.
 
     Examples
     --------
@@ -217,11 +232,12 @@ def make(
         "two_corridors": two rooms joined by a short featureless corridor and by a longer
         irregular one. "office" and "warehouse": larger plans.
     resolution : float
-        Edge of a cell [m], 0.01 to 0.1.
+        Edge of a cell [m], 0.01 to 0.1; coarse cells are quicker to compute with.
     boundary_noise : float
-        Fraction of the boundary cells to flip; see `with_boundary_noise`.
+        Share of the boundary cells to flip, 0 to 1, as `with_boundary_noise` does; 0 leaves the
+        walls as they are drawn.
     seed : int
-        Seed of that noise. The drawing does not depend on it.
+        Seed of that noise, not negative. The drawing does not depend on it.
 
     Raises
     ------
@@ -253,7 +269,7 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
         Probability with which each boundary cell flips, 0 to 1. A boundary cell is an occupied
         one with a free 4-neighbour (it becomes free) or the reverse (it becomes occupied).
     seed : int
-        Seed of the choice, not negative.
+        Seed of the choice, not negative; others give other cells.
 
     Raises
     ------

@@ -4,6 +4,6 @@ Source: "Localizability estimation using correlation on occupancy grid maps", RO
 (2023), doi 10.1186/s40648-023-00256-w.
 """
 
-import lazy_loader
+from locplan._util.public import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

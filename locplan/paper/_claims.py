@@ -46,25 +46,40 @@ class Slide:
     """A template slid along a strip of map (Figs. 4-11)."""
 
     title: str
+    """Levels of the template and of the strip in words."""
     template: NDArray[np.uint8]
-    """Levels of the template, 6 m x 6 m."""
+    """Levels of the template's cells, 6 m x 6 m, (h, w)."""
     strip: NDArray[np.uint8]
-    """Levels of the strip, 15 m x 6 m."""
+    """Levels of the strip's cells, 15 m x 6 m, (h, W)."""
     shift: NDArray[np.float64]
     """Distance of the template's left edge from the strip's, (n,) [m]."""
     curves: Mapping[str, NDArray[np.float64]]
-    """Values of each of the seven models, (n,); NaN where a model is undefined."""
+    """Values of each of the seven models by its name, (n,); NaN where a model is undefined."""
 
     def __repr__(self) -> str:
         return f"Slide({self.title}, {len(self.shift)} shifts)"
 
     def constant_until(self, model: str, shift: float) -> bool:
-        """Return whether a model is defined, and constant, from no shift up to this one [m]."""
+        """Return whether a model is defined, and constant, from no shift up to some shift.
+
+        Parameters
+        ----------
+        model : str
+            Name of a model, see `locplan.paper.template_matching.MODELS`.
+        shift : float
+            The shift up to which it is looked at [m], >= 0.
+        """
         values = self.curves[model][self.shift <= shift + 1e-9]
         return bool((values == values[0]).all())
 
     def peaks(self, model: str) -> NDArray[np.float64]:
-        """Shifts at which a model has its best value [m]; none if all its values are alike."""
+        """Shifts at which a model has its best value, (k,) [m]; none if all its values are alike.
+
+        Parameters
+        ----------
+        model : str
+            Name of a model, see `locplan.paper.template_matching.MODELS`.
+        """
         values = self.curves[model] * (-1 if model in DIFFERENCES else 1)
         if np.isnan(values).all() or np.nanmax(values) == np.nanmin(values):
             return np.empty(0)
@@ -76,6 +91,11 @@ def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
 
     Templates of 6 m x 6 m, free or half free and half occupied, are slid by 9 m along strips of
     15 m x 6 m whose levels change at halves or thirds.
+
+    Parameters
+    ----------
+    resolution : float
+        Edge of a cell [m], above 0; the slides have a shift for each cell.
 
     Examples
     --------
@@ -134,7 +154,18 @@ CLAIMS: dict[str, Test] = {
 def maps_of_places(
     *, resolution: float = 0.05, boundary_noise: float = 0.0, seed: int = 0
 ) -> dict[str, OccupancyGrid]:
-    """Draw the maps that the places lie in, by name; see `environments.make`."""
+    """Draw the maps that the places lie in, by name.
+
+    Parameters
+    ----------
+    resolution, boundary_noise, seed
+        See `locplan.maps.environments.make`.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+    """
     make = partial(environments.make, resolution=resolution, boundary_noise=boundary_noise)
     return {name: make(name, seed=seed) for name in dict.fromkeys(PLACES.values())}
 
@@ -142,7 +173,17 @@ def maps_of_places(
 def mismatch_at(
     maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad
 ) -> NDArray[np.float64]:
-    """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2]."""
+    """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2].
+
+    Parameters
+    ----------
+    maps : mapping of str to OccupancyGrid
+        The maps, from `maps_of_places`.
+    place : str
+        The place, "A" to "E".
+    estimator : Sad
+        The estimator, whose template and search window are taken.
+    """
     grid = maps[PLACES[place]]
     return mismatch(grid, *environments.landmarks(PLACES[place])[place], estimator)
 
@@ -157,9 +198,10 @@ def at_places(
     maps : mapping of str to OccupancyGrid
         The maps, from `maps_of_places`.
     estimator : Sad
-        The estimator of the covariances.
+        The estimator of the covariances; `Sad.paper` is that of the claims.
     spread : float
-        Distance along x and y of eight more poses on a square around each place [m]; 0 adds none.
+        Distance along x and y of eight more poses on a square around each place [m], >= 0; 0 adds
+        none.
 
     Returns
     -------
@@ -179,7 +221,13 @@ def at_places(
 def shares_of_claims(
     maps: Mapping[str, OccupancyGrid], estimator: Sad, *, spread: float = SPREAD
 ) -> dict[str, float]:
-    """Share of the poses at which each claim holds; for the arguments see `at_places`."""
+    """Share of the poses at which each claim holds, 0..1, by the claim in words.
+
+    Parameters
+    ----------
+    maps, estimator, spread
+        See `at_places`.
+    """
     found = at_places(maps, estimator, spread=spread)
     return {claim: float(holds(found).mean()) for claim, holds in CLAIMS.items()}
 
@@ -187,7 +235,19 @@ def shares_of_claims(
 def share_smaller_with_range(
     grid: OccupancyGrid, estimator: Sad, longer: float = 8.0, *, spacing: float = 1.0
 ) -> float:
-    """Share of poses, `spacing` [m] apart, where e is not greater with a longer range [m]."""
+    """Share of poses where e is not greater with a longer range, 0..1.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    estimator : Sad
+        The estimator with the shorter range.
+    longer : float
+        The longer range [m].
+    spacing : float
+        Distance of the poses along x and y [m], at least a cell.
+    """
     step = round(spacing / grid.resolution)
     chosen = np.zeros(grid.shape, bool)
     chosen[step // 2 :: step, step // 2 :: step] = True

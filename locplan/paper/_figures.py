@@ -40,6 +40,11 @@ def slides_figure(slides: Sequence[Slide]) -> Figure:
     """Draw slides of `locplan.paper.one_dimensional` side by side (Figs. 4-11).
 
     Each is a template and a map above the curves of the seven models.
+
+    Parameters
+    ----------
+    slides : sequence of Slide
+        The slides, at least one.
     """
     figure = Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
     rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
@@ -68,6 +73,7 @@ def models_figure(
     axis : str
         "x", "y" or "theta".
     title : str
+        Title of the figure, such as the place.
     """
     figure = Picture(figsize=(7, 4.6), layout="constrained")
     axes = figure.subplots()
@@ -83,7 +89,17 @@ def models_figure(
 def draw_models(
     axes: Axes, offsets: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]]
 ) -> None:
-    """Draw the seven models over offsets, each divided by its own greatest magnitude."""
+    """Draw the seven models over offsets, each divided by its own greatest magnitude.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on.
+    offsets : (n,) array
+        Offsets along the axis, in the unit that the caller labels.
+    curves : mapping of str to (n,) array
+        Values of the models by name; where one is NaN, the title says that it is undefined.
+    """
     undefined = []
     for name, values in curves.items():
         known = values[np.isfinite(values)]

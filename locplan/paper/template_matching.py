@@ -25,37 +25,79 @@ from locplan.maps import FREE, OccupancyGrid
 
 
 def ssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Sum of squared differences (Eq. 1)."""
+    """Sum of squared differences (Eq. 1).
+
+    Parameters
+    ----------
+    template, levels : arrays of float
+        See `similarities`; of uint8, differences would wrap around.
+    """
     return float(((template - levels) ** 2).sum())
 
 
 def sad(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Sum of absolute differences (Eq. 2)."""
+    """Sum of absolute differences (Eq. 2).
+
+    Parameters
+    ----------
+    template, levels : arrays of float
+        See `similarities`; of uint8, differences would wrap around.
+    """
     return float(np.abs(template - levels).sum())
 
 
 def nssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Normalised sum of squared differences (Eq. 3)."""
+    """Normalised sum of squared differences (Eq. 3), or NaN where it would divide by zero.
+
+    Parameters
+    ----------
+    template, levels : arrays of float
+        See `similarities`; of uint8, differences would wrap around.
+    """
     return _ratio(ssd(template, levels), _norms(template, levels))
 
 
 def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Normalised cross-correlation (Eq. 4)."""
+    """Normalised cross-correlation (Eq. 4), or NaN where it would divide by zero.
+
+    Parameters
+    ----------
+    template, levels : arrays of float
+        See `similarities`; of uint8, differences would wrap around.
+    """
     return _ratio(cc(template, levels), _norms(template, levels))
 
 
 def zncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Zero-mean normalised cross-correlation (Eq. 5)."""
+    """Zero-mean normalised cross-correlation (Eq. 5), or NaN where it would divide by zero.
+
+    Parameters
+    ----------
+    template, levels : arrays of float
+        See `similarities`; of uint8, differences would wrap around.
+    """
     return ncc(template - template.mean(), levels - levels.mean())
 
 
 def zcc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Zero-mean cross-correlation (Eq. 6)."""
+    """Zero-mean cross-correlation (Eq. 6).
+
+    Parameters
+    ----------
+    template, levels : arrays of float
+        See `similarities`; of uint8, differences would wrap around.
+    """
     return cc(template - template.mean(), levels - levels.mean())
 
 
 def cc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Cross-correlation (Eq. 7)."""
+    """Cross-correlation (Eq. 7).
+
+    Parameters
+    ----------
+    template, levels : arrays of float
+        See `similarities`; of uint8, differences would wrap around.
+    """
     return float((template * levels).sum())
 
 
@@ -75,6 +117,18 @@ DIFFERENCES = ("SSD", "SAD", "NSSD")
 
 def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
     """Compute all seven models from the levels of a template and of the map under it.
+
+    Parameters
+    ----------
+    template : (...) array
+        Levels of the template's cells, 0, 127 or 254, of any shape.
+    levels : (...) array
+        Levels of the map's cells under them, of the same shape.
+
+    Returns
+    -------
+    dict of str to float
+        Value of each model, in the order of Eq. 1-7; NaN where it would divide by zero.
 
     Raises
     ------
@@ -96,7 +150,14 @@ def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
 def slid_along_x(
     template: NDArray[np.uint8], cells: NDArray[np.uint8]
 ) -> dict[str, NDArray[np.float64]]:
-    """Compute the seven models for a template (h, w) slid along a strip of map (h, W).
+    """Compute the seven models for a template slid along a strip of map.
+
+    Parameters
+    ----------
+    template : (h, w) array of uint8
+        Levels of the template's cells.
+    cells : (h, W) array of uint8
+        Levels of the strip's cells, of the same height, W >= w.
 
     Returns
     -------
@@ -121,10 +182,12 @@ def along_axis(
 
     Parameters
     ----------
-    grid, x, y
-        The map, and the position [m].
+    grid : OccupancyGrid
+        The map.
+    x, y : float
+        World position of the disc's centre [m], in free space.
     axis : str
-        "x", "y" or "theta".
+        "x", "y" or "theta", of the map's own axes.
     estimator : Sad
         Its search window bounds the offsets, which go cell by cell, or degree by degree.
 
@@ -133,6 +196,7 @@ def along_axis(
     offsets : (n,) array
         Offsets along the axis [m], or counter-clockwise turns [rad].
     curves : dict of str to (n,) array
+        Values of each model by its name.
 
     Raises
     ------
@@ -201,7 +265,7 @@ def sad_distribution(
     window : OffsetLattice
         The offsets d and the headings theta.
     visible : bool
-        Whether only those cells of the disc count that are visible from c, see `visible_part`.
+        Whether only those cells of the disc count that are visible from c, see `Sad.template`.
 
     Returns
     -------
@@ -241,7 +305,14 @@ def sad_distribution(
 def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray[np.float64]:
     """Compute the mismatch area of a position at every offset of the search window.
 
-    The estimator gives the template and the search window.
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    x, y : float
+        World position [m], in free space.
+    estimator : Sad
+        The estimator, whose template and search window are taken.
 
     Returns
     -------

@@ -48,8 +48,9 @@ def alternatives(
         Costmap of a field; without one only the neighbourhoods count.
     start, goal : (x, y)
         Positions in the world [m].
-    longest : float
-        Greatest length of an alternative, in lengths of the shortest path, >= 1.
+    longest : float, default 1.5
+        Greatest length of an alternative, in lengths of the shortest path, >= 1. Raise it where
+        detours are cheap, or the only other way is long.
     others : mapping of str to Path, optional
         Paths of your own by name, which are taken as they are, after all alternatives; "own" is
         put before a name that an alternative has.

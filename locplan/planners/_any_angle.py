@@ -50,9 +50,11 @@ class AnyAngle:
     """
 
     accuracy: Literal["normal", "high"] = "normal"
-    """Accuracy, "normal" or "high"; "high" takes about five times as long."""
+    """Accuracy, "normal" or "high"; "high" takes about five times as long, for paths that are
+    planned once and driven often."""
     allow_corner_cutting: bool = False
-    """True lets a line pass the corner of a blocked cell."""
+    """True lets a line pass the corner of a blocked cell; set it to compare with a planner that
+    does so."""
     name: ClassVar[str] = "any-angle"
     minimises: ClassVar[str] = "J"
     space: ClassVar[str] = "R2"
@@ -67,7 +69,10 @@ class AnyAngle:
         self.solve(blank_costs(3, 9), (0.5, 0.5), (8.5, 1.5))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan between two world positions [m] in free cells; the path has exactly these ends."""
+        """Plan between two world positions [m] in free cells; the path has exactly these ends.
+
+        See `locplan.planners.Planner.solve`.
+        """
         return self.solve_prepared(costs, Bordered.of(costs), start, goal)
 
     def solve_prepared(
@@ -80,7 +85,17 @@ class AnyAngle:
     ) -> Found:
         """Plan as `solve` does, on a costmap that was prepared for several plans.
 
-        `check` is called now and then during the search; what it raises ends the plan.
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap to plan on.
+        bordered : Bordered
+            The same costmap, prepared by ``Bordered.of(costs)``.
+        start, goal : (x, y)
+            Positions in the world [m].
+        check : callable, optional
+            Function that is called without arguments now and then during the search; what it
+            raises ends the plan.
         """
         cutting = self.allow_corner_cutting
         cells, _ = cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)

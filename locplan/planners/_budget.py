@@ -27,15 +27,18 @@ class BudgetPlanner:
     """
 
     budget: float
-    """Greatest integral of u [m], or of e [m^2 rad m]."""
+    """Greatest integral of u [m], or of e [m^2 rad m], >= 0."""
     objective: Literal["u", "e"] = "u"
-    """The layer that is integrated, "u" or "e"."""
+    """The layer that is integrated: "u" gives degenerate metres [m], "e" the paper's
+    number [m^2 rad m]."""
     allow_corner_cutting: bool = False
-    """True lets a diagonal step pass the corner of a blocked cell."""
+    """True lets a diagonal step pass the corner of a blocked cell; set it to compare with a planner
+    that does so."""
     time_limit: float = 60.0
-    """Time after which the best path so far is returned, with its bound [s]."""
+    """Time after which the best path so far is returned, with its bound [s]; above 0."""
     max_labels: int = 20_000_000
-    """Greatest number of partial paths that are kept; each takes 48 bytes."""
+    """Greatest number of partial paths that are kept, above 0; each takes 48 bytes. Lower it where
+    memory is short."""
     name: ClassVar[str] = "grid"
     minimises: ClassVar[str] = "length"
     space: ClassVar[str] = "R2"
@@ -50,7 +53,18 @@ class BudgetPlanner:
         prepare()
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan between two world positions [m]; a costmap without a field is a ConfigError."""
+        """Plan between two world positions [m] in free cells.
+
+        See `locplan.planners.Planner.solve`. The status is "infeasible", with the least budget that
+        would do, if no path is within the budget.
+
+        Raises
+        ------
+        PoseError
+            If start or goal lies outside the map or in a blocked cell.
+        ConfigError
+            If the costmap has no field.
+        """
         began = time.perf_counter()
         cutting, until = self.allow_corner_cutting, began + self.time_limit
         problem = Problem.between(costs, start, goal, self.objective, cutting, until)

@@ -25,7 +25,7 @@ class CostToGo:
     cost: NDArray[np.float64]
     """Cost from each cell's centre to the goal's cell, (H, W) [m]; infinite without a path."""
     allow_corner_cutting: bool
-    """True lets a diagonal step pass the corner of a blocked cell."""
+    """True if a diagonal step may pass the corner of a blocked cell."""
     _bordered: NDArray[np.float64]
     _half: NDArray[np.float64]
 
@@ -35,7 +35,23 @@ class CostToGo:
         return f"CostToGo({self.costs.grid.name or 'map'}, to {x:g},{y:g} m from {reached} cells)"
 
     def cells(self, start: Position) -> NDArray[np.int64] | None:
-        """The cells (n, 2) of (row, col) of the cheapest path, or None if there is none."""
+        """The cells of the cheapest path.
+
+        Parameters
+        ----------
+        start : (x, y)
+            Position of the start in the world [m].
+
+        Returns
+        -------
+        (n, 2) array of int, or None
+            Row and column of each cell from the start's to the goal's; None if no path joins them.
+
+        Raises
+        ------
+        PoseError
+            If the start lies outside the map or in a blocked cell.
+        """
         from locplan._kernels.search import trace
 
         columns = self.costs.grid.shape[1] + 2
@@ -46,12 +62,39 @@ class CostToGo:
         return cells_of(flat[::-1], columns)
 
     def path(self, start: Position) -> Path | None:
-        """The path of least cost over the cells' centres, or None if there is none."""
+        """The path of least cost over the cells' centres, or None if there is none.
+
+        Parameters
+        ----------
+        start : (x, y)
+            Position of the start in the world [m].
+
+        Raises
+        ------
+        PoseError
+            If the start lies outside the map or in a blocked cell.
+        """
         cells = self.cells(start)
         return None if cells is None else through_centres(self.costs, cells, start, self.goal)
 
     def plan(self, start: Position) -> Plan:
-        """The path and its metrics, as `locplan.plan` gives them with the grid planner."""
+        """The path and its metrics, as `locplan.plan` gives them with the grid planner.
+
+        Parameters
+        ----------
+        start : (x, y)
+            Position of the start in the world [m].
+
+        Returns
+        -------
+        Plan
+            The plan, with status "unreachable" if no path joins start and goal.
+
+        Raises
+        ------
+        PoseError
+            If the start lies outside the map or in a blocked cell.
+        """
         began = time.perf_counter()
         cells, found = self.cells(start), Found()
         if cells is not None:
@@ -68,8 +111,14 @@ def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = F
         The costmap to search.
     goal : (x, y)
         Position of the goal in the world [m].
-    allow_corner_cutting : bool
-        True lets a diagonal step pass the corner of a blocked cell.
+    allow_corner_cutting : bool, default False
+        True lets a diagonal step pass the corner of a blocked cell. Set it to compare with a
+        planner that does so.
+
+    Returns
+    -------
+    CostToGo
+        The cost from every cell to the goal, and the paths there.
 
     Raises
     ------

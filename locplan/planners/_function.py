@@ -33,7 +33,7 @@ class FunctionPlanner:
     function: PlannerFunction
     """The function that plans."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Keyword arguments that the function is called with."""
+    """Keyword arguments that the function is called with; none by default."""
     minimises: ClassVar[str] = "J"
 
     @property
@@ -63,7 +63,7 @@ class FunctionPlanner:
         getattr(self.function, "prepare", lambda: None)()
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Call the function and return what it found."""
+        """Call the function and return what it found. See `locplan.planners.Planner.solve`."""
         result = self.function(costs, start, goal, **self.options)
         if isinstance(result, Path):
             return Found(result)
@@ -77,7 +77,15 @@ class Guarded(Wrapper):
     """A user's planner that gets a costmap of its own, and whose path is checked."""
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan on a copy of the costmap, not timing the copying, and check what is returned."""
+        """Plan on a copy of the costmap, not timing the copying, and check what is returned.
+
+        See `locplan.planners.Planner.solve`.
+
+        Raises
+        ------
+        LocplanError
+            If the planner returns something else than a path that can be driven, or a reason.
+        """
         own = costs.copy()
         began = time.perf_counter()
         found = self.planner.solve(own, start, goal)

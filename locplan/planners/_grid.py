@@ -55,7 +55,8 @@ class GridPlanner:
     """
 
     allow_corner_cutting: bool = False
-    """True lets a diagonal step pass the corner of a blocked cell."""
+    """True lets a diagonal step pass the corner of a blocked cell; set it to compare with a planner
+    that does so."""
     name: ClassVar[str] = "grid"
     minimises: ClassVar[str] = "J"
     space: ClassVar[str] = "R2"
@@ -70,7 +71,10 @@ class GridPlanner:
         self.solve(blank_costs(1, 3), (0.5, 0.5), (2.5, 0.5))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan between two world positions [m] in free cells; the path has exactly these ends."""
+        """Plan between two world positions [m] in free cells; the path has exactly these ends.
+
+        See `locplan.planners.Planner.solve`.
+        """
         cells, expanded = cheapest_cells(
             costs, start, goal, self.allow_corner_cutting, guided=self.guided
         )

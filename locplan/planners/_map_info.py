@@ -118,7 +118,13 @@ class MapInfo(Pictured):
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def command(self, pair: PlacePair) -> str:
-        """The command line that plans between two places."""
+        """The command line that plans between two places.
+
+        Parameters
+        ----------
+        pair : PlacePair
+            Start and goal, such as one of `pairs`.
+        """
         file = self.source.file if self.source else f"{self.grid.name or 'MAP'}.yaml"
         radius = f" --robot-radius {self.robot_radius:g}"
         return (
@@ -221,8 +227,13 @@ def describe_map(
     ----------
     grid : OccupancyGrid, str or path
         The map, or its file, whose thresholds and greys are then looked at, too.
-    robot_radius : float
-        Radius of the robot [m], which decides what is one room, >= 0.
+    robot_radius : float, default 0.25
+        Radius of the robot [m], which decides what is one room, >= 0. Give your robot's own.
+
+    Returns
+    -------
+    MapInfo
+        What was found; its `table` is text for people, `to_json` is fit for JSON.
 
     Raises
     ------

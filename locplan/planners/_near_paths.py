@@ -44,15 +44,18 @@ def planned_near_paths(
     config : FieldConfig
         Settings of the field.
     field_of : callable
-        It returns the field with the values of some lattice points, given as a mask (h, w).
+        Function of a mask (h, w) of lattice points that returns the field with values at those.
     planned : callable
-        It plans on a field.
+        Function of a field that plans on it, and returns what it planned.
     paths_of : callable
-        The paths in what `planned` returned.
+        Function of what `planned` returned that returns the paths in it.
 
     Returns
     -------
-    CovarianceField and what was planned on it.
+    field : CovarianceField
+        The last field; NaN where it was not evaluated.
+    planned
+        What was planned on it.
     """
     needed = wanted_points(grid, config)
     resolution, stride = grid.resolution, stride_cells(config.stride, grid.resolution)

@@ -82,7 +82,19 @@ class ParetoFront(Pictured):
         return "timeout" if math.isinf(self.epsilon) else "unreachable"
 
     def plan(self, index: int) -> Plan:
-        """One of the paths as a plan, with its metrics."""
+        """One of the paths as a plan, with its metrics.
+
+        Parameters
+        ----------
+        index : int
+            Index of the path, 0 for the shortest; -1 for the longest, as in a list. `knee` is the
+            index of a good compromise.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such path.
+        """
         self._check_paths()
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
@@ -147,15 +159,18 @@ def pareto_front(
         Costmap made from a field; its weight does not matter.
     start, goal : (x, y)
         Positions in the world [m].
-    objective : "u" or "e"
-        The layer to integrate: u gives degenerate metres, e gives [m^2 rad m].
-    allow_corner_cutting : bool
-        True lets a diagonal step pass the corner of a blocked cell.
-    time_limit : float
-        Time for all searches together [s]; of it, at most a quarter is kept for completing the
-        front. It may be exceeded by a tenth of a second.
-    max_labels : int
-        Greatest number of partial paths that are kept; each takes 48 bytes.
+    objective : str, default "u"
+        The layer to integrate: "u" gives degenerate metres [m], "e" gives [m^2 rad m].
+    allow_corner_cutting : bool, default False
+        True lets a diagonal step pass the corner of a blocked cell. Set it to compare with a
+        planner that does so.
+    time_limit : float, default 30.0
+        Time for all searches together [s], above 0; of it, at most a quarter is kept for
+        completing the front. It may be exceeded by a tenth of a second. Raise it on a large map
+        where `epsilon` is above 0.
+    max_labels : int, default 20_000_000
+        Greatest number of partial paths that are kept, above 0; each takes 48 bytes. Lower it
+        where memory is short.
 
     Returns
     -------

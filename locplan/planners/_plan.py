@@ -29,6 +29,22 @@ def check_ends(
 ) -> list[Position]:
     """Return start, waypoints and goal as numbers, if the robot can stand at all of them.
 
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whose blocked cells count.
+    start, goal : (x, y) or (x, y, heading)
+        Positions in the world [m], with a heading [rad] in all spaces but "R2".
+    via : sequence of (x, y) or (x, y, heading), default ()
+        Waypoints in between [m, rad].
+    space : str, default "R2"
+        The planner's space: "R2", "SE2", "Dubins" or "ReedsShepp".
+
+    Returns
+    -------
+    list of (x, y) or (x, y, heading)
+        Start, waypoints and goal [m, rad], with headings in -pi..pi.
+
     Raises
     ------
     PoseError
@@ -62,19 +78,23 @@ def plan(
     planner : str, function or Planner, optional
         One of `names`, by default "any-angle"; a function ``f(costs, start, goal, **options)``
         that returns a `Path`, a `Plan` or a `planners.Found`; or an object such as
-        ``planners.AnyAngle(accuracy="high")``.
-    via : sequence of (x, y) or (x, y, heading)
-        Positions in the world to visit on the way, in this order [m].
+        ``planners.AnyAngle(accuracy="high")``. Take one of OMPL's for a robot with a least turning
+        radius.
+    via : sequence of (x, y) or (x, y, heading), default ()
+        Positions in the world to visit on the way, in this order [m, rad].
     max_e : float, optional
-        The path enters no cell whose e is above this [m^2 rad].
+        The path enters no cell whose e is above this [m^2 rad], above 0; by default there is no
+        limit.
     budget : float, optional
         The path is the shortest one whose integral of u is at most this [m], or of e with
-        ``objective="e"`` [m^2 rad m]. The grid planner finds it exactly; its options are the
-        fields of `planners.BudgetPlanner`, which also tells the tolerance.
+        ``objective="e"`` [m^2 rad m], >= 0; by default the path of least J is wanted instead. The
+        grid planner finds it exactly; its options are the fields of `planners.BudgetPlanner`,
+        which also tells the tolerance.
     footprint : Footprint or (n, 2) array, optional
         The robot's outline [m], checked exactly along the path that is returned: the cheapest
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
-        one. A path that only the outline itself can take may be missed.
+        one. A path that only the outline itself can take may be missed. By default the robot is
+        the circle of the costmap's radius; give the outline of a robot that is far from round.
     **options
         Options of the planner: see `planners.GridPlanner` (also for "astar" and "dijkstra"),
         `planners.AnyAngle` and `planners.Ompl`.
@@ -121,7 +141,22 @@ def plan(
 
 
 def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Position) -> Plan:
-    """Plan between two positions that were checked, with a planner that was prepared."""
+    """Plan between two positions that were checked, with a planner that was prepared.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner, as `planner_for` makes it; its `prepare` has been called.
+    costs : Costmap
+        The costmap to plan on.
+    start, goal : (x, y) or (x, y, heading)
+        Positions in the world [m, rad], as `check_ends` returns them.
+
+    Returns
+    -------
+    Plan
+        The plan with the path's metrics and the time that it took.
+    """
     began = time.perf_counter()
     found = planner.solve(costs, start, goal)
     elapsed = time.perf_counter() - began if found.solve_time is None else found.solve_time
@@ -145,7 +180,30 @@ def plan_beside_shortest(
 
     Both are measured on `costs`. Any-angle paths are improved from two beginnings here: unless
     there are limits, the shorter of the two counts as the shortest, and the cheaper one as the
-    other. Paths of planners with random numbers stay as they are. The parameters are `plan`'s.
+    other. Paths of planners with random numbers stay as they are.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Costmap of a field, with the weight of the localizability-aware path.
+    start, goal : (x, y) or (x, y, heading)
+        Positions in the world [m, rad].
+    planner, via, footprint
+        Those of both paths; see `plan`. With a budget the planner is "grid" by default.
+    max_e, budget : float, optional
+        Limits of the localizability-aware path alone; see `plan`.
+    **options
+        Options of the planner of both paths; see `plan`.
+
+    Returns
+    -------
+    dict of str to Plan
+        The plans "shortest" and "localizability-aware".
+
+    Raises
+    ------
+    LocplanError
+        The errors of `plan`.
     """
     if budget is not None:
         planner = planner or "grid"

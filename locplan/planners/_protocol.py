@@ -27,17 +27,17 @@ class Found:
     status: Status = "unreachable"
     """The reason why there is no path; with a path it becomes "solved"."""
     note: str = ""
-    """A text on why there is no path and what would help, if that is known."""
+    """A text on why there is no path and what would help; empty if that is not known."""
     history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
     """Time since an anytime planner began [s] and its best J [m], whenever that fell."""
     bound: float | None = None
-    """Least length that a path within the budget can have [m]."""
+    """Least length that a path within the budget can have [m]; None without a budget."""
     feasible_from: float | None = None
     """Least limit with which there is a path, in the limit's unit, if it is infeasible."""
     expanded: int | None = None
-    """Number of cells that a search over the grid expanded, over all legs."""
+    """Number of cells that a search over the grid expanded, over all legs; None if not counted."""
     solve_time: float | None = None
-    """Time spent planning, where the planner measures that itself [s]."""
+    """Time spent planning [s], where the planner measures that itself; else `plan` does."""
 
     def __post_init__(self) -> None:
         if self.path is not None:
@@ -75,7 +75,22 @@ class Planner(Protocol):
         """Compile and load what `solve` needs, so that no plan is timed with it."""
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan between two world positions [m] or poses [m, rad] where the robot can stand."""
+        """Plan between two world positions [m] or poses [m, rad] where the robot can stand.
+
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap to plan on, which must not be changed.
+        start, goal : (x, y) or (x, y, heading)
+            Positions in the world [m], with a heading in -pi..pi [rad] in all spaces but "R2".
+            `locplan.plan` has checked them.
+
+        Returns
+        -------
+        Found
+            The path from start to goal, whose ends may be off by 1.5 cells; or the reason why
+            there is none.
+        """
 
 
 @dataclass(frozen=True)

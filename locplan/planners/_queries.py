@@ -45,7 +45,17 @@ class Query:
 
 
 def check_random(count: int, seed: int, least_distance: float) -> None:
-    """Raise a ConfigError unless random queries can be drawn; to be called before long work."""
+    """Raise a ConfigError unless random queries can be drawn; to be called before long work.
+
+    Parameters
+    ----------
+    count : int
+        Number of queries, 1 to 10,000.
+    seed : int
+        Seed of the random numbers, >= 0.
+    least_distance : float
+        Least distance between start and goal in a straight line [m], >= 0.
+    """
     whole("the number of random queries", count, 1, MAX_RANDOM)
     whole("the seed of random queries", seed, 0)
     number("least_distance", least_distance, 0)
@@ -82,10 +92,19 @@ def queries_of(
 
 
 def read_queries(file: str | os.PathLike[str]) -> list[Query]:
-    """Read queries from a CSV file with columns name, start_x, start_y, goal_x and goal_y [m].
+    """Read queries from a CSV file.
 
-    Columns start_heading_deg and goal_heading_deg [degrees] may follow, and be empty. A file with
-    columns name, x and y [m] has stations, and each two of them are a query.
+    Parameters
+    ----------
+    file : path
+        File with columns name, start_x, start_y, goal_x and goal_y [m]; start_heading_deg and
+        goal_heading_deg [deg] may follow, and be empty. Or a file with columns name, x and y [m]
+        of stations, each two of which are a query.
+
+    Returns
+    -------
+    list of Query
+        The queries in the order of the rows, with headings in radians.
 
     Raises
     ------
@@ -136,13 +155,18 @@ def random_queries(
     costs : Costmap
         The costmap, whose robot radius counts; its weight does not matter.
     count : int
-        Number of queries, at least 1.
+        Number of queries, 1 to 10,000.
     seed : int
-        Seed of the random numbers; the same seed gives the same queries.
+        Seed of the random numbers, >= 0; the same seed gives the same queries.
     least_distance : float
-        Least distance between start and goal in a straight line [m].
-    headed : bool
-        True gives the queries random headings as well.
+        Least distance between start and goal in a straight line [m], >= 0.
+    headed : bool, default False
+        True gives the queries random headings as well, for planners whose space has headings.
+
+    Returns
+    -------
+    list of Query
+        The queries, named "random 1" and so on.
 
     Raises
     ------

@@ -33,6 +33,20 @@ def planner_for(
 ) -> Planner:
     """Make the planner, with its options and limits, that `locplan.plan` uses for these arguments.
 
+    Parameters
+    ----------
+    planner : str, function or Planner, optional
+        The planner; "any-angle" by default, or "grid" with a budget.
+    options : mapping of str to object, optional
+        The planner's options by name; those that are left out have their defaults.
+    via, max_e, budget, footprint
+        Limits that a path must keep; see `locplan.plan`. By default there are none.
+
+    Returns
+    -------
+    Planner
+        The planner, checked. One of the user's own is wrapped in `Guarded`.
+
     Raises
     ------
     ConfigError
@@ -66,7 +80,15 @@ def outline_of(footprint: Footprint | ArrayLike | None) -> Footprint | None:
 
 
 def takes(planner: Planner, option: str) -> bool:
-    """Return whether a planner has an option of this name."""
+    """Return whether a planner has an option of this name.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner.
+    option : str
+        Name of an option, such as "seed".
+    """
     planner = innermost(planner)
     if isinstance(planner, FunctionPlanner):
         return option in planner.parameters
@@ -74,14 +96,31 @@ def takes(planner: Planner, option: str) -> bool:
 
 
 def innermost(planner: Planner) -> Planner:
-    """The planner without its limits."""
+    """The planner without its limits.
+
+    Parameters
+    ----------
+    planner : Planner
+        A planner as `planner_for` makes it.
+    """
     while isinstance(planner, Wrapper):
         planner = planner.planner
     return planner
 
 
 def options_of(planner: Planner) -> dict[str, Any]:
-    """The options and limits of a planner that differ from their defaults."""
+    """The options and limits of a planner that differ from their defaults.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner.
+
+    Returns
+    -------
+    dict of str to object
+        Their values by name; all options of a function.
+    """
     if isinstance(planner, FunctionPlanner):
         return dict(planner.options)
     inner = options_of(planner.planner) if isinstance(planner, Wrapper) else {}
@@ -91,7 +130,20 @@ def options_of(planner: Planner) -> dict[str, Any]:
 
 
 def with_options(planner: Planner, **options: Any) -> Planner:
-    """A copy of a planner with other options; a ConfigError if it does not have them."""
+    """A copy of a planner with other options.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner.
+    **options
+        New values of some options; the others stay.
+
+    Raises
+    ------
+    ConfigError
+        If the planner does not have one of them.
+    """
     if isinstance(planner, Wrapper):
         return dataclasses.replace(planner, planner=with_options(planner.planner, **options))
     if isinstance(planner, FunctionPlanner):

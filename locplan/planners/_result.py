@@ -21,29 +21,31 @@ class Plan(Pictured):
     """The status is "solved", or says that no path leads to the goal ("unreachable"), that none
     keeps the limits ("infeasible"), or that none was found in time ("timeout")."""
     planner: str
-    """The planner's name."""
+    """The planner's name, such as "any-angle"."""
     start: Position
     """Position of the start in the world [m], or its pose [m, rad]."""
     goal: Position
     """Position of the goal in the world [m], or its pose [m, rad]."""
     path: Path | None
-    """The path from start to goal, or None."""
+    """The path from start to goal; None without one."""
     metrics: PathMetrics | None
-    """The metrics of the path, or None."""
+    """The metrics of the path on `costs`; None without a path."""
     solve_time: float
     """Time spent planning, without compilation [s]."""
     via: tuple[Position, ...] = ()
-    """Positions in the world that the path visits on the way [m]."""
+    """Positions in the world that the path visits on the way [m], or poses [m, rad]."""
     max_e: float | None = None
-    """The greatest e that was allowed, if any [m^2 rad]."""
+    """The greatest e that was allowed [m^2 rad]; None if there was no limit."""
     budget: float | None = None
-    """The greatest integral that was allowed, if any [m, or m^2 rad m]."""
+    """The greatest integral that was allowed, of u [m] or of e [m^2 rad m]; None if there was
+    none."""
     footprint: tuple[Position, ...] | None = None
-    """The outline that had to stay clear of walls, if any [m]."""
+    """The corners (x, y) of the outline that had to stay clear of walls, about the robot's centre
+    [m]; None if the robot's radius counted."""
     bound: float | None = None
-    """Least length that a path within the budget can have [m]."""
+    """Least length that a path within the budget can have [m]; None without a budget."""
     feasible_from: float | None = None
-    """Least `budget` or `max_e` with which there is a path, if it is infeasible."""
+    """Least `budget` or `max_e` with which there is a path, in its unit, if it is infeasible."""
     minimises: bool = True
     """True if the planner seeks the least J; some of OMPL's stop at the first path they find."""
     expanded: int | None = None
@@ -52,9 +54,9 @@ class Plan(Pictured):
     """Time since a sampling planner began [s] and its best J [m], whenever that fell; there is
     none over waypoints."""
     note: str = ""
-    """A text on why there is no path and what would help, if that is known."""
+    """A text on why there is no path and what would help; empty if that is not known."""
     costs: Costmap | None = field(default=None, compare=False)
-    """The costmap that `metrics` were measured on."""
+    """The costmap that `metrics` were measured on; None if that is not known."""
 
     def __repr__(self) -> str:
         ends = " to ".join(",".join(f"{v:g}" for v in end) for end in (self.start, self.goal))
@@ -66,7 +68,13 @@ class Plan(Pictured):
         )
 
     def measured_on(self, costs: Costmap) -> Plan:
-        """A copy with the metrics on another costmap of the same map, without history."""
+        """A copy with the metrics on another costmap of the same map, without history.
+
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap to measure the path on, such as one of another weight or estimator.
+        """
         if self.path is None:
             return self
         metrics = path_metrics(costs, self.path)

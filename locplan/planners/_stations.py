@@ -29,7 +29,17 @@ class Station:
 
 
 def read_stations(file: str | os.PathLike[str]) -> list[Station]:
-    """Read stations from a CSV file with columns name, x and y [m].
+    """Read stations from a CSV file.
+
+    Parameters
+    ----------
+    file : path
+        File with columns name, x and y [m].
+
+    Returns
+    -------
+    list of Station
+        The stations in the order of the rows.
 
     Raises
     ------

@@ -3,6 +3,6 @@
 The functions that begin with ``draw_`` draw on given Axes; the others make a whole figure.
 """
 
-import lazy_loader
+from locplan._util.public import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -15,7 +15,7 @@ from matplotlib.patches import Wedge
 from locplan.field import CovarianceField, position_axes, scalar
 from locplan.field._samples import sampled
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.plotting._captions import how, weak_spots
+from locplan.plotting._captions import HARMLESS, how, weak_spots
 from locplan.plotting._cells import draw_cells, field_cells, shrunk, values_of
 from locplan.plotting._maps import (
     draw_field,
@@ -63,10 +63,10 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     ----------
     field : CovarianceField
         The field.
-    name : str
+    name : str, optional
         "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
         one of the field's layers; by default what degeneracy is made of. For several headings,
-        that of the mean information is drawn.
+        that of the mean information is drawn. Deviations are shown in cm and degrees.
     """
     figure, axes = map_axes(field.grid)
     image = draw_field(axes, field, name)
@@ -87,9 +87,9 @@ def fields_figure(
     Parameters
     ----------
     rows : sequence of mappings of str to CovarianceField
-        The fields of each map by the title to show; e has one unit in all of them.
+        The fields of each map by the title to show, at least one; e has one unit in all of them.
     name : str
-        Scalar or layer, see `field_figure`.
+        Scalar or layer that all fields have, see `field_figure`.
     parts : sequence of OccupancyGrid, optional
         The part of each map that is drawn, cut out of it along its cells; all of it by default.
     """
@@ -127,11 +127,12 @@ def ellipses_figure(
     Parameters
     ----------
     fields : mapping of str to CovarianceField
-        Fields of one map, by the title to show.
+        Fields of one map, by the title to show, at least one.
     spacing : float
-        Least distance of the poses from one another [m].
+        Least distance of the poses from one another [m], above 0; more of them on a large map.
     magnify : float
-        Factor on the ellipses; 1 draws one standard deviation to the map's scale.
+        Factor on the ellipses, above 0; 1 draws one standard deviation to the map's scale, and 10
+        shows the shape of ellipses of a few centimetres.
     """
     figure, grid_of_axes = _side_by_side(fields)
     for axes, (title, field) in zip(grid_of_axes, fields.items(), strict=True):
@@ -150,7 +151,17 @@ def ellipses_figure(
 def draw_ellipses(
     axes: Axes, field: CovarianceField, *, spacing: float = 2.0, magnify: float = 1.0
 ) -> None:
-    """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
+    """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    field : CovarianceField
+        The field; several headings count by their mean information.
+    spacing, magnify
+        See `ellipses_figure`.
+    """
     draw_map(axes, field.grid)
     xy, covariance = sampled(field, spacing)
     if not len(xy):
@@ -188,14 +199,17 @@ def e_figure(
     Parameters
     ----------
     fields : mapping of str to CovarianceField
-        Fields of one map, by the title to show.
+        Fields of one map, by the title to show, at least one.
     limits : (float, float), optional
-        Ends of the colour scale; by default 0 and the 98 % quantile of the free cells' e.
+        Ends of the colour scale [m^2 rad]; by default 0 and the 98 % quantile of the free cells' e,
+        or the e of u = 1/3 where that is more. Give them to compare figures.
     """
     maps = [field_cells(field, field.scalar("e", headings="mean")) for field in fields.values()]
     if limits is None:
         known = np.concatenate([values[np.isfinite(values)] for values in maps])
-        limits = 0.0, float(np.quantile(known, E_QUANTILE)) if known.size else 1.0
+        low, high = next(iter(fields.values())).anchors("e")
+        least = low * (high / low) ** HARMLESS  # what is less has no strong colour
+        limits = 0.0, max(least, float(np.quantile(known, E_QUANTILE)) if known.size else 0.0)
     figure, grid_of_axes = _side_by_side(fields)
     image = None
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
@@ -206,7 +220,7 @@ def e_figure(
         walls = np.where(cells == OCCUPIED, WALL_SHADE, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
         draw_cells(axes, field.grid, np.dstack([white, walls]))
-        axes.set_title(title, fontsize="medium")
+        axes.set_title(f"{title}\n{weak_spots(field, e[np.isfinite(e)], 'e')}", fontsize="medium")
     assert image is not None
     label = next(iter(fields.values())).quantity("e").axis
     figure.colorbar(image, ax=grid_of_axes, label=label, extend="max", shrink=0.8)
@@ -216,6 +230,6 @@ def e_figure(
 def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
     """Figure and Axes for maps of one size, one above the other where that shows them larger."""
     width, height = map_size(next(iter(fields.values())).grid)
-    shape = (len(fields), 1) if width > 1.4 * height else (1, len(fields))
+    shape = (len(fields), 1) if 1.4 * width > height else (1, len(fields))
     figure = Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
     return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()

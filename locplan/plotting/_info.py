@@ -33,7 +33,7 @@ def info_figure(info: MapInfo) -> Figure:
     Parameters
     ----------
     info : MapInfo
-        The description of the map, of `locplan.planners.describe_map`.
+        The description of the map, from `locplan.planners.describe_map`.
     """
     figure, axes = map_axes(info.grid)
     draw_map(axes, info.grid)

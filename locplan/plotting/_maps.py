@@ -55,6 +55,13 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     """Draw the map in world coordinates: walls black, unknown space grey, free space white.
 
     The inside of what is solid is grey, too, and only its rim black.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on; its limits become those of the map [m].
+    grid : OccupancyGrid
+        The map.
     """
     draw_cells(axes, grid, shades(grid), cmap=MAP_COLOURS, vmin=0, vmax=SOLID)
     xlim, ylim = limits_of(grid)
@@ -80,11 +87,24 @@ def draw_field(
 ) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
-    It is the one that degeneracy is made of unless another is named. `part` is the part of the
-    map that is drawn, all of it by default.
-
     The scale begins at the anchor of a perfect match and ends at the greatest value drawn; that of
     scalars without Q begins at their least value.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on; its limits become those of the map [m].
+    field : CovarianceField
+        The field; several headings count by their mean information.
+    name : str, optional
+        Scalar or layer, see `field_figure`; by default what degeneracy is made of.
+    part : OccupancyGrid, optional
+        Part of the map that is drawn, cut out of it along its cells; all of it by default.
+
+    Returns
+    -------
+    matplotlib.image.AxesImage
+        The values, for a colour bar, in the unit of `CovarianceField.quantity`.
     """
     name = name or field.config.estimator.criterion
     values = field.scalar(name, headings="mean")
@@ -150,12 +170,30 @@ def _power_of_ten(value: float, _: object) -> str:
 
 
 def draw_path(axes: Axes, path: Path, **style: Any) -> None:
-    """Draw a path as a line, in a style of matplotlib."""
+    """Draw a path as a line with a white outline.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    path : Path
+        The path.
+    **style
+        Properties of the line for ``Axes.plot``, such as color and linewidth.
+    """
     axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": outline(), **style})
 
 
 def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
-    """Draw start (circle) and goal (star), each with an arrow if it has a heading."""
+    """Draw start (circle) and goal (star), each with an arrow if it has a heading.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    start, goal : (x, y) or (x, y, heading)
+        The poses in the world [m, m, rad].
+    """
     axes.plot(*start[:2], "o", markersize=7, zorder=4, **END_STYLE)
     axes.plot(*goal[:2], "*", markersize=13, zorder=4, **END_STYLE)
     for x, y, *heading in (start, goal):
@@ -166,7 +204,23 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
-    """Write a figure, whole or not at all; the suffix chooses the format (.png, .pdf, .svg)."""
+    """Write a figure, whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    path : path
+        The file, whose suffix chooses the format: .png, .pdf or .svg. One that is there is
+        replaced.
+    dpi : int
+        Pixels an inch of a .png; more make a larger and sharper picture.
+
+    Raises
+    ------
+    LocplanError
+        If the suffix is another, or the file cannot be written.
+    """
     check_target(FilePath(path), *PICTURES)
     suffix = FilePath(path).suffix.lower().lstrip(".")
     with replacing(path) as temporary:

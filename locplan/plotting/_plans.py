@@ -72,7 +72,7 @@ def plan_figure(
     costs : Costmap
         The costmap that the paths were planned on.
     field : CovarianceField
-        The field to draw below the paths.
+        The field to draw below the paths, of the costmap's map.
     plans : mapping of str to Plan
         At most four plans, by the name to show; plans without a path are only named.
     recommended : str, optional

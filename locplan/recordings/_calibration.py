@@ -38,6 +38,7 @@ class DriveCalibration:
     """What a recorded drive says of a robot: for fields, for its filter, and for simulations."""
 
     recording: Recording
+    """The drive."""
     config: FieldConfig
     """Settings of the field, with the fitted noise level and the range noise of its lidar."""
     field: Calibration | None
@@ -101,15 +102,21 @@ def calibrate_drive(
     config : FieldConfig or Estimator, optional
         Settings of the field; by default those of `locplan.Scan` with the recording's lidar.
     amcl : Amcl, optional
-        The robot's filter. The alphas that are fitted hold for its distance between updates. They
-        are those of the odometry alone, and no advice for a filter, whose particles must spread
-        more.
+        The robot's filter; Nav2's defaults without it. The alphas that are fitted hold for its
+        distance between updates. They are those of the odometry alone, and no advice for a filter,
+        whose particles must spread more.
     disturbances : Disturbances, optional
-        Disturbances whose values stay where a drive says nothing of them.
+        Disturbances whose values stay where a drive says nothing of them; those of a small robot
+        indoors by default.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
+
+    Returns
+    -------
+    DriveCalibration
+        The field's settings, the disturbances and the noise, with what limits them.
 
     Raises
     ------

@@ -51,11 +51,12 @@ class DriveEvaluation(Pictured):
     _drawn_by: ClassVar[str] = "locplan.recordings._figures:drive_figure"
 
     matches: Matches
-    """The measured ones."""
+    """The measured ones: posteriors of the scans."""
     predicted: Mapping[str, Numbers]
-    """Covariances at the poses and headings of the scans, (n, d, d), by the estimators' names."""
+    """Covariances at the poses and headings of the scans by the estimators' names, (n, d, d) in the
+    world [m, m, rad]; d is 2 or 3, and NaN where there is no field."""
     criteria: Mapping[str, str]
-    """The scalar that each estimator ranks places by."""
+    """The scalar that each estimator ranks places by, such as "position_std"."""
 
     def __repr__(self) -> str:
         return f"DriveEvaluation({len(self.matches)} scans, {', '.join(self.predicted)})"
@@ -143,14 +144,19 @@ def evaluate_drive(
         The drive; its poses are the reference.
     grid : OccupancyGrid
         The map; the poses are in its world frame.
-    estimators : dict of Estimator, optional
+    estimators : mapping of str to Estimator, optional
         The estimators by name; by default all of them with the recording's lidar.
     settings : Scan, optional
         The search window and the likelihood of the measurement, see `match_scans`.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) fields and matchings.
+
+    Returns
+    -------
+    DriveEvaluation
+        Both deviations at each scan, how well they agree, and a verdict in two sentences.
 
     Raises
     ------

@@ -45,6 +45,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     Parameters
     ----------
     found : DriveEvaluation
+        What `evaluate_drive` returned.
     """
     grid, recording = found.matches.grid, found.matches.recording
     shown = [Path(recording.poses[:, :2])]

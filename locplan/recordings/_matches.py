@@ -50,7 +50,7 @@ class Matches:
     covariance: Numbers
     """Covariance about the mean, (n, 3, 3) [m, m, rad]; NaN where a scan tells too little."""
     ambiguity: Numbers
-    """Probability outside the central mode, (n,)."""
+    """Probability outside the central mode, (n,), 0..1."""
     entropy: Numbers
     """Entropy of the posterior, (n,) [nat]."""
     score: Numbers
@@ -101,9 +101,14 @@ def match_scans(
         The search window and the likelihood of beams; its `lidar` must be the recording's. By
         default +-1.5 m in 0.1 m and +-4 deg in 1 deg, 180 beams that tell as much as 15.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) scans.
+
+    Returns
+    -------
+    Matches
+        The posterior of each scan; NaN where it has fewer than 10 returns or lies off the map.
 
     Raises
     ------

@@ -61,22 +61,25 @@ def read_drive(
     ----------
     file : path
         The file, or the folder of a bag.
-    every : int
-        Keep every n-th scan.
+    every : int, default 1
+        Keep every n-th scan, n >= 1. Raise it for a long drive, whose neighbouring scans tell the
+        same.
     window : (start, end), optional
-        Keep the scans of a part of the drive, from its start on [s].
+        Keep the scans of a part of the drive, from `start` up to `end` after its beginning [s],
+        0 <= start < end; all by default.
     scan_topic : str, optional
-        Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". Not
-        for CSV and NPZ.
+        Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". It is needed where there
+        are several. Not for CSV and NPZ.
     pose_topic, odom_topic : str, optional
         Topics of the robot's poses, in place of TF, and of its odometry. Only for bags.
-    map_frame : str
+    map_frame : str, default "map"
         Frame of the poses. Not for CSV and NPZ.
     base_frame : str, optional
         Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
         bags.
     range_limits : (least, greatest), optional
-        Distances between which a beam's reading is a return [m], where the log's own are wrong.
+        Distances between which a beam's reading is a return [m], 0 <= least < greatest, where the
+        log's own are wrong.
     mount : (x, y, yaw), optional
         Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
     progress : callable, optional

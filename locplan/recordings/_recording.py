@@ -62,7 +62,7 @@ class Recording:
     lidar: Lidar
     """The lidar, with its mount on the robot."""
     poses: Numbers
-    """Poses of the robot in the map's frame at the scans, (n, 3) [m, m, rad]."""
+    """Poses x, y, heading of the robot in the map's frame at the scans, (n, 3) [m, m, rad]."""
     times: Numbers | None = None
     """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
     odometry: Numbers | None = None
@@ -153,11 +153,22 @@ class Recording:
         )
 
     def every(self, count: int) -> Recording:
-        """Recording of every n-th scan, from the first on."""
+        """Recording of every n-th scan, from the first on.
+
+        Parameters
+        ----------
+        count : int
+            The number n, at least 1.
+        """
         return self[:: whole("every", count)]
 
     def window(self, start: float, end: float) -> Recording:
-        """Recording of the scans from `start` up to `end` after the first one [s].
+        """Recording of the scans of a part of the drive.
+
+        Parameters
+        ----------
+        start, end : float
+            Times after the first scan [s]: from `start` on, before `end`.
 
         Raises
         ------
@@ -180,6 +191,13 @@ class Recording:
         """Recording whose poses are turned about the map frame's origin, then shifted [m, m, rad].
 
         It is the remedy where `fit_to_map` finds that a map was shifted.
+
+        Parameters
+        ----------
+        x, y : float
+            Shift after the turn [m].
+        turn : float
+            Turn about the frame's origin, counter-clockwise [rad].
         """
         x, y, turn = number("x", x), number("y", y), number("turn", turn)
         return replace(self, poses=moved(self.poses, (x, y, turn)))
@@ -207,7 +225,12 @@ class Recording:
         return DriveSummary.of(self.contents)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save as .npz, without loss, or as .csv, to 0.1 mm; `read_drive` says what is in them.
+        """Save the recording; `read_drive` says what is in the file.
+
+        Parameters
+        ----------
+        path : path
+            File that ends in .npz, which loses nothing, or in .csv, rounded to 0.1 mm.
 
         Raises
         ------
@@ -221,6 +244,11 @@ class Recording:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recording:
         """Load what `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+            File that ends in .npz or .csv.
 
         Raises
         ------

@@ -52,10 +52,10 @@ class Consistency:
     """
 
     within: Interval
-    """Share of the recorded positions in the filter's 95 % ellipse."""
+    """Share of the recorded positions in the filter's 95 % ellipse, 0..1."""
     wider: float
     """Factor by which the filter's ellipses would have to be wider for half of the positions to lie
-    in those of 50 %."""
+    in those of 50 %; 1 where they are right."""
     filter_std: float
     """Median of the filter's rms deviation of the position [m]."""
     error: float
@@ -92,13 +92,17 @@ class Replay(Pictured):
     _drawn_by: ClassVar[str] = "locplan.recordings._replay_figures:replay_figure"
 
     recording: Recording
+    """The drive."""
     grid: OccupancyGrid
+    """The map."""
     amcl: Amcl
+    """Parameters of the filter."""
     start_sigma: float
     """Standard deviation of the filter's first position in x and y [m]."""
     start_sigma_deg: float
     """Standard deviation of the filter's first heading [deg]."""
     seed: int
+    """Seed of all random numbers."""
     errors: Numbers
     """The filter's pose minus the recorded one, (runs, n, 3), in the world [m, m, rad]."""
     covariances: Numbers
@@ -223,17 +227,25 @@ def replay(
     grid : OccupancyGrid
         The map; the poses are in its world frame.
     amcl : Amcl, optional
-        Parameters of the filter; Nav2's defaults.
-    runs : int
-        Number of runs, which have random numbers of their own.
-    start_sigma, start_sigma_deg : float
-        Standard deviations of the filter's first position [m] and heading [deg].
-    seed : int
-        Seed of all random numbers; equal seeds give equal results, on any number of threads.
+        Parameters of the filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
+    runs : int, default 20
+        Number of runs, 1 to 10,000, which have random numbers of their own. Raise it to tell how
+        often a filter is lost.
+    start_sigma : float, default 0.1
+        Standard deviation of the filter's first position in x and y [m], >= 0.
+    start_sigma_deg : float, default 3.0
+        Standard deviation of the filter's first heading [deg], >= 0.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) runs.
+
+    Returns
+    -------
+    Replay
+        The errors of all runs, the filter's own covariances, and a verdict.
 
     Raises
     ------

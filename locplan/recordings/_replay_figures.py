@@ -28,6 +28,7 @@ def replay_figure(replay: Replay) -> Figure:
     Parameters
     ----------
     replay : Replay
+        What `locplan.recordings.replay` returned.
     """
     grid, xy = replay.grid, replay.recording.poses[:, :2]
     shown = [Path(xy)]

@@ -50,9 +50,10 @@ class ScanNoise:
     range_sigma: Interval
     """Scatter of the ranges about the map's walls [m]: the lidar's noise and the map's together."""
     outliers: Interval
-    """Share of the beams that end at a random distance, from those that go through walls."""
+    """Share of the beams that end at a random distance, from those that go through walls,
+    0..1."""
     blocked: Interval
-    """Share of the beams that are shorter than the map says, without outliers."""
+    """Share of the beams that are shorter than the map says, without outliers, 0..1."""
     occlusion: Interval
     """Share of the scans in which an object stands 0.5 to 2 m away, as in simulation: of those that
     show one, over the chance that it stands before the wall."""

@@ -41,13 +41,19 @@ def record_drive(
     lidar : Lidar
         The lidar that is recorded.
     disturbances : Disturbances, optional
-        The differences of the world from the map, outliers, and the noise of the odometry.
-    spacing : float
-        Distance from scan to scan [m]; it is rounded to multiples of 0.05 m.
-    speed : float
-        Speed of the robot [m/s].
-    seed : int
-        Seed of all random numbers.
+        The differences of the world from the map, outliers, and the noise of the odometry; those
+        of a small robot indoors by default.
+    spacing : float, default 0.2
+        Distance from scan to scan [m], above 0; it is rounded to multiples of 0.05 m.
+    speed : float, default 0.5
+        Speed of the robot [m/s], above 0.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
+
+    Returns
+    -------
+    Recording
+        The scans with times, true poses and odometry.
 
     Raises
     ------

@@ -36,7 +36,7 @@ class DriveSummary:
     returns: float
     """Share of the beams that have a return, 0..1."""
     median_range: float
-    """Median distance of the returns [m]."""
+    """Median range of the returns [m]."""
     poses: str
     """Where the poses come from."""
     odometry: str
@@ -46,7 +46,13 @@ class DriveSummary:
 
     @classmethod
     def of(cls, drive: Contents) -> DriveSummary:
-        """The summary of a recording."""
+        """The summary of a recording.
+
+        Parameters
+        ----------
+        drive : Contents
+            The fields of a recording, as `Recording.contents` gives them.
+        """
         known = drive.ranges[np.isfinite(drive.ranges)]
         steps = np.hypot(*np.diff(drive.poses[:, :2], axis=0).T)
         has_odometry = drive.odometry is not None

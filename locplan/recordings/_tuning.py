@@ -106,18 +106,25 @@ def tune_on_drive(
         The map; the poses are in its world frame.
     amcl : Amcl, optional
         The user's own settings, from which the search begins; Nav2's by default.
-    drives : int
-        Number of replays of each stretch, at least 2.
-    start_sigma, start_sigma_deg : float
-        Standard deviations of the filter's first position [m] and heading [deg] on a stretch.
-    others : mapping, optional
+    drives : int, default 8
+        Number of replays of each stretch, 2 to 100,000.
+    start_sigma : float, default 0.1
+        Standard deviation of the filter's first position in x and y on a stretch [m], >= 0.
+    start_sigma_deg : float, default 3.0
+        Standard deviation of the filter's first heading on a stretch [deg], >= 0.
+    others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
-    seed : int
-        Seed of all random numbers.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
+
+    Returns
+    -------
+    Tuning
+        The settings to use, and the evidence for them.
 
     Raises
     ------

@@ -48,29 +48,32 @@ class Calibration:
     noise_level: Interval
     """Noise level k with the 95 % interval of a bootstrap over the places, at this tau."""
     fitted_tau: bool
+    """True if tau was fitted, too."""
     factor: float
-    """Factor by which a place's rms error typically differs from Sigma's: exp of the rms
-    difference of their logarithms."""
+    """Factor, at least 1, by which a place's rms error typically differs from Sigma's: exp of the
+    rms difference of their logarithms."""
     factor_before: float
     """Factor by which the errors differed from Sigma's before the calibration."""
     within_two: float
-    """Share of the places whose rms error is within a factor 2 of Sigma's."""
+    """Share of the places whose rms error is within a factor 2 of Sigma's, 0..1."""
     r_squared: float
     """Share of the variance of the errors' logarithm that Sigma explains; below 0 it is worse than
     one value for all places."""
     spearman: float
-    """Rank correlation of Sigma's deviation with the error."""
+    """Spearman's rank correlation of Sigma's deviation with the error, -1..1."""
     consistency: float
     """Mean of e' inv(Sigma) e / 2 over all position errors e; 1 where Sigma is neither too small
     nor too large."""
     floor_share: float
-    """Share of the places whose errors are below Q alone, which no k can reach."""
+    """Share of the places whose errors are below Q alone, which no k can reach, 0..1."""
     predicted: Array
     """Rms position deviation of each place by the calibrated Sigma, (n,) [m]."""
     measured: Array
     """Rms position error that was measured at each place, (n,) [m]."""
     maps: Sequence[str]
+    """Names of the maps of the places."""
     error: ErrorKind
+    """Kind of error that was fitted: "tracking" of a filter, or "match" of single scans."""
 
     def __repr__(self) -> str:
         return (
@@ -132,21 +135,24 @@ def calibrate(
     ----------
     places : sequence of Places
         Results of `locplan.simulation.measure`, or the `places` of an evaluation.
+        Together they have at least 10 places.
     config : FieldConfig or Estimator, optional
-        Settings of the field to calibrate.
-    error : str
-        Kind of error to fit: "tracking" or "match".
-    fit_tau : bool
-        Whether to fit tau, too; the estimator must be "sad" with exponential weights. A tau that
-        fits errors in metres is not suited for planning: a large one sees no corridor.
+        Settings of the field to calibrate; `Sad()` by default.
+    error : str, default "tracking"
+        Kind of error to fit: "tracking" of a particle filter, or "match" of single scans. Take
+        "match" for a robot that localizes itself by scan matching.
+    fit_tau : bool, default False
+        True fits tau, too; the estimator must be "sad" with exponential weights. A tau that fits
+        errors in metres is not suited for planning: a large one sees no corridor.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) values of tau.
 
     Returns
     -------
     Calibration
+        The fitted settings, and how well they fit.
 
     Raises
     ------
@@ -313,6 +319,7 @@ def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]
 
 
 def check_determined(level: float) -> None:
+    """Raise a CalibrationError if a noise level lies at the ends of those tried."""
     low, high = LEVELS
     if level < 2 * low:
         raise CalibrationError(
@@ -327,4 +334,5 @@ def check_determined(level: float) -> None:
 
 
 def factor_of(predicted: Array, measured: Array) -> float:
+    """Factor by which predicted and measured deviations (n,) typically differ."""
     return float(np.exp(np.sqrt(np.mean(np.log(predicted / measured) ** 2))))

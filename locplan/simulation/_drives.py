@@ -38,7 +38,7 @@ class Drives:
     """
 
     poses: NDArray[np.float64]
-    """The true poses, (n, 3), in the world [m, m, rad]."""
+    """The true poses x, y, heading, (n, 3), in the world [m, m, rad]."""
     errors: NDArray[np.float64]
     """The filter's pose minus the true one, (drives, n, 3), in the world [m, m, rad]."""
 
@@ -89,12 +89,12 @@ class Drives:
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """True for each drive that was lost at any time, (drives,)."""
+        """True for each drive that was lost, off by more than 1 m, at any time, (drives,)."""
         return np.asarray(self.position_error.max(axis=1) > LOST)
 
     @property
     def lost_rate(self) -> Interval:
-        """Share of the drives that were lost at any time."""
+        """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
         return wilson(float(self.lost.mean()), len(self.lost))
 
     @property
@@ -143,7 +143,18 @@ PROFILE = (
 
 
 def rmse_ratio(drives: Drives, others: Drives) -> Interval:
-    """Ratio of the RMSE of some drives to that of others with the same seeds."""
+    """Ratio of the RMSE of some drives to that of others with the same seeds.
+
+    Parameters
+    ----------
+    drives, others : Drives
+        Equally many drives; the n-th of both have the same world and seed.
+
+    Returns
+    -------
+    Interval
+        The ratio with its 95 % interval over the drives; below 1 the former are better.
+    """
     return of_rms(drives.mean_squares, others.mean_squares)
 
 

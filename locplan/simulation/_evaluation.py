@@ -60,13 +60,20 @@ class Evaluation:
     places: Sequence[Places]
     """Places and errors of each map."""
     predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
-    """Values of each predictor at the places of each map, (n,)."""
+    """Values of each predictor at the places of each map, (n,); a predictor names a field and its
+    scalar, or a baseline, and greater values foresee greater errors."""
     lidar: Lidar
+    """Lidar of the robot."""
     amcl: Amcl
+    """Parameters of the robot's filter."""
     disturbances: Disturbances
+    """Noise, errors of odometry, and how the worlds differ from the map."""
     drives: int
+    """Number of drives to each place."""
     scans: int
+    """Number of single scans at each place."""
     seed: int
+    """Seed of all random numbers."""
 
     def __repr__(self) -> str:
         places = sum(len(each.points) for each in self.places)
@@ -97,7 +104,13 @@ class Evaluation:
         return places.position_rmse(kind)
 
     def of_map(self, number: int) -> Evaluation:
-        """Evaluation of one map by itself."""
+        """Evaluation of one map by itself.
+
+        Parameters
+        ----------
+        number : int
+            Index of the map in `places`, from 0 on.
+        """
         return dataclasses.replace(
             self, places=[self.places[number]], predictions=[self.predictions[number]]
         )
@@ -136,8 +149,20 @@ class Evaluation:
     def quantiles(self, number: int, size: str) -> list[float]:
         """Percentiles 10, 50 and 90 of the sizes of errors, over a map's places.
 
-        `size` is one of `SIZES` or the name of a kind of error, which stands for its RMSE. Places
-        where the size is not known are left out.
+        Places where the size is not known are left out.
+
+        Parameters
+        ----------
+        number : int
+            Index of the map in `places`, from 0 on.
+        size : str
+            "tracking_median_m", "lost_rate", "tracking_kept_rmse_m", "tracking_rmse_m",
+            "match_median_m" or "match_rmse_m"; "tracking" and "match" stand for their RMSE.
+
+        Returns
+        -------
+        list of float
+            The three percentiles [m], or shares of "lost_rate"; NaN if no place is known.
         """
         values = self._sizes.get(size, self._sizes.get(f"{size}_rmse_m"))
         assert values is not None, size
@@ -148,7 +173,13 @@ class Evaluation:
         return quantiles
 
     def lost_rate(self, number: int) -> float:
-        """Share of the drives to a map's places that were lost at any time."""
+        """Share of the drives to a map's places that were lost at any time, 0..1.
+
+        Parameters
+        ----------
+        number : int
+            Index of the map in `places`, from 0 on.
+        """
         return float(self.places[number].lost.mean())
 
     @cached_property
@@ -237,26 +268,32 @@ def evaluate(
     ----------
     grids : sequence of OccupancyGrid
         One map or several.
-    lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and the disturbances; see `Simulator`.
-    places : int
-        Greatest number of random places on each map, which are at least 1 m apart.
-    drives, scans : int
-        Number of drives to each place, and of single scans at each.
+    lidar : Lidar, optional
+        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
+    amcl : Amcl, optional
+        Parameters of its filter; Nav2's defaults without them, see `read_amcl`.
+    disturbances : Disturbances, optional
+        Noise, errors of odometry, and how the worlds differ from the map.
+    places : int, default 100
+        Greatest number of random places on each map, at least 2, which are at least 1 m apart.
+    drives, scans : int, default 16
+        Number of drives to each place, and of single scans at each, 1 to 100,000. More of them
+        narrow the errors of a place, more places the intervals.
     disc : float, optional
-        Radius of the templates of "sad" [m]; by default the paper's.
-    robot_radius : float
+        Radius of the templates of "sad" [m]; by default the paper's 6 m. Take the lidar's range.
+    robot_radius : float, default 0.25
         Radius of the robot, which limits where drives may go [m].
-    seed : int
-        Seed of all random numbers; equal seeds give equal results.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal results.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) drives, places and fields of all maps.
 
     Returns
     -------
     Evaluation
+        The errors, each predictor's ranks, and a conclusion in two sentences.
 
     Raises
     ------

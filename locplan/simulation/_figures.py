@@ -129,7 +129,13 @@ def simulation_figure(simulation: Simulation) -> Figure:
 
 
 def queries_figure(routes: Routes) -> Figure:
-    """RMSE and share of lost drives of both paths of each query, and the mean ratios."""
+    """RMSE and share of lost drives of both paths of each query, and the mean ratios.
+
+    Parameters
+    ----------
+    routes : Routes
+        Drives along both paths of some queries, as `simulate_queries` returns them.
+    """
     rmse = np.array([each.rmse for each in routes.routes])
     lost = np.array([each.lost for each in routes.routes])
     panels = 2 if lost.any() else 1
@@ -168,7 +174,13 @@ def queries_figure(routes: Routes) -> Figure:
 
 
 def evaluation_figure(evaluation: Evaluation) -> Figure:
-    """Rank correlation of each predictor with both kinds of error, and two predictors' places."""
+    """Rank correlation of each predictor with both kinds of error, and two predictors' places.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Errors and predictions at places, as `evaluate` returns them.
+    """
     predictors, several = list(evaluation.predictions[0]), len(evaluation.places) > 1
     rows = np.arange(len(predictors))[::-1]
     figure = Picture(figsize=(9, 5.2 + 0.24 * len(predictors)), layout="constrained")
@@ -233,7 +245,13 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
 
 
 def calibration_figure(calibration: Calibration) -> Figure:
-    """Measured errors over the calibrated deviation of each place."""
+    """Measured errors over the calibrated deviation of each place.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The fit, as `calibrate` returns it.
+    """
     figure = Picture(figsize=(6.2, 5.6), layout="constrained")
     axes = figure.subplots()
     ends = _equal_ends(axes, np.concatenate([calibration.predicted, calibration.measured]))

@@ -50,9 +50,14 @@ class ParameterWarning(UserWarning):
 
 
 def read_amcl(path: str | os.PathLike[str]) -> Amcl:
-    """Read AMCL's parameters from a parameter file of Nav2; missing ones have their defaults.
+    """Read AMCL's parameters from a parameter file of Nav2.
 
     Warns of parameters in the file that are not simulated.
+
+    Parameters
+    ----------
+    path : path
+        YAML file with a node `amcl`; parameters that are missing there have Nav2's defaults.
 
     Raises
     ------

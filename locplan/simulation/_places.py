@@ -46,8 +46,9 @@ class Places:
     """
 
     grid: OccupancyGrid
+    """The map."""
     points: NDArray[np.int64]
-    """Rows and columns on the lattice of a field's default stride, (n, 2)."""
+    """Rows and columns of the places on the lattice of a field's default stride, (n, 2)."""
     tracking: NDArray[np.float64]
     """Second moments of the particle filter's errors, (n, 3, 3), in the world [m, m, rad]."""
     match: NDArray[np.float64]
@@ -57,7 +58,8 @@ class Places:
     match_median: NDArray[np.float64]
     """Median of the matches' position error, (n,) [m]."""
     lost: NDArray[np.float64]
-    """Share of the drives to each place that were lost at any time, (n,)."""
+    """Share of the drives to each place that were lost, off by more than 1 m, at any time, (n,),
+    0..1."""
     kept_rmse: NDArray[np.float64]
     """RMSE of the position of the drives that were not lost, (n,) [m]; NaN where all were."""
     halves: NDArray[np.float64]
@@ -73,19 +75,43 @@ class Places:
         return np.column_stack(self.grid.grid_to_world(rows, cols))
 
     def moments(self, kind: ErrorKind) -> NDArray[np.float64]:
-        """Second moments of one kind of error, (n, 3, 3)."""
+        """Second moments of one kind of error, (n, 3, 3), in the world [m, m, rad].
+
+        Parameters
+        ----------
+        kind : str
+            "tracking" of a particle filter, or "match" of single scans.
+        """
         return self.tracking if kind == "tracking" else self.match
 
     def position_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
-        """RMSE of the position at each place, (n,) [m]."""
+        """RMSE of the position at each place, (n,) [m].
+
+        Parameters
+        ----------
+        kind : str
+            "tracking" or "match", see `Places.moments`.
+        """
         return np.sqrt(self.moments(kind)[:, 0, 0] + self.moments(kind)[:, 1, 1])
 
     def position_median(self, kind: ErrorKind) -> NDArray[np.float64]:
-        """Median error of the position at each place, (n,) [m]."""
+        """Median error of the position at each place, (n,) [m].
+
+        Parameters
+        ----------
+        kind : str
+            "tracking" or "match", see `Places.moments`.
+        """
         return self.tracking_median if kind == "tracking" else self.match_median
 
     def heading_rmse(self, kind: ErrorKind) -> NDArray[np.float64]:
-        """RMSE of the heading at each place, (n,) [rad]."""
+        """RMSE of the heading at each place, (n,) [rad].
+
+        Parameters
+        ----------
+        kind : str
+            "tracking" or "match", see `Places.moments`.
+        """
         return np.sqrt(self.moments(kind)[:, 2, 2])
 
 
@@ -101,11 +127,11 @@ def choose_points(
     grid : OccupancyGrid
         The map.
     count : int
-        Greatest number of points; there are fewer if the map has no more.
+        Greatest number of points, at least 2; there are fewer if the map has no more.
     robot_radius : float
         Radius of the robot [m].
     seed : int
-        Seed of the random numbers.
+        Seed of the random numbers, >= 0.
 
     Returns
     -------
@@ -155,7 +181,7 @@ def measure(
         Places, as returned by `choose_points`.
     robot_radius : float
         Radius of the robot, which limits where drives may go [m].
-    drives, scans : int
+    drives, scans : int, default 16
         Number of drives to each place, and of scans at each; 0 leaves them out.
     progress : callable, optional
         Called with (done, total) drives and places.
@@ -163,6 +189,7 @@ def measure(
     Returns
     -------
     Places
+        The errors of the filter and of the matches at each place.
     """
     grid = simulator.grid
     costs = Costmap.blank(grid, robot_radius=robot_radius)

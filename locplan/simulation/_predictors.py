@@ -97,7 +97,7 @@ def predictions(
     points : (n, 2) array
         Rows and columns on the lattice of the default stride.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     """
     found: dict[Predictor, Array] = {}
     for name, config in fields.items():

@@ -19,7 +19,7 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
 from locplan.simulation._drives import Drives, check_drives, contrasts
-from locplan.simulation._settings import Amcl, Disturbances
+from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
 
@@ -35,6 +35,7 @@ class Route:
     """Results of drives along both paths of one query."""
 
     query: Query
+    """Start and goal of both paths."""
     lengths: tuple[float, float]
     """Lengths of the shortest and of the aware path [m]."""
     median: tuple[float, float]
@@ -74,7 +75,9 @@ class Routes:
     """Drives along both paths of many queries on one map; intervals are over the queries."""
 
     grid: OccupancyGrid
+    """The map."""
     routes: Sequence[Route]
+    """Results of each query that has a path."""
     about: Mapping[str, object]
     """Settings of the costs, the filter and the worlds, fit for JSON."""
 
@@ -193,12 +196,15 @@ def simulate_queries(
         Costmap of a field, with the weight of the aware paths; the planner is any-angle.
     queries : sequence of Query
         Queries to drive; those without a path are left out.
-    lidar, amcl, disturbances, drives, seed, threads, progress
-        See `simulate`.
+    lidar : Lidar, optional
+        The robot's lidar; by default the field's, or one that sees all round as far as the field.
+    amcl, disturbances, drives, seed, threads, progress
+        See `simulate`; the drives are those along each path.
 
     Returns
     -------
     Routes
+        The errors along both paths of each query, and their ratios over the queries.
 
     Raises
     ------
@@ -207,7 +213,12 @@ def simulate_queries(
     """
     check_drives(drives)
     simulator = Simulator(
-        costs.grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
+        costs.grid,
+        lidar=lidar or lidar_of(costs.settings.config if costs.settings else None),
+        amcl=amcl,
+        disturbances=disturbances,
+        seed=seed,
+        threads=threads,
     )
     both = {query: planned(costs, query) for query in queries}
     found = {query: paths for query, paths in both.items() if len(paths) == 2}

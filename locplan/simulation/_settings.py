@@ -47,7 +47,8 @@ def lidar_of(config: FieldConfig | None) -> Lidar:
 class Amcl(Settings):
     """Parameters of Nav2's AMCL, by its names and with its defaults.
 
-    They are those of its motion models and its likelihood fields. As by default in Nav2,
+    They are those of its motion models and its likelihood fields. Give your robot's own, which
+    `read_amcl` reads from its file; `tune` looks for better ones. As by default in Nav2,
     `recovery_alpha_fast` and `_slow` are 0: no random particles are added. Unlike here, Nav2
     ignores a map's yaw.
 
@@ -63,15 +64,16 @@ class Amcl(Settings):
     """
 
     alpha1: float = 0.2
-    """Variance of a turn per square of the turn [1]."""
+    """Variance of a turn per square of the turn, >= 0 [1]."""
     alpha2: float = 0.2
-    """Variance of a turn per square of the distance driven in an update [rad^2 / m^2]."""
+    """Variance of a turn per square of the distance driven in an update, >= 0 [rad^2 / m^2]."""
     alpha3: float = 0.2
-    """Variance of the distance per square of the distance [1]."""
+    """Variance of the distance per square of the distance, >= 0 [1]."""
     alpha4: float = 0.2
-    """Variance of the distance per square of the turn [m^2 / rad^2]."""
+    """Variance of the distance per square of the turn, >= 0 [m^2 / rad^2]."""
     alpha5: float = 0.2
-    """Variance of a shift to the side per square of the distance [1]; omnidirectional only."""
+    """Variance of a shift to the side per square of the distance, >= 0 [1]; only an omnidirectional
+    robot has it."""
     robot_model_type: Literal[
         "nav2_amcl::DifferentialMotionModel", "nav2_amcl::OmniMotionModel"
     ] = DIFFERENTIAL
@@ -79,35 +81,38 @@ class Amcl(Settings):
     laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = "likelihood_field"
     """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
     laser_likelihood_max_dist: float = 2.0
-    """Greatest distance of a beam's end from a wall; larger ones count as this [m]."""
+    """Greatest distance of a beam's end from a wall, above 0; larger ones count as this [m]."""
     laser_min_range: float = -1.0
     """Range below which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
     laser_max_range: float = 100.0
     """Range above which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
     max_beams: int = 60
-    """Approximate number of a scan's beams, evenly spaced, that are compared."""
+    """Approximate number of a scan's beams, evenly spaced, that are compared; at least 2."""
     max_particles: int = 2000
-    """Greatest number of particles; if equal to `min_particles`, the number is constant."""
+    """Greatest number of particles, up to a million; if equal to `min_particles`, the number is
+    constant."""
     min_particles: int = 500
-    """Least number of particles."""
+    """Least number of particles, at least 1."""
     pf_err: float = 0.05
-    """Greatest error that KLD sampling allows; a smaller one takes more particles."""
+    """Greatest error that KLD sampling allows, above 0; a smaller one takes more particles."""
     pf_z: float = 0.99
-    """Quantile of the normal distribution for KLD sampling, as in AMCL: not the probability."""
+    """Quantile of the normal distribution for KLD sampling, above 0, as in AMCL: not the
+    probability."""
     resample_interval: int = 1
-    """Number of updates per resampling."""
+    """Number of updates per resampling, at least 1."""
     sigma_hit: float = 0.2
-    """Standard deviation of the distance of a beam's end from a wall [m]."""
+    """Standard deviation of the distance of a beam's end from a wall, above 0 [m]."""
     update_min_a: float = 0.2
-    """Turn after which the filter updates [rad]."""
+    """Turn after which the filter updates, >= 0 [rad]."""
     update_min_d: float = 0.25
-    """Distance along x or y after which the filter updates [m]."""
+    """Distance along x or y after which the filter updates, >= 0 [m]."""
     z_hit: float = 0.5
-    """Weight of beams that end at a wall."""
+    """Weight of beams that end at a wall, 0..1."""
     z_rand: float = 0.5
-    """Weight of beams that end anywhere."""
+    """Weight of beams that end anywhere, 0..1; this and `z_hit` are not both 0."""
     half_cell: bool = True
-    """True reads the likelihood field half a cell aside along x and y, as Nav2's AMCL does."""
+    """True reads the likelihood field half a cell aside along x and y, as Nav2's AMCL does; False
+    simulates a filter that reads it where the beams end."""
 
     def __post_init__(self) -> None:
         one_of("laser_model_type", self.laser_model_type, MODELS)
@@ -154,6 +159,7 @@ class Disturbances(Settings):
     """Disturbances of a robot: noise, errors of odometry, and worlds that differ from the map.
 
     The defaults are those of a small robot indoors, set before anything was measured with them.
+    `locplan.recordings.calibrate_drive` finds those of a recorded drive.
 
     Raises
     ------
@@ -167,34 +173,36 @@ class Disturbances(Settings):
     """
 
     boundary_noise: float = 0.1
-    """Share of the cells between free space and walls in which the world differs from the map."""
+    """Share of the cells between free space and walls in which the world differs from the map,
+    0..1; raise it where furniture is moved or the map is old."""
     worlds: int = 8
-    """Number of such worlds; drives take them in turn."""
+    """Number of such worlds, 1 to 1000; drives take them in turn."""
     outliers: float = 0.04
-    """Share of the beams that end at a random distance within the range."""
+    """Share of the beams that end at a random distance within the range, 0..1."""
     occlusion: float = 0.2
-    """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away."""
+    """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away, 0..1;
+    raise it where people walk about."""
     occlusion_deg: float = 20.0
-    """Width of this object in the lidar's view [deg]."""
+    """Width of this object in the lidar's view, 0 to 360 [deg]."""
     distance_drift: float = 0.02
-    """Standard deviation of the reported distance after 1 m [m]; it grows with the root of the
-    distance."""
+    """Standard deviation of the reported distance after 1 m, >= 0 [m]; it grows with the root of
+    the distance."""
     heading_drift_deg: float = 1.0
-    """Standard deviation of the reported heading after 1 m [deg]; it grows with the root of the
-    distance."""
+    """Standard deviation of the reported heading after 1 m, >= 0 [deg]; it grows with the root of
+    the distance."""
     turn_drift_deg: float = 1.0
-    """Standard deviation of the reported heading after a turn of 1 rad [deg]; it grows with the
-    root of the turn."""
+    """Standard deviation of the reported heading after a turn of 1 rad, >= 0 [deg]; it grows with
+    the root of the turn."""
     distance_bias: float = 0.02
-    """Standard deviation, from drive to drive, of the factor on reported distances."""
+    """Standard deviation, from drive to drive, of the factor on reported distances, >= 0 [1]."""
     heading_bias_deg: float = 1.0
-    """Standard deviation, from drive to drive, of a reported bend to one side [deg/m]."""
+    """Standard deviation, from drive to drive, of a reported bend to one side, >= 0 [deg/m]."""
     turn_bias: float = 0.02
-    """Standard deviation, from drive to drive, of the factor on reported turns."""
+    """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
     start_sigma: float = 0.1
-    """Standard deviation of the filter's first position in x and y [m]."""
+    """Standard deviation of the filter's first position in x and y, >= 0 [m]."""
     start_sigma_deg: float = 3.0
-    """Standard deviation of the filter's first heading [deg]."""
+    """Standard deviation of the filter's first heading, >= 0 [deg]."""
 
     def __post_init__(self) -> None:
         shares = ("boundary_noise", "outliers", "occlusion")

@@ -29,16 +29,21 @@ class Simulation:
     """Drives along some paths on one map."""
 
     grid: OccupancyGrid
+    """The map."""
     paths: Mapping[str, Path]
     """Paths by name; the others are compared with the first."""
     drives: Mapping[str, Drives]
     """Drives of each path, equally many; the n-th of all have the same world and seed."""
     lidar: Lidar
+    """Lidar of the robot."""
     amcl: Amcl
+    """Parameters of the robot's filter."""
     disturbances: Disturbances
+    """Noise, errors of odometry, and how the worlds differ from the map."""
     seed: int
+    """Seed of all random numbers."""
     costs: Costmap | None = None
-    """Costmap that the paths were planned on, if that is known."""
+    """Costmap that the paths were planned on; None if that is not known."""
 
     def __repr__(self) -> str:
         driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
@@ -83,14 +88,18 @@ def simulate(
     paths : mapping of str to Path, or to (n, 2) array
         Paths by name, each within the free cells; the others are compared with the first. Arrays
         are positions in the world [m].
-    lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and the disturbances; see `Simulator`.
-    drives : int
-        Number of drives along each path, at least 2.
-    seed : int
-        Seed of all random numbers; equal seeds give equal results, on any number of threads.
+    lidar : Lidar, optional
+        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
+    amcl : Amcl, optional
+        Parameters of its filter; Nav2's defaults without them, see `read_amcl`.
+    disturbances : Disturbances, optional
+        Noise, errors of odometry, and how the worlds differ from the map.
+    drives : int, default 100
+        Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     costs : Costmap, optional
         Costmap that the paths were planned on, for the result's summary.
     progress : callable, optional
@@ -99,6 +108,7 @@ def simulate(
     Returns
     -------
     Simulation
+        The errors along each path.
 
     Raises
     ------

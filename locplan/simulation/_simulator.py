@@ -47,18 +47,20 @@ class Simulator:
     lidar : Lidar, optional
         The robot's lidar; by default one of 6 m that sees all round.
     amcl : Amcl, optional
-        Parameters of the filter.
+        Parameters of the filter; Nav2's defaults without them.
     disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map.
-    seed : int
-        Seed of all random numbers. Drive n has the same ones whatever else is driven.
+        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
+        indoors by default.
+    seed : int, default 1
+        Seed of all random numbers, >= 0. Drive n has the same ones whatever else is driven.
     threads : int, optional
-        Number of threads; all cores by default. The results do not depend on it.
+        Number of threads, at least 1; all cores by default. The results do not depend on it.
 
     Raises
     ------
     ConfigError
-        If seed or threads are out of their range.
+        If seed or threads are out of their range; in its methods, too, if worlds, drives or scans
+        take more memory than there is.
     """
 
     def __init__(
@@ -114,8 +116,9 @@ class Simulator:
         Parameters
         ----------
         lines : sequence of (n, 3) arrays
-            True poses in the world [m, m, rad]; the lines take the worlds in turn.
-        stream : int
+            True poses x, y, heading in the world [m, m, rad], about 0.05 m apart; the lines take
+            the worlds in turn.
+        stream : int, default 0
             Number of the stream of random numbers; different streams are independent.
         progress : callable, optional
             Called with (done, total) drives.
@@ -153,7 +156,7 @@ class Simulator:
             True poses of each line in the world [m, m, rad].
         drives : int
             Greatest number of drives of each line; the n-th of all have the same world and seed.
-        stream : int
+        stream : int, default 0
             Number of the stream of random numbers.
         enough : callable, optional
             Called with what is returned after each round of drives; True ends them.
@@ -199,7 +202,17 @@ class Simulator:
         stream: int = 0,
         progress: ProgressCallback | None = None,
     ) -> Drives:
-        """Drive one line `drives` times; see `drive`."""
+        """Drive one line several times.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            True poses x, y, heading in the world [m, m, rad].
+        drives : int
+            Number of drives, at least 1.
+        stream, progress
+            See `Simulator.drive`.
+        """
         return Drives(poses, self.drive([poses] * drives, stream=stream, progress=progress))
 
     def match(
@@ -271,7 +284,13 @@ class Simulator:
         return _turned(errors, self.grid.origin[2])
 
     def on_grid(self, poses: Poses) -> Poses:
-        """Poses in the map's own axes [m, m, rad]."""
+        """Poses in the map's own axes, from its origin on, (n, 3) [m, m, rad].
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            Poses x, y, heading in the world [m, m, rad].
+        """
         rows, cols = self.grid.world_to_grid(*poses[:, :2].T)
         heading = poses[:, 2] - self.grid.origin[2]
         return np.column_stack([cols * self.grid.resolution, rows * self.grid.resolution, heading])

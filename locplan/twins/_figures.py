@@ -76,8 +76,9 @@ def twins_figure(twins: Twins, starts: Sequence[Start] | None = None) -> Figure:
         said[-1] += f"; {more} more"
     axes.set_title("\n".join([title, *said]), fontsize="small", loc="left")
     if handles:
-        at: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.09)}
-        axes.legend(handles=handles, ncols=3, fontsize="small", frameon=False, **at)
+        figure.legend(
+            handles=handles, ncols=3, fontsize="small", frameon=False, loc="outside lower center"
+        )
     return figure
 
 

@@ -60,28 +60,30 @@ def find_twins(
         The robot's lidar.
     places : iterable of (x, y), optional
         Places in the world [m]; by default all that the robot can reach, `spacing` apart.
-    spacing : float
-        Distance between neighbouring places [m].
-    global_effective_beams : float
-        Number of independent beams that tell as much as all round do, which makes losses nats. It
-        is fitted to global matches; it is not the number of `locplan.Scan`, which is fitted to the
-        uncertainty of a match near its place.
-    robot_radius : float
-        Distance that the robot keeps from walls [m].
-    count_missing : bool
-        Whether a beam without a return counts against places where it would meet a wall in range;
-        AMCL ignores such beams.
+    spacing : float, default 0.8
+        Distance between neighbouring places [m], at least a cell. A smaller one misses less, and
+        takes longer.
+    global_effective_beams : float, default 36.0
+        Number of independent beams that tell as much as all round do, above 0, which makes losses
+        nats. It is fitted to global matches; it is not the number of `locplan.Scan`, which is
+        fitted to the uncertainty of a match near its place.
+    robot_radius : float, default 0.25
+        Distance that the robot keeps from walls [m], >= 0.
+    count_missing : bool, default False
+        True lets a beam without a return count against places where it would meet a wall in range.
+        AMCL ignores such beams; set it for a matcher that does not.
     database : ScanDatabase, optional
         What the lidar sees on this map, if it is to be kept by the caller, as for `locate`; its
         clearance must be the robot's radius. By default the last four are kept.
     threads : int, optional
-        Number of threads; all cores by default. The result does not depend on it.
+        Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
         Called with (done, total) poses, which are looked at for twins and then for symmetries.
 
     Returns
     -------
     Twins
+        What each place can be mistaken for, and the symmetries of the map.
 
     Raises
     ------

@@ -79,15 +79,19 @@ def locate(
     lidar : Lidar, optional
         The lidar, with its mount on the robot. A recording has its own.
     near : Path or (n, 2) array, optional
-        Only poses along this path, or near one of these positions, are looked for [m].
-    within : float
+        Only poses along this path, or near one of these positions in the world, are looked for
+        [m]; by default all of the map.
+    within : float, default 3.0
         Their greatest distance from it, at least 0.5 [m].
-    count : int
-        Greatest number of modes that are kept. The weights are shares of all that were found.
-    clearance : float
-        Distance of the robot's centre from walls at which a pose is possible [m].
+    count : int, default 10
+        Greatest number of modes that are kept, at least 1. The weights are shares of all that were
+        found.
+    clearance : float, default 0.1
+        Distance of the robot's centre from walls at which a pose is possible [m], >= 0. Raise it to
+        the robot's radius where map and walls agree well.
     database : ScanDatabase, optional
-        What the lidar sees on this map, if it is to be kept by the caller. It has the clearance.
+        What the lidar sees on this map, if it is to be kept by the caller. Its own clearance
+        counts. By default the last four are kept.
 
     Returns
     -------

@@ -149,13 +149,14 @@ def locate_drive(
     near, within, count, clearance, database
         See `locate`.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) scans.
 
     Returns
     -------
     LocatedDrive
+        The location of each scan, and how many are right.
 
     Raises
     ------

@@ -30,9 +30,9 @@ class Mode:
     pose: tuple[float, float, float]
     """x, y, heading in the world [m, m, rad]."""
     weight: float
-    """Share of the posterior: of exp(-loss) over all modes."""
+    """Share of the posterior, of exp(-loss) over all modes, 0..1."""
     excess: float
-    """How much worse it explains the scan than the best mode does [nats]."""
+    """How much worse it explains the scan than the best mode does, >= 0 [nats]."""
     covariance: Numbers
     """Covariance of the pose in the world, (3, 3) [m, m, rad], as that of `match_scans`: the
     posterior over +-1.5 m and +-4 deg about the pose."""
@@ -75,7 +75,7 @@ class Location:
     grid: OccupancyGrid
     """The map."""
     lidar: Lidar
-    """The lidar."""
+    """The lidar that took the scan."""
     ranges: Numbers
     """The scan: distances along the lidar's beams, (beams,) [m], inf without a return."""
     modes: tuple[Mode, ...]
@@ -85,7 +85,7 @@ class Location:
     explained: float
     """Share of the returns that end within two deviations of a wall at the best pose, 0..1."""
     restricted: bool
-    """Whether only places near a route were looked at."""
+    """True if only places near a route were looked at."""
 
     def __repr__(self) -> str:
         return f"Location({self.best!r}, second {self.second:.1f} nats)"

@@ -47,9 +47,9 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     Parameters
     ----------
     location : Location
-        A located scan.
+        A located scan, as `locate` returns it.
     recorded : (3,) array, optional
-        Another pose to show, such as the recorded one [m, m, rad].
+        Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by default.
     """
     grid, best = location.grid, location.best
     width, height = map_size(grid)
@@ -171,6 +171,7 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     Parameters
     ----------
     found : LocatedDrive
+        What `locate_drive` returned.
     """
     grid, drive = found.grid, found.recording.poses[:, :2]
     poses, right, certain = found.poses[:, :2], found.right, found.certain
@@ -216,5 +217,6 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
         axes.plot([], [], "+", color=BEST, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     lines = textwrap.wrap(found.sentence, int(11 * width), break_on_hyphens=False)
-    figure.suptitle("\n".join([f"{grid.name or 'map'}", *lines]), fontsize="medium")
+    title = f"{grid.name or 'map'}; {found.recording.lidar.title}"
+    figure.suptitle("\n".join([title, *lines]), fontsize="medium")
     return figure

@@ -38,17 +38,19 @@ class Matching(Settings):
     lidar: Lidar
     """The lidar: its range, field of view and mount; its number of beams does not matter."""
     global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS
-    """Number of independent beams that tell as much as 96 all round."""
+    """Number of independent beams that tell as much as 96 all round, above 0."""
     sigma_hit: float = 0.1
-    """Standard deviation of the distance of a beam's end from a wall, at least a cell [m]."""
+    """Standard deviation of the distance of a beam's end from a wall [m], above 0; it counts as at
+    least a cell."""
     z_rand: float = 0.05
-    """Share of the beams that end anywhere."""
+    """Share of the beams that end anywhere, above 0 and below 1."""
     robot_radius: float = ROBOT_RADIUS
-    """Distance from walls at which a pose is possible [m]."""
+    """Distance from walls at which a pose is possible [m], >= 0."""
     count_missing: bool = False
-    """Whether a beam without a return counts against poses at which it meets a wall in range."""
+    """True lets a beam without a return count against poses at which it meets a wall in range."""
     shortlisted: int = 600
-    """Number of pairs of a place and a turn that are refined, before alike ones are dropped."""
+    """Number of pairs of a place and a turn that are refined, before alike ones are dropped, 1 to
+    100,000."""
 
     def __post_init__(self) -> None:
         instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
@@ -67,7 +69,13 @@ class Matching(Settings):
         instance("count_missing", self.count_missing, bool)
 
     def sigmas(self, resolution: float) -> NDArray[np.float64]:
-        """Deviations at which a pose is refined, one after the other, at least a cell [m]."""
+        """Deviations at which a pose is refined, one after the other, at least a cell [m].
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of the map's cells [m].
+        """
         levels = [max(factor * self.sigma_hit, resolution) for factor in (4, 2, 1)]
         return np.array(sorted(set(levels), reverse=True))
 
@@ -84,10 +92,19 @@ class Matching(Settings):
         return np.asarray(np.abs(aside) <= half + 1e-9)
 
     def compared(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Ranges of scans at `bearings`, (n, 96), from all the lidar's beams, (n, beams) [m].
+        """Ranges of scans at `bearings`.
 
-        Each is that of the next beam, which errs as much as any: infinite without a return, which
-        is what a range below the least or beyond the greatest one is, and NaN out of the view.
+        Parameters
+        ----------
+        ranges : (n, beams) array
+            Distances along all the lidar's beams [m], in the order of ``lidar.angles``.
+
+        Returns
+        -------
+        (n, 96) array
+            Range of the beam next to each bearing, which errs as much as any [m]: infinite without
+            a return, which is what a range below the least or beyond the greatest one is, and NaN
+            out of the view.
         """
         beams = self.lidar.angles + self.lidar.mount_yaw
         aside = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi

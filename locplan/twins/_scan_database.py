@@ -50,7 +50,8 @@ class ScanDatabase:
     lidar: Lidar
     """The lidar, with its mount on the robot."""
     clearance: float = CLEARANCE
-    """Distance of the robot's centre from walls at which a pose is possible [m]."""
+    """Distance of the robot's centre from walls at which a pose is possible [m], >= 0; for
+    `find_twins` the robot's radius."""
 
     def __post_init__(self) -> None:
         check_grid(self.grid)
@@ -85,7 +86,14 @@ class ScanDatabase:
         return matching.nats_a_loss * float(matching.seen.sum()) / beams
 
     def near(self, places: Path | Numbers, within: float) -> Database:
-        """Ranges at the places near a path, or near some of the positions x, y (n, 2) [m].
+        """Ranges at the places near a path or near some positions.
+
+        Parameters
+        ----------
+        places : Path or (n, 2) array
+            The path, or positions x, y in the world [m].
+        within : float
+            Greatest distance of a place from them [m].
 
         Raises
         ------

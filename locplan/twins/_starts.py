@@ -24,7 +24,7 @@ class Start:
     excess: float
     """Least excess of any other place, of this place and its neighbours [nats]."""
     elsewhere: float
-    """Greatest share of the posterior elsewhere, of this place and its neighbours."""
+    """Greatest share of the posterior elsewhere, of this place and its neighbours, 0..1."""
 
 
 def best_starts(

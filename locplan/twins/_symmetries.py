@@ -39,7 +39,7 @@ class Symmetry:
     moved: tuple[float, float]
     """World position that the move takes this middle to [m]."""
     share: float
-    """Share of the places that the move takes to a twin."""
+    """Share of the places that the move takes to a twin, 0..1."""
 
     @property
     def distance(self) -> float:
@@ -146,15 +146,17 @@ def _proposed(
     # A turn by `ALIKE_TURN` counts as much as a move by `ALIKE`.
     around = np.column_stack([np.cos(turns), np.sin(turns)]) / ALIKE_TURN
     points = np.column_stack([moved * resolution / ALIKE, around])
-    near = cKDTree(points).query_ball_point(points, 1.0)
+    tree = cKDTree(points)
+    # Only the numbers: where everything repeats, the neighbours of all points take gigabytes.
+    votes = tree.query_ball_point(points, 1.0, return_length=True).tolist()
     left = np.ones(len(points), bool)
     proposed: list[tuple[float, Numbers]] = []
-    for n in sorted(range(len(points)), key=lambda n: (-len(near[n]), n)):
-        if len(near[n]) < LEAST_VOTES or len(proposed) == TRIED:
+    for n in sorted(range(len(points)), key=lambda n: (-votes[n], n)):
+        if votes[n] < LEAST_VOTES or len(proposed) == TRIED:
             break
         if not left[n]:
             continue
-        own = np.array(near[n])
+        own = np.array(tree.query_ball_point(points[n], 1.0))
         left[own] = False
         turn = turns[n] + float(np.median(wrapped(turns[own] - turns[n])))
         proposed.append((turn, np.median(moved[own], axis=0)))

@@ -37,13 +37,15 @@ class GlobalMatches:
     poses: Numbers
     """World x, y and heading of the robot, (n, 3) [m, m, rad]."""
     matched: Numbers
-    """World x, y and heading of the best match, (n, 3); NaN where too few beams returned."""
+    """World x, y and heading of the best match, (n, 3) [m, m, rad]; NaN where too few beams
+    returned."""
     excess: Numbers
     """Excess of the nearest place, (n,) [nats]."""
     elsewhere: Numbers
-    """Share of the posterior elsewhere of the nearest place, (n,)."""
+    """Share of the posterior elsewhere of the nearest place, (n,), 0..1."""
     named: NDArray[np.bool_]
-    """Whether the match lies within 1.5 m of a twin of the nearest place, or of its stretch."""
+    """True where the match lies within 1.5 m of a twin of the nearest place, or of its stretch,
+    (n,)."""
 
     def __repr__(self) -> str:
         return f"GlobalMatches({len(self.poses)} scans, {self.failed.mean():.1%} failed)"

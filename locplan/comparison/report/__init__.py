@@ -1,5 +1,5 @@
 """The report of a comparison: one HTML file that needs nothing else."""
 
-import lazy_loader
+from locplan._util.public import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -14,11 +14,13 @@ import { screenOf } from "./view.js";
 export function startLandmarks() {
 	hear("landmarks-find", "click", proposeLandmarks);
 	hear("landmarks-accept", "click", acceptLandmarks);
+	hear("landmarks-show", "change", () => repaint("overlay"));
 	hear("landmarks-drop", "click", () => dropLandmarks(""));
 }
 
 /** Draw the ghosts. */
 export function paintLandmarks(pen) {
+	if (!byId("landmarks-show").checked) return;
 	model.landmarks?.strokes.forEach((stroke, k) => {
 		drawStroke(pen, stroke, 0.75);
 		const [px, py] = screenOf(...stroke.points[0]);
@@ -47,6 +49,8 @@ function showLandmarks(answer) {
 	const width = tool === "pole" || size.length < 2 ? size[0] : size;
 	model.landmarks = { ...answer, strokes: answer.poses.map(([x, y, heading]) => ({ tool, points: [[x, y]], width, ...(tool === "box" && { heading }) })) };
 	byId("landmarks-take").hidden = !answer.poses.length;
+	byId("landmarks-show").checked = true;
+	byId("landmarks-accept").classList.toggle("main", answer.helps !== false);
 	report("landmarks-verdict", [answer.verdict, ...(answer.warnings ?? [])].join(". "));
 	repaint("overlay");
 }

@@ -1,5 +1,5 @@
 // The field's layers: fetched as they change, chosen, coloured, with a colour bar in the units of people.
-import { byId, hear, make, remember, remembered, root, setOptions } from "./dom.js";
+import { byId, hear, make, remember, remembered, root, setOptions, write } from "./dom.js";
 import { fetchCells, fetchLayer } from "./data.js";
 import { paints, repaint } from "./frames.js";
 import { complain } from "./say.js";
@@ -96,31 +96,35 @@ export function barTicks(most) {
 	const layer = shownLayer();
 	const span = colourSpan(layer, model.stretch);
 	const factor = layer.factor ?? 1;
-	const found = ticks(span[0] * factor, span[1] * factor, layer.scale === "log", most);
+	const found = ticks(Math.min(...span) * factor, Math.max(...span) * factor, layer.scale === "log", most);
 	return found.map((tick) => ({ share: shareOf(layer, tick / factor, span), text: String(Number(tick.toPrecision(3))) })).filter(({ share }) => share > -0.001 && share < 1.001);
 }
 
 async function loadTexture() {
 	const layer = shownLayer();
-	const digest = model.state.field?.digest;
-	if (!layer || !digest) {
+	write("layer-note", layer?.note ?? "");
+	if (!layer || !model.state.field) {
 		setTexture(null, null);
 		textureHere = null;
 		byId("ramp-bar").hidden = true;
 		return repaint("base");
 	}
-	const wanted = `${digest}/${layer.name}`;
+	const wanted = addressOf(layer);
 	if (wanted !== textureHere) {
-		const bytes = await fetchLayer(digest, layer.name);
-		if (wanted !== `${model.state.field?.digest}/${shownLayer()?.name}`) return undefined;
+		const bytes = await fetchLayer(...wanted.split("/"));
+		if (wanted !== addressOf(shownLayer())) return undefined;
 		setTexture(bytes, model.state.lattice);
 		textureHere = wanted;
-		root.dataset.field = digest;
 	}
+	root.dataset.field = model.state.field.digest;
 	byId("ramp-bar").hidden = false;
 	colourTexture();
 	drawColourBar();
 	return repaint("base");
+}
+
+function addressOf(layer) {
+	return layer && `${layer.digest ?? model.state.field?.digest}/${layer.name}`;
 }
 
 function paintBase() {

@@ -4,6 +4,7 @@ import { tell } from "./store.js";
 import { complain, setStatus, toast } from "./say.js";
 
 const WAITS = [0.3, 0.7, 1.5, 3, 5, 8, 12]; // seconds before the next try
+const PATIENCE = 2000; // milliseconds after which the rate is believed
 const lanes = new Map(); // kind -> {current, waiting}
 const pending = new Map(); // id -> question
 let socket = null;
@@ -86,7 +87,19 @@ function taskRow(kind, title, ...buttons) {
 
 function showProgress(row, title, { done, total, doing }) {
 	if (total) row.querySelector("progress").value = done / total;
-	if (doing) row.querySelector("span").textContent = `${title}: ${doing}`;
+	const words = timeLeft(row, done, total) ?? doing;
+	if (words) row.querySelector("span").textContent = `${title}: ${words}`;
+}
+
+// Time left in words by the rate since the first step, or null; another part of the work begins anew.
+function timeLeft(row, done, total) {
+	const now = performance.now();
+	const { first, last } = row;
+	row.last = { done, total };
+	if (!first?.done || total !== last.total || done < last.done) row.first = { done, now };
+	const left = ((total - done) * (now - row.first.now)) / (done - row.first.done) / 1000;
+	if (now - row.first.now < PATIENCE || !(left >= 1)) return null;
+	return left < 60 ? `${Math.round(left)} s left` : `${Math.round(left / 60)} min left`;
 }
 
 /** Cancel the question of a kind that is under way, and drop the one waiting. */

@@ -23,6 +23,8 @@ import { model, on, tell } from "./store.js";
 import { setTheme, startTheme } from "./theme.js";
 import { startTwins } from "./twins.js";
 
+let wasLost = false; // what moved while there was no connection is not planned yet
+
 async function start() {
 	startTheme();
 	startSheet();
@@ -45,6 +47,7 @@ async function start() {
 	if (carried()) await openShared(carried());
 	else {
 		on("event:state", followState);
+		on("lost", () => (wasLost = true));
 		on("event:error", ({ error }) => complain(error));
 		startLink();
 	}
@@ -70,7 +73,9 @@ async function followState(state) {
 	const isNew = !before || before.map.digest !== state.map.digest || before.field?.digest !== state.field?.digest;
 	setStatus("ready");
 	const isFirst = !model.plan?.aware;
-	if (isNew || isFirst) await planNow();
+	const isDue = isNew || isFirst || wasLost;
+	wasLost = false;
+	if (isDue) await planNow();
 	if (isFirst) tell("settled"); // the cards have their words, and their height
 }
 

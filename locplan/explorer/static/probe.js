@@ -6,8 +6,8 @@ import { ask, isLinked } from "./link.js";
 import { announce } from "./say.js";
 import { model, tell } from "./store.js";
 import { haloedStroke } from "./strokes.js";
-import { latticeValue } from "./texture.js";
-import { centimetres, degeneracyWords, metres, short } from "./text.js";
+import { latticeValue, shownLayer, textureAt } from "./texture.js";
+import { centimetres, degeneracyWords, layerValue, metres, short } from "./text.js";
 import { palette } from "./theme.js";
 import { classAt } from "./tiles.js";
 import { gridOf, perMetre, screenAngle, screenOf, view } from "./view.js";
@@ -111,6 +111,9 @@ function linesOf(probe) {
 		[`degeneracy ${probe.u.toFixed(2)}   e ${short(probe.e)} m² rad`, "quiet"],
 		[place + (Number.isFinite(probe.clearance) ? `   ${metres(probe.clearance, 2)} from an obstacle` : ""), "quiet"],
 	];
+	const layer = shownLayer();
+	const excess = layer?.name === "twins" ? textureAt(...gridOf(probe.x, probe.y)) : null;
+	if (excess !== null) lines.splice(1, 0, [`best look-alike: excess ${layerValue(layer, excess)}${excess < layer.anchors[0] ? "" : " or more"}`, ""]);
 	const enlarged = [["ellipse", ellipseFactor()], ["wedge", wedgeFactor()]].filter(([, factor]) => factor > 1);
 	if (enlarged.length) lines.push([enlarged.map(([what, factor]) => `${what} enlarged ${factor} ×`).join(", "), "quiet"]);
 	return lines;

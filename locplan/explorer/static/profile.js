@@ -91,7 +91,7 @@ function paintProfile() {
 	const isFar = top > 300; // centimetres: shown as metres
 	const unit = isFar ? "[m]" : "[cm]";
 	write("profile-title", { u: "Degeneracy along the path", sigma: `Position deviation along the path ${unit}`, error: `Simulated error along the path ${unit}: median, band to 95 %` }[kindShown()]);
-	const frame = { isFar, width: chart.clientWidth, height: chart.clientHeight, top, end: longest() };
+	const frame = { isFar, width: chart.clientWidth, height: chart.clientHeight, top, end: longest(), lines: lines.length };
 	drawAxes(pen, frame);
 	if (!lines.length && model.plan) writeAt(pen, model.state.field ? "No path" : "No field yet", frame.width / 2, frame.height / 2 - 16, palette.quiet, "center");
 	for (const line of lines) drawFill(pen, frame, line);
@@ -118,6 +118,7 @@ function drawAxes(pen, frame) {
 		pen.stroke();
 		writeAt(pen, short(frame.isFar ? tick / 100 : tick), EDGE_LEFT - 7, y, palette.quiet, "right", "11px");
 	}
+	if (!frame.lines) return;
 	const marks = ticks(0, frame.end, false, Math.max(2, Math.min(10, frame.width / 90)));
 	marks.forEach((tick, k) => writeAt(pen, k ? short(tick) : "0 m", acrossOf(frame, tick), frame.height - 11, palette.quiet, "center", "11px"));
 }

@@ -24,9 +24,9 @@ export function rampColour(name, theme, share) {
 	return low.map((value, channel) => Math.round(value + (at - k) * (high[channel] - value)));
 }
 
-/** The part of a layer's scale that its colours span: its anchors, or the range present on the map. */
+/** The part of a layer's scale that its colours span: its anchors, or the range present on the map; its worst value is the last. */
 export function colourSpan(layer, stretch) {
-	if (!stretch || !layer.present || !(layer.present[1] > layer.present[0])) return layer.anchors;
+	if (!stretch || !layer.present || layer.present[0] === layer.present[1]) return layer.anchors;
 	return layer.present;
 }
 

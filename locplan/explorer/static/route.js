@@ -114,7 +114,8 @@ async function requestPlan(held, draft, moment = null) {
 		takePlan(answer, moment);
 		if (!model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), IDLE);
 	} catch (error) {
-		complain(error);
+		if (!isLinked()) complain(error); // what is shown still holds
+		else takePlan({ aware: null, shortest: null, why: error.message, draft });
 	}
 }
 

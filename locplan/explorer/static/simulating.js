@@ -7,7 +7,7 @@ import { routeAsked } from "./route.js";
 import { report } from "./say.js";
 import { model, on, tell } from "./store.js";
 import { haloedPath, numberedDot } from "./strokes.js";
-import { metres } from "./text.js";
+import { centimetres, metres } from "./text.js";
 import { palette } from "./theme.js";
 import { screenOf } from "./view.js";
 
@@ -82,19 +82,25 @@ function tableHead() {
 function tableRow(candidate, k) {
 	const badge = make("span", { className: "badge", textContent: String(k + 1) });
 	badge.style.background = errorColour(candidate);
-	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.label }), make("td", { textContent: metres(candidate.length) }), errorCell(candidate.rmse_cm), ranged(candidate.lost, (v) => (100 * v).toFixed(0), "%"));
+	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.label }), make("td", { textContent: metres(candidate.length) }), ranged(candidate.rmse_cm, errorWords), ranged(candidate.lost, (v) => `${(100 * v).toFixed(0)}\u202f%`));
 	if (candidate.name === model.simulated.chosen) row.className = "chosen";
 	return row;
 }
 
-function errorCell(values) {
-	if (values?.[0] >= 100) return ranged(values.map((v) => v / 100), (v) => v.toFixed(1), "m");
-	return ranged(values, (v) => v.toFixed(v < 10 ? 1 : 0), "cm");
+function errorWords(cm) {
+	return cm < 100 ? centimetres(cm) : metres(cm / 100, cm < 1000 ? 1 : 0);
 }
 
-function ranged(values, shown, unit) {
+// A value with its 95 % interval below it.
+function ranged(values, words) {
 	if (!values || !Number.isFinite(values[0])) return make("td", { textContent: "–" });
-	const cell = make("td", {}, `${shown(values[0])}\u202f${unit}`);
-	if (Number.isFinite(values[1])) cell.append(make("small", { textContent: `${shown(values[1])}–${shown(values[2])}` }));
+	const cell = make("td", {}, words(values[0]));
+	if (Number.isFinite(values[1])) cell.append(make("small", { textContent: rangeWords(...values.slice(1).map(words)) }));
 	return cell;
+}
+
+function rangeWords(low, high) {
+	const [number, unit] = low.split("\u202f");
+	if (Number(number) === 0) return `up to ${high}`;
+	return unit === high.split("\u202f")[1] ? `${number}–${high}` : `${low} to ${high}`;
 }

@@ -1,18 +1,24 @@
 // Look-alike places: where a scan taken at a place would match as well, joined to it by lines.
 import { byId, hear, write } from "./dom.js";
 import { repaint } from "./frames.js";
+import { chooseLayer } from "./layers.js";
 import { work } from "./link.js";
 import { report } from "./say.js";
-import { model } from "./store.js";
+import { model, on } from "./store.js";
 import { haloedDot, haloedStroke, numberedDot } from "./strokes.js";
 import { metres } from "./text.js";
 import { palette } from "./theme.js";
 import { screenAngle, screenOf } from "./view.js";
 
+let hasLayer = false; // whether the layer of the whole map is there
+let layerWords = ""; // what was found there
+
 /** Connect the buttons. */
 export function startTwins() {
 	hear("twins-find", "click", () => awaitPlace(!model.picking));
 	hear("twins-clear", "click", clearTwins);
+	hear("twins-everywhere", "click", () => work("twins_everywhere", "Look-alikes", {}, takeLayer));
+	on("state", forgetLayer);
 	byId("twins-group").hidden = !canShowTwins();
 }
 
@@ -60,6 +66,19 @@ export function paintTwins(pen) {
 		pen.stroke();
 		numberedDot(pen, ...at, String(k + 1), palette.twin);
 	});
+}
+
+function takeLayer({ layer, share, alike, spacing }) {
+	layerWords = `${(100 * share).toFixed(0)} % of the places have a look-alike within ${alike} nats. The map shows them; other layers are under Field. Places are ${metres(spacing)} apart.`;
+	report("twins-layer-note", layerWords);
+	chooseLayer(layer);
+}
+
+// The server offers the layer only for the map and the lidar that it belongs to.
+function forgetLayer() {
+	const isThere = model.state.layers.some(({ name }) => name === "twins");
+	if (hasLayer !== isThere) write("twins-layer-note", isThere ? layerWords : "The map or the lidar has changed: search the whole map again.");
+	hasLayer = isThere;
 }
 
 function canShowTwins() {

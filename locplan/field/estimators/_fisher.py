@@ -49,7 +49,11 @@ class Fisher(LidarEstimator):
     remedy: ClassVar[str] = "--estimator scan tells more apart: it also sees repetition"
 
     model: Literal["endpoint", "range"] = field(default="endpoint", kw_only=True)
-    """Quantity that a beam tells: its end's distance from the surface, or its range (Censi)."""
+    """Quantity that a beam tells: its end's distance from the surface, or its range (Censi).
+
+    "endpoint" is what likelihood fields and scan matching have; "range" counts
+    `Lidar.range_sigma` instead of the deviation of ends.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,17 +67,26 @@ class Fisher(LidarEstimator):
         return settings
 
     def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
-        """None: nothing is compared in steps."""
+        """Zero, (d, d): nothing is compared in steps. See `locplan.field.Estimator.q`."""
         return np.zeros_like(lattice.quantisation)
 
     def sigma(self, resolution: float) -> float:
-        """Standard deviation of what a beam tells, at least a cell of `resolution` [m]."""
+        """Standard deviation of what a beam tells, at least a cell [m].
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of a cell of the map [m].
+        """
         if self.model == "range":
             return max(self.lidar.range_sigma, resolution)
         return super().sigma(resolution)
 
     def covariances(self, part: MapPart) -> Values:
-        """Inverse of the sum of the beams' information and the window's prior, times k."""
+        """Inverse of the sum of the beams' information and the window's prior, times k.
+
+        See `locplan.field.Estimator.covariances`.
+        """
         from locplan._kernels.information import information
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
@@ -95,14 +108,20 @@ class Fisher(LidarEstimator):
         return {"covariance": covariance[:, part.heading_axis]}
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
-        """Empty squares and normals of a map or a part of it."""
+        """Empty squares and normals of a map or a part of it.
+
+        See `locplan.field.Estimator.prepare`.
+        """
         from locplan._kernels.rays import empty_squares
 
         occupied = levels == OCCUPIED
         return Scene(empty_squares(occupied), surface_normals(occupied))
 
     def seconds(self, resolution: float) -> float:
-        """Time in proportion to the beams, and a little for the inverse."""
+        """Time in proportion to the beams, and a little for the inverse [s].
+
+        See `locplan.field.Estimator.seconds`.
+        """
         return 1e-5 + 1e-7 * self.beams_compared
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:

@@ -48,7 +48,10 @@ class Fused(Estimator):
     fisher: Fisher
     """The estimator of the derivatives."""
     scan: Scan
-    """The estimator of the simulated scan, whose layers the field has."""
+    """The estimator of the simulated scan, whose layers the field has.
+
+    Its lidar and its window are those of `fisher`.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -59,7 +62,15 @@ class Fused(Estimator):
 
     @classmethod
     def of(cls, lidar: Lidar, **settings: Any) -> Fused:
-        """Both estimators with their default settings for a lidar."""
+        """Both estimators with their default settings for a lidar.
+
+        Parameters
+        ----------
+        lidar
+            See `locplan.field.Estimator.of`.
+        **settings
+            Settings of `Fused` alone, which is its noise level.
+        """
         return cls(Fisher(lidar), Scan(lidar), **settings)
 
     def with_lidar(self, lidar: Lidar) -> Fused:
@@ -102,11 +113,14 @@ class Fused(Estimator):
         return self.noise_level * log_euclidean_means(*both)
 
     def q(self, lattice: OffsetLattice) -> NDArray[np.float64]:
-        """None of its own: that of the scan is within the mean."""
+        """Zero, (d, d): the scan's is within the mean already. See `locplan.field.Estimator.q`."""
         return self.fisher.q(lattice)
 
     def covariances(self, part: MapPart) -> Values:
-        """Mean of both covariances in the matrix logarithm, times k, and the scan's layers."""
+        """Mean of both covariances in the matrix logarithm, times k, and the scan's layers.
+
+        See `locplan.field.Estimator.covariances`.
+        """
         scenes: Scenes = part.prepared or self.prepare(part.levels, part.resolution)
         uncounted = part.control[:1]  # the scan alone counts the cells that are done
         told = self.fisher.covariances(replace(part, prepared=scenes.fisher, control=uncounted))
@@ -115,7 +129,10 @@ class Fused(Estimator):
         return {**found, "covariance": self.noise_level * log_euclidean_means(*both)}
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scenes:
-        """Data of a map or a part of it for both estimators."""
+        """Data of a map or a part of it for both estimators.
+
+        See `locplan.field.Estimator.prepare`.
+        """
         return Scenes(
             self.fisher.prepare(levels, resolution), self.scan.prepare(levels, resolution)
         )

@@ -44,9 +44,12 @@ class Scan(LidarEstimator):
     )
 
     z_rand: float = field(default=0.05, kw_only=True)
-    """Share of the beams that end anywhere, above 0 and below 1."""
+    """Share of the beams that end anywhere, above 0 and below 1; more suits a crowded place."""
     endpoint_noise: tuple[float, float] = field(default=(0.03, 0.01), kw_only=True)
-    """Deviation of the ends of the scan's beams along them [m], and its growth with the range."""
+    """Deviation of the ends of the scan's beams along them [m], and its growth with the range.
+
+    Both are >= 0, the growth in metres a metre; (0, 0) simulates a scan without noise.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,7 +58,10 @@ class Scan(LidarEstimator):
         keep(self, endpoint_noise=_noise(self.endpoint_noise))
 
     def covariances(self, part: MapPart) -> Values:
-        """Covariance of the posterior about its mean, times k, and the layers."""
+        """Covariance of the posterior about its mean, times k, and the layers.
+
+        See `locplan.field.Estimator.covariances`.
+        """
         from locplan._kernels.offsets import make_lattice
         from locplan._kernels.posterior import scan_posteriors
 
@@ -84,7 +90,10 @@ class Scan(LidarEstimator):
         }
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
-        """Empty squares and the likelihood field of a map or a part of it."""
+        """Empty squares and the likelihood field of a map or a part.
+
+        See `locplan.field.Estimator.prepare`.
+        """
         from locplan._kernels.rays import empty_squares
 
         window, law = self.lattice(resolution), (self.sigma(resolution), self.z_rand)
@@ -105,11 +114,17 @@ class Scan(LidarEstimator):
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
     def seconds(self, resolution: float) -> float:
-        """Time in proportion to the beams, and to the offsets at which each is scored."""
+        """Time in proportion to the beams, and to the offsets at which each is scored [s].
+
+        See `locplan.field.Estimator.seconds`.
+        """
         return self.beams_compared * (1e-7 + 1e-10 * self.lattice(resolution).size)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        """Memory of the likelihood field of the whole map and its surroundings."""
+        """Memory of the likelihood field of the whole map and its surroundings [bytes].
+
+        See `locplan.field.Estimator.memory`.
+        """
         from locplan._kernels.likelihood import likelihood_reach
 
         reach = likelihood_reach(resolution, self.sigma(resolution), self.z_rand)

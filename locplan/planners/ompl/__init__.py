@@ -12,6 +12,6 @@ All take a `Motions`, which holds the costmap and the kind of motion. States are
 metres and radians. OMPL's Python bindings are those of the package ompl, from 2.0.1.
 """
 
-import lazy_loader
+from locplan._util.public import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

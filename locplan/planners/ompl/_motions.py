@@ -49,7 +49,8 @@ class Motions:
     space: str = "R2"
     """The space, "R2", "SE2", "Dubins" or "ReedsShepp"."""
     turning_radius: float | None = None
-    """Least radius of the curves [m]."""
+    """Least radius of the curves [m], from a hundredth of a cell to ten diagonals of the map;
+    "Dubins" and "ReedsShepp" need it, the others have none."""
 
     def __post_init__(self) -> None:
         check_space(self.space, self.turning_radius)
@@ -64,18 +65,43 @@ class Motions:
             )
 
     def checked(self, pose: Sequence[float], role: str) -> tuple[float, ...]:
-        """Return a pose as numbers, its heading in -pi..pi; a PoseError if it cannot be taken."""
+        """Return a pose as numbers, its heading in -pi..pi.
+
+        Parameters
+        ----------
+        pose : (x, y) or (x, y, heading)
+            Pose in the world [m, rad], with a heading in all spaces but "R2".
+        role : str
+            The word for the pose in errors, such as "start".
+
+        Raises
+        ------
+        PoseError
+            If the robot cannot stand there, or a heading is missing or not wanted.
+        """
         return check_pose(self.costs, pose, role, headed=self.space != "R2")
 
     def cost(self, start: Sequence[float], end: Sequence[float]) -> float:
-        """Cost J of the motion from one pose to another [m]; infinite if it is blocked."""
+        """Cost J of the motion from one pose to another [m]; infinite if it is blocked.
+
+        Parameters
+        ----------
+        start, end : (x, y) or (x, y, heading)
+            Poses in the world [m, rad]; a heading that is left out is 0.
+        """
         from locplan._kernels.motions import world_cost
 
         poses = *map(float, _pose(start)), *map(float, _pose(end))
         return float(world_cost(*self.arguments, *poses, math.inf))
 
     def is_free(self, x: float, y: float) -> bool:
-        """Return whether the robot can stand at a position [m]."""
+        """Return whether the robot can stand at a position.
+
+        Parameters
+        ----------
+        x, y : float
+            The position in the world [m].
+        """
         from locplan._kernels.motions import stands
 
         half, columns, _, _, frame = self.arguments
@@ -84,13 +110,32 @@ class Motions:
     def costs_between(
         self, poses: NDArray[np.float64], pairs: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Costs J (m,) of the motions between pairs (m, 2) of poses (n, 3) [m]."""
+        """Costs J of motions between pairs of poses.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            x, y and heading of each pose in the world [m, m, rad].
+        pairs : (m, 2) array of int
+            Indices of the first and the last pose of each motion.
+
+        Returns
+        -------
+        (m,) array
+            Cost of each motion [m]; infinite where it is blocked.
+        """
         from locplan._kernels.motions import world_costs
 
         return np.asarray(world_costs(*self.arguments, poses, pairs))
 
     def path(self, poses: NDArray[np.float64]) -> Path:
-        """The path of the motions through poses (n, 3); its lines cross the cells of the curves."""
+        """The path of the motions through poses; its lines cross the cells of the curves.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            x, y and heading of each pose in the world, n >= 2 [m, m, rad].
+        """
         from locplan._kernels.motions import world_poses
 
         if self.space == "R2":

@@ -35,29 +35,36 @@ class Ompl:
     """
 
     name: str
-    """OMPL's name of the planner, such as "RRTstar"."""
+    """OMPL's name of the planner, such as "RRTstar"; `locplan.planners.names` lists them."""
     space: str = "R2"
     """Space to plan in: "R2"; "SE2", where turning on the spot is free; "Dubins", with curves
-    driven forward; "ReedsShepp", with curves that may reverse."""
+    driven forward; "ReedsShepp", with curves that may reverse. Take one of the latter for a robot
+    that steers like a car."""
     turning_radius: float | None = None
-    """Least radius of the curves [m]."""
+    """Least radius of the curves [m], above 0; "Dubins" and "ReedsShepp" need it, others have
+    none."""
     time_limit: float | None = None
-    """Time after which the search ends [s]; 5 unless `iterations` are given."""
+    """Time after which the search ends [s], above 0; 5 unless `iterations` are given. Raise it
+    where J still falls at its end, see `Plan.history`."""
     iterations: int | None = None
-    """Iterations after which the search ends; with the same seed it finds the same path."""
+    """Iterations after which the search ends, at least 1; with the same seed it finds the same
+    path, as no search with a time limit does. By default they are not limited."""
     convergence: float | None = None
-    """The search ends when J fell by less than this share over the latter half of iterations."""
+    """The search ends when J fell by less than this share, such as 0.01, over the latter half of
+    iterations; by default it goes on to its limit."""
     seed: int | None = None
-    """Seed of OMPL's random numbers, at least 1; 1 by default."""
+    """Seed of OMPL's random numbers, 1 to 2^32 - 1; 1 by default."""
     from_grid: bool = False
-    """The search begins with the grid planner's path, and its path costs no more: trees of RRTstar
-    and its variants grow along it, roadmaps contain it. In "R2" only."""
+    """True begins the search with the grid planner's path, so that its path costs no more: trees of
+    RRTstar and its variants grow along it, roadmaps contain it. In "R2" only."""
     improve: bool = False
-    """The path is straightened at last, as any-angle does it. In "R2" only."""
+    """True straightens the path at last, as any-angle does it. In "R2" only."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """OMPL's own settings of the planner, such as ``{"range": 2.0}`` for its `setRange`."""
+    """OMPL's own settings of the planner, such as ``{"range": 2.0}`` for its `setRange`; those that
+    are left out have OMPL's or locplan's defaults."""
     progress: ProgressCallback | None = field(default=None, compare=False, repr=False)
-    """Function called with the part of the limit used up and the limit, in ms or iterations."""
+    """Function called with the part of the limit used up and the limit, in ms or iterations; none
+    by default."""
 
     @property
     def minimises(self) -> str | None:
@@ -114,7 +121,10 @@ class Ompl:
         motions.is_free(*poses[0, :2])
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Plan between positions [m], or poses [m, rad] in all spaces but "R2"."""
+        """Plan between positions [m], or poses [m, rad] in all spaces but "R2".
+
+        See `locplan.planners.Planner.solve`. The status is "timeout" if no path was found in time.
+        """
         from locplan.planners.ompl._roadmap import ROADMAPS, grow_roadmap
 
         motions = Motions(costs, self.space, self.turning_radius)

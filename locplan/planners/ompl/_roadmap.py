@@ -47,7 +47,23 @@ class Roadmap:
     """Cost J (n, n) of the motion from one pose to another [m], where there is one."""
 
     def plan(self, start: Position, goal: Position) -> Plan:
-        """Plan the cheapest path over the roadmap; a "timeout" if it does not join the ends."""
+        """Plan the cheapest path over the roadmap.
+
+        Parameters
+        ----------
+        start, goal : (x, y) or (x, y, heading)
+            Poses in the world [m, rad], with a heading in all spaces but "R2".
+
+        Returns
+        -------
+        Plan
+            The plan, with status "timeout" if the roadmap does not join start and goal.
+
+        Raises
+        ------
+        PoseError
+            If the robot cannot stand at start or goal, or a heading is missing.
+        """
         costs = self.motions.costs
         start, goal = self.motions.checked(start, "start"), self.motions.checked(goal, "goal")
         began = time.perf_counter()
@@ -62,7 +78,19 @@ class Roadmap:
     def poses_between(
         self, start: Sequence[float], goal: Sequence[float]
     ) -> NDArray[np.float64] | None:
-        """The poses (k, 3) of the cheapest path from start to goal, or None if none joins them."""
+        """The poses of the cheapest path from start to goal.
+
+        Parameters
+        ----------
+        start, goal : (x, y) or (x, y, heading)
+            Poses in the world [m, rad]; a heading that is left out is 0.
+
+        Returns
+        -------
+        (k, 3) array or None
+            x, y and heading of each pose [m, m, rad], start and goal included; None if the roadmap
+            does not join them.
+        """
         count = len(self.poses)
         ends = np.array([(*start, 0.0)[:3], (*goal, 0.0)[:3]])
         poses = np.vstack([self.poses, ends])
@@ -115,16 +143,22 @@ def grow_roadmap(
     ----------
     motions : Motions
         The costmap and the kind of motion.
-    planner : str
+    planner : str, default "PRMstar"
         "PRM" joins each pose to its nearest few, "PRMstar" to ever more.
     limits : Limits, optional
-        Limits of the growth, which include reading the roadmap; 5 s by default.
-    seed : int
+        Limits of the growth, which include reading the roadmap; 5 s by default. A larger roadmap
+        has better paths.
+    seed : int, default 1
         Seed of OMPL's random numbers, at least 1.
-    settings : mapping, optional
-        OMPL's settings of the planner by their names.
+    settings : mapping of str to object, optional
+        OMPL's settings of the planner by their names; OMPL's defaults without them.
     ahead : (k, 2) array, optional
-        Positions of a path that the roadmap contains as well [m].
+        Positions x, y of a path that the roadmap contains as well [m]; none by default.
+
+    Returns
+    -------
+    Roadmap
+        The poses and the costs of the motions between them, for any number of plans.
 
     Raises
     ------

@@ -37,11 +37,23 @@ class CostObjective(base.PathLengthOptimizationObjective):
             self._length = _distance_of_positions
 
     def motionCost(self, state: base.State, other: base.State) -> base.Cost:
-        """Exact integral of the density along the motion [m]."""
+        """Exact integral of the density along the motion [m].
+
+        Parameters
+        ----------
+        state, other : ompl.base.State
+            The motion's first and last state.
+        """
         return Cost(self._cost(state, other))
 
     def motionCostHeuristic(self, state: base.State, other: base.State) -> base.Cost:
-        """Length of the motion as if all were free [m]: it cannot cost less."""
+        """Length of the motion as if all were free [m]: it cannot cost less.
+
+        Parameters
+        ----------
+        state, other : ompl.base.State
+            The motion's first and last state.
+        """
         return Cost(self._length(state, other))
 
 
@@ -54,12 +66,24 @@ class ClearMotionValidator(base.MotionValidator):
         self._cost = _cost_of(motions)
 
     def checkMotion(self, state: base.State, other: base.State) -> bool:
-        """Return whether the motion from one state to the other is free."""
+        """Return whether the motion from one state to the other is free.
+
+        Parameters
+        ----------
+        state, other : ompl.base.State
+            The motion's first and last state.
+        """
         return self._cost(state, other) < BLOCKED
 
 
 def state_space(motions: Motions) -> base.StateSpace:
-    """OMPL's space of the robot's states, bounded by the map [m]."""
+    """OMPL's space of the robot's states, bounded by the map [m].
+
+    Parameters
+    ----------
+    motions : Motions
+        The costmap, whose map gives the bounds, and the kind of motion.
+    """
     kinds = {"R2": base.RealVectorStateSpace, "SE2": base.SE2StateSpace}
     kinds |= {"Dubins": base.DubinsStateSpace, "ReedsShepp": base.ReedsSheppStateSpace}
     arguments = {"R2": (2,), "SE2": ()}.get(motions.space, (motions.turning_radius,))
@@ -75,7 +99,13 @@ def state_space(motions: Motions) -> base.StateSpace:
 
 
 def space_information(motions: Motions) -> base.SpaceInformation:
-    """Set up the state space with the checks whether states and motions are free."""
+    """Set up the state space with the checks whether states and motions are free.
+
+    Parameters
+    ----------
+    motions : Motions
+        The costmap and the kind of motion.
+    """
     from locplan._kernels.motions import stands
 
     pose, (half, columns, _, _, frame) = pose_reader(motions.space), motions.arguments
@@ -94,7 +124,17 @@ def space_information(motions: Motions) -> base.SpaceInformation:
 def problem_definition(
     information: base.SpaceInformation, motions: Motions, start: Position, goal: Position
 ) -> base.ProblemDefinition:
-    """Pose the problem of least J between (x, y) or (x, y, heading) poses [m, rad]."""
+    """Pose the problem of least J between two poses.
+
+    Parameters
+    ----------
+    information : ompl.base.SpaceInformation
+        What `space_information` made of the motions.
+    motions : Motions
+        The costmap and the kind of motion.
+    start, goal : (x, y) or (x, y, heading)
+        Poses in the world [m, rad], with a heading in all spaces but "R2".
+    """
     problem = base.ProblemDefinition(information)
     ends = [state_of(information, motions, pose) for pose in (start, goal)]
     problem.setStartAndGoalStates(*ends)
@@ -106,7 +146,17 @@ def problem_definition(
 
 
 def state_of(information: base.SpaceInformation, motions: Motions, pose: Position) -> base.State:
-    """Make a state of a pose."""
+    """Make a state of a pose.
+
+    Parameters
+    ----------
+    information : ompl.base.SpaceInformation
+        What `space_information` made of the motions.
+    motions : Motions
+        The costmap and the kind of motion.
+    pose : (x, y) or (x, y, heading)
+        Pose in the world [m, rad], with a heading in all spaces but "R2".
+    """
     state = information.allocState()
     write_pose(state, motions.space, pose)
     return state

@@ -33,13 +33,16 @@ class Limits:
     """The limits of a search, which are positive, and the best costs that were seen during it."""
 
     time_limit: float | None = None
-    """Time after which the search ends [s]; 5 unless iterations are given."""
+    """Time after which the search ends [s], above 0; 5 unless iterations are given."""
     iterations: int | None = None
-    """Number of times that OMPL's planner asks whether to go on; most ask once an iteration."""
+    """Number of times that OMPL's planner asks whether to go on, at least 1; most ask once an
+    iteration. By default they are not limited."""
     convergence: float | None = None
-    """The search ends when J fell by less than this share over the latter half of iterations."""
+    """The search ends when J fell by less than this share, above 0, over the latter half of
+    iterations; by default it goes on to its limit."""
     progress: ProgressCallback | None = None
-    """Function called with the part of the limit used up and the limit, in ms or iterations."""
+    """Function called with the part of the limit used up and the limit, in ms or iterations; none
+    by default."""
     history: list[tuple[float, float]] = field(default_factory=list)
     """Time since the start [s] and the best J [m], whenever it was seen to fall."""
 
@@ -68,8 +71,20 @@ class Limits:
     ) -> Callable[[], bool]:
         """Make the function that tells OMPL at every iteration whether to end this search.
 
-        `best_cost` returns the best J so far, `share` is the share of the time limit that counts,
-        and `settled_after` the least number of iterations before a search has converged.
+        Parameters
+        ----------
+        best_cost : callable, optional
+            Function without arguments that returns the best J so far [m]; without it there is no
+            history, and no search converges.
+        share : float, default 1.0
+            Share of the time limit that counts, 0..1.
+        settled_after : int, default 1000
+            Least number of iterations before a search has converged.
+
+        Returns
+        -------
+        callable
+            Function without arguments that returns True if the search is to end.
         """
         time_limit = math.inf if self.time_limit is None else share * self.time_limit
         most = math.inf if self.iterations is None else self.iterations

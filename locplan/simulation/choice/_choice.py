@@ -36,7 +36,9 @@ class Candidate:
     """A path that was driven in simulation."""
 
     name: str
+    """Name of the path, such as "shortest" or "way around 1"."""
     path: Path
+    """The path from start to goal."""
     metrics: PathMetrics
     """Metrics of the path on the costmap."""
     drives: Drives
@@ -72,14 +74,19 @@ class Choice(Pictured):
     best: int
     """Index of the candidate that is recommended."""
     minimise: Minimise
+    """Error that the recommended path has least of: "rmse", "goal-error", "heading" or "lost"."""
     price: float | None
     """Detour that is accepted for a halved error [m]; None counts no length."""
     lidar: Lidar
+    """Lidar of the robot."""
     amcl: Amcl
+    """Parameters of the robot's filter."""
     disturbances: Disturbances
+    """Noise, errors of odometry, and how the worlds differ from the map."""
     drives: int
     """Greatest number of drives of each candidate."""
     seed: int
+    """Seed of all random numbers."""
 
     def __repr__(self) -> str:
         return f"Choice({self.costs.grid.name or 'map'}, {self.why})"
@@ -145,7 +152,13 @@ class Choice(Pictured):
         return min(others, key=lambda each: each.path.length, default=None)
 
     def ratio(self, candidate: Candidate) -> Interval:
-        """Ratio of the RMSE of the position to the shortest's: geometric mean over the drives."""
+        """Ratio of the RMSE of the position to the shortest's: geometric mean over the drives.
+
+        Parameters
+        ----------
+        candidate : Candidate
+            One of `candidates`.
+        """
         assert self.shortest is not None
         both = candidate.drives, self.shortest.drives
         squares, others = (drives.mean_squares + FLOOR for drives in both)

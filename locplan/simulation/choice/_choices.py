@@ -38,7 +38,9 @@ class MapChoice:
     map: str
     """Name of the map."""
     query: Query
+    """Start and goal that were asked for."""
     choice: Choice
+    """The candidates of the query, and the one to take."""
 
     @property
     def lengths(self) -> tuple[float, float]:
@@ -52,7 +54,7 @@ class MapChoice:
 
     @property
     def lost(self) -> tuple[float, float]:
-        """Share of lost drives of both."""
+        """Share of lost drives of both, 0..1; NaN without a path."""
         return self._both(lambda each: float(each.drives.lost.mean()))
 
     def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
@@ -116,7 +118,13 @@ class Choices:
         return shortest, chosen
 
     def of_map(self, name: str) -> Choices:
-        """Choices for the queries on one map."""
+        """Choices for the queries on one map.
+
+        Parameters
+        ----------
+        name : str
+            Name of the map, as in `MapChoice.map`.
+        """
         return Choices(tuple(each for each in self.choices if each.map == name))
 
     def rows(self) -> list[list[object]]:

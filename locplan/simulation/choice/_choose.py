@@ -70,35 +70,43 @@ def choose(
         The map.
     start, goal : (x, y)
         Positions in the world [m].
-    lidar, amcl, disturbances : optional
-        The robot's lidar, its filter, and the disturbances; see `Simulator`. The choice is worth
-        as much as they are those of your robot. The lidar is by default that of the costmap.
+    lidar : Lidar, optional
+        The robot's lidar; by default that of the costmap's field, or one of 6 m that sees all
+        round. The choice is worth as much as this, `amcl` and `disturbances` are your robot's own.
+    amcl : Amcl, optional
+        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
+    disturbances : Disturbances, optional
+        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
+        indoors by default. `locplan calibrate --drive` finds those of a recorded drive.
     costs : Costmap, optional
         Costmap of a field of this map, to plan on; by default that of `Scan` for the lidar, whose
         spacing is 0.2 m near the candidates and 0.4 m elsewhere.
-    robot_radius : float
-        Radius of the robot where no costmap is given [m].
-    candidates : sequence or mapping
+    robot_radius : float, default 0.25
+        Radius of the robot where no costmap is given [m], >= 0.
+    candidates : sequence or mapping by name, default ()
         Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
         or their names.
-    longest : float
-        Greatest length of an alternative, in lengths of the shortest path.
-    minimise : str
+    longest : float, default 1.5
+        Greatest length of an alternative, in lengths of the shortest path, >= 1. Raise it where a
+        long detour is worth driving.
+    minimise : str, default "rmse"
         "rmse" of the position, "goal-error" (the same over the last metre), "heading" (the same of
         the heading), or "lost", the share of drives off by more than 1 m at any time, which
         replaces the shortest path if it is lower by at least a quarter.
     price : float, optional
-        Metres of detour that are accepted for a halved error; by default length does not count.
-    drives : int
-        Greatest number of drives of each candidate, at least 2. They end early where the ones that
-        are left cannot change the choice.
+        Metres of detour that are accepted for a halved error, above 0; by default length does not
+        count.
+    drives : int, default 8
+        Greatest number of drives of each candidate, 2 to 100,000. They end early where the ones
+        that are left cannot change the choice. Raise it where candidates are close.
     time_limit : float, optional
-        Time after which no further round of drives begins [s]; at least two are driven.
-    seed : int
-        Seed of all random numbers; equal seeds give equal choices, on any number of threads,
+        Time after which no further round of drives begins [s], above 0; at least two are driven.
+        By default there is none.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal choices, on any number of threads,
         unless the time limit ends the drives.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) drives.
 

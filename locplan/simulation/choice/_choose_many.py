@@ -67,9 +67,10 @@ def choose_many(
     ----------
     maps : map, or sequence or mapping of them
         Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
-    queries : int, path, sequence, or mapping of them by map
-        Number of random queries; a CSV file of name, start_x, start_y, goal_x, goal_y [m], or of
-        name, x, y of stations, each two of which are one; `Query` objects, or (start, goal) pairs.
+    queries : int, path, sequence, or mapping of them by map, default 10
+        Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
+        goal_y [m], or of name, x, y [m] of stations, each two of which are one; `Query` objects, or
+        (start, goal) pairs [m].
     executor : concurrent.futures.Executor, optional
         Executor that runs each choice as one task on one thread: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
@@ -78,10 +79,11 @@ def choose_many(
         The robot's lidar; by default that of a costmap's field, or one of 6 m that sees all round.
     amcl, disturbances, robot_radius, longest, minimise, price, drives, seed
         See `choose`.
-    least_distance : float
-        Least straight distance between start and goal of random queries [m].
-    query_seed : int
-        Seed of the random queries.
+    least_distance : float, default 10.0
+        Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
+        small map.
+    query_seed : int, default 1
+        Seed of the random queries, >= 0.
     threads : int, optional
         Number of threads of this process, all cores by default.
     progress : callable, optional

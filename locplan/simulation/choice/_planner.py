@@ -32,23 +32,25 @@ class SimulatedChoice:
     minimises: ClassVar[str | None] = "simulated error"
 
     drives: int = FEW_DRIVES
-    """Greatest number of drives of each candidate."""
+    """Greatest number of drives of each candidate, 2 to 100,000."""
     minimise: Minimise = "rmse"
-    """Error that the chosen path has least of, see `locplan.choose`."""
+    """Error that the chosen path has least of: "rmse", "goal-error", "heading" or "lost", see
+    `locplan.choose`."""
     price: float | None = None
-    """Metres of detour that are accepted for a halved error; by default length does not count."""
+    """Metres of detour that are accepted for a halved error, above 0; by default length does not
+    count."""
     longest: float = LONGEST
-    """Greatest length of an alternative, in lengths of the shortest path."""
+    """Greatest length of an alternative, in lengths of the shortest path, >= 1."""
     params: str | None = None
-    """Nav2 parameter file, which is read where `amcl` is not given."""
+    """Nav2 parameter file of the filter, which is read where `amcl` is not given."""
     amcl: Amcl | None = None
     """Parameters of the filter; by default those of `params`, or else Nav2's defaults."""
     disturbances: Disturbances | None = None
-    """Disturbances of the drives."""
+    """Disturbances of the drives; by default those of a small robot indoors."""
     lidar: Lidar | None = None
     """Lidar of the robot; by default that of the costmap's field."""
     seed: int | None = None
-    """Seed of the drives; by default 1, or each seed of a comparison."""
+    """Seed of the drives, >= 0; by default 1, or each seed of a comparison."""
 
     def __post_init__(self) -> None:
         if self.params is not None and self.amcl is None:  # once: workers need no file
@@ -71,7 +73,10 @@ class SimulatedChoice:
         SimulatedChoice(drives=2).solve(*_tiny())
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
-        """Choose among paths of this costmap."""
+        """Choose among paths of this costmap, and return the chosen one.
+
+        See `locplan.planners.Planner.solve`.
+        """
         if start[:2] == goal[:2]:
             return AnyAngle().solve(costs, start, goal)
         choice = choose(

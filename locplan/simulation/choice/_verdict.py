@@ -48,8 +48,11 @@ class Verdict:
     log_errors: Mapping[str, float]
     """Mean over the drives of the logarithm of the position's RMSE (m), by label [ln m]."""
     lidar: Lidar
+    """Lidar of the robot."""
     amcl: Amcl
+    """Parameters of the robot's filter."""
     disturbances: Disturbances
+    """Noise, errors of odometry, and how the worlds differ from the map."""
     not_simulated: tuple[str, ...]
     """Names of the robot's parameters that were not simulated."""
     seed: int
@@ -112,16 +115,18 @@ def verdict(
         Both plans, as `locplan.planners.plan_beside_shortest` gives them.
     lidar : Lidar, optional
         The robot's lidar; by default that of the costmap's field.
-    amcl, disturbances : optional
-        The robot's filter and the disturbances; see `Simulator`.
-    not_simulated : sequence of str
+    amcl : Amcl, optional
+        Parameters of its filter; Nav2's defaults without them, see `read_amcl`.
+    disturbances : Disturbances, optional
+        Noise, errors of odometry, and how the worlds differ from the map.
+    not_simulated : sequence of str, default ()
         Names of the robot's parameters that are not simulated, which the verdict tells.
-    drives : int
-        Number of drives of each path, at least 2.
-    seed : int
-        Seed of all random numbers.
+    drives : int, default 8
+        Number of drives of each path, 2 to 100,000. Raise it where the verdict is close.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
     threads : int, optional
-        Number of threads; all cores by default. The verdict does not depend on it.
+        Number of threads, at least 1; all cores by default. The verdict does not depend on it.
     progress : callable, optional
         Called with (done, total) drives.
 

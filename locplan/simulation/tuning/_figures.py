@@ -26,7 +26,13 @@ LABEL = 46
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
-    """Errors of the settings that were judged at each level, and what each change gains."""
+    """Errors of the settings that were judged at each level, and what each change gains.
+
+    Parameters
+    ----------
+    tuning : Tuning
+        What `tune`, or `locplan.recordings.tune_on_drive`, returned.
+    """
     gains = sorted(tuning.contributions.items(), key=lambda each: each[1])
     below = 1.1 + 0.28 * len(gains) if gains else 0.0
     figure = Picture(figsize=(WIDTH, 4.6 + below), layout="constrained")

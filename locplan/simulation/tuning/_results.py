@@ -34,6 +34,7 @@ class AtLevel:
     """Errors of one setting at one level of disturbance; intervals are over the paths."""
 
     level: Level
+    """The level, as factors on the disturbances that were asked for."""
     m: float
     """Mean over the drives of 0.5 ln(mean square position error [m^2] + 1e-6)."""
     rmse: Interval
@@ -70,7 +71,9 @@ class Judged:
     name: str
     """Name in tables: whose settings they are, or what differs from the user's own."""
     amcl: Amcl
+    """The setting."""
     levels: tuple[AtLevel, ...]
+    """Its errors at each level of disturbance."""
     ratio: Interval
     """Ratio of the RMSE to that of the user's settings: geometric mean over levels and paths."""
     cpu_per_update: float
@@ -114,7 +117,9 @@ class Tuning:
     """Settings of AMCL that were tuned on one map, and the evidence for them."""
 
     grid: OccupancyGrid
+    """The map."""
     lidar: Lidar
+    """Lidar of the robot."""
     disturbances: Disturbances
     """Disturbances at the level `x1`."""
     own: Amcl

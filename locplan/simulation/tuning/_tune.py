@@ -61,25 +61,27 @@ def tune(
     amcl : Amcl, optional
         The user's own settings, from which the search begins; Nav2's by default.
     disturbances : Disturbances, optional
-        Disturbances at the level in the middle.
-    paths : int
-        Number of random paths, at least 5; the search and the judgement have their own.
-    drives : int
-        Number of drives along each path at each level, at least 2.
-    robot_radius : float
-        Radius of the robot [m].
-    others : mapping, optional
+        Disturbances at the level in the middle; by default those of a small robot indoors.
+    paths : int, default 20
+        Number of random paths, 5 to 1000; the search and the judgement have their own. More of
+        them narrow the intervals.
+    drives : int, default 8
+        Number of drives along each path at each level, 2 to 100,000.
+    robot_radius : float, default 0.25
+        Radius of the robot [m], >= 0.
+    others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
-    seed : int
-        Seed of all random numbers; equal seeds give equal results, but for times of the CPU.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal results, but for times of the CPU.
     threads : int, optional
-        Number of threads; all cores by default.
+        Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
 
     Returns
     -------
     Tuning
+        The settings to use, and the evidence for them.
 
     Raises
     ------
