@@ -1412,3 +1412,36 @@ def best_pose(lower_bound, loss, fits, box, steps):
             width = [(b - a) / 2 * step for step, (a, b) in zip(steps, half, strict=True)]
             heapq.heappush(waiting, (max(bound, lower_bound(middle, width)), next(count), half))
     return where, best
+
+
+def loss_tables(occupied, resolution, sigmas, z_rand, margin):
+    """Losses at the centres of a cell and of its neighbours above, as bytes of a word."""
+    cells = np.pad(occupied, 1)
+    around = [np.roll(cells, step, (0, 1)) for step in itertools.product((-1, 0, 1), repeat=2)]
+    walls = np.argwhere((cells & ~np.logical_and.reduce(around))[1:-1, 1:-1]) + margin
+    height, width = (size + 2 * margin for size in occupied.shape)
+    words = np.zeros((len(sigmas), height, width), np.uint32)
+    for n, sigma in enumerate(sigmas):
+        losses = np.full((height + 1, width + 1), 255)
+        for row in range(height):
+            for col in range(width):
+                distance = resolution * math.sqrt(((walls - (row, col)) ** 2).sum(axis=1).min())
+                likelihood = (1 - z_rand) * math.exp(-0.5 * (distance / sigma) ** 2) + z_rand
+                losses[row, col] = round(255 * math.log(likelihood) / math.log(z_rand))
+        for byte, (row, col) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+            part = losses[row : row + height, col : col + width].astype(np.uint32)
+            words[n] |= part << np.uint32(8 * byte)
+    return words
+
+
+def clearances(occupied, rows, cols, reach):
+    """Distances of cells' centres to the nearest occupied cell's edge, infinite beyond reach."""
+    found = []
+    for row, col in zip(rows, cols, strict=True):
+        least = math.inf
+        for up, across in np.argwhere(occupied) - (row, col):
+            if max(abs(up), abs(across)) <= reach:
+                gaps = (max(abs(up) - 0.5, 0.0), max(abs(across) - 0.5, 0.0))
+                least = min(least, math.hypot(*gaps))
+        found.append(least)
+    return np.array(found)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import math
 import re
+import threading
 
 import pytest
 from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served, toured
 
+from locplan.explorer import _drives
 from locplan.explorer._drives import RecordedDrive
 from locplan.field import load_or_compute
 from locplan.maps import OccupancyGrid
+from locplan.recordings import match_scans
 
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -506,15 +509,22 @@ def test_an_export_says_where_it_went_and_what_to_mind(visit, distro, minds):
 
 def test_a_recorded_drive_is_slid_along_and_played(visit):
     grid, field = corridors()
-    with served(grid, field, drives=(RecordedDrive("tour", toured(grid)),)) as explorer:
+    tour = toured(grid)
+    with served(grid, field, drives=(RecordedDrive("tour", tour),)) as explorer:
         seen = visit(explorer.address)
         seen.unfold("drives-group")
         seen.page.locator("#drive").select_option("tour (0:20)")
         note = seen.page.locator("#drive-note", has_text="0:00 of 0:20: degeneracy u 0.")
         note.wait_for()
         assert "1 of 21 scans are unlike the map (crosses)." in seen.text("#drive-note")
+        seen.page.locator("#drive-scale", has_text="Median measured").wait_for()
         seen.page.locator("#drive-time").fill("10")
         seen.page.locator("#drive-note", has_text="0:10 of 0:20").wait_for()
+        said = re.search(r"measured ([\d.]+) cm, field says ([\d.]+) cm", seen.text("#drive-note"))
+        sigma = 100 * match_scans(tour, grid).position_std[10]
+        assert float(said[1]) == pytest.approx(sigma, rel=0.05)
+        x, y = tour.poses[10, :2].tolist()
+        assert float(said[2]) == pytest.approx(100 * field_deviation(field, x, y), rel=0.05)
         assert "10" in seen.page.locator("#drive-time").get_attribute("aria-valuetext")
         seen.page.locator("#drive-speed").select_option("64×")
         seen.page.locator("#play").click()
@@ -523,6 +533,52 @@ def test_a_recorded_drive_is_slid_along_and_played(visit):
         seen.wait('#play[aria-label="Play"]')
         seen.page.locator("#drive").select_option("none")
         seen.wait(".player", "hidden")
+
+
+def field_deviation(field, x, y):
+    """Position deviation at the lattice point next to a place [m]."""
+    cells = field.grid.world_to_grid(x, y)
+    at = (math.floor((float(each) - 0.5) / field.stride + 0.5) for each in cells)
+    return float(field.scalar("position_std", headings="mean")[tuple(at)])
+
+
+def test_a_drive_is_shown_before_it_is_matched_and_the_match_can_be_cancelled(visit, monkeypatch):
+    grid, field = corridors()
+    go_on = threading.Event()
+
+    def slow(*given, progress, **more):
+        for k in range(600):
+            progress(k, 600)
+            if go_on.wait(0.05):
+                break
+        return match_scans(*given, progress=progress, **more)
+
+    monkeypatch.setattr(_drives, "match_scans", slow)
+    with served(grid, field, drives=(RecordedDrive("tour", toured(grid)),)) as explorer:
+        seen = visit(explorer.address)
+        seen.unfold("drives-group")
+        seen.page.locator("#drive").select_option("tour (0:20)")
+        seen.page.locator("#drive-note", has_text="0:00 of 0:20: degeneracy u 0.").wait_for()
+        assert "measured" not in seen.text("#drive-note")
+        seen.page.locator("#drive-note", has_text="field says").wait_for()
+        seen.page.locator("#tasks", has_text="Matching the drive's scans").wait_for()
+        seen.unfold("front-group")
+        seen.page.locator("#front-find").click()  # other long work does not wait for it
+        seen.page.locator("#front-chart").wait_for()
+        assert seen.page.locator("#drive-match").is_hidden()
+        seen.page.locator('#tasks [data-kind="match"] button').click()
+        seen.page.locator("#drive-match").click()
+        go_on.set()
+        seen.page.locator("#drive-note", has_text="measured").wait_for()
+        assert seen.page.locator("#drive-match").is_hidden()
+        seen.page.locator("#overlay").focus()
+        seen.page.keyboard.press("p")
+        seen.page.keyboard.press("Enter")
+        seen.page.locator("#drive-scale", has_text="The map was edited since.").wait_for()
+        seen.page.locator("#drive-match").click()
+        seen.wait("#drive-match", "hidden")
+        seen.page.locator("#drive-note", has_text="measured").wait_for()
+        assert "edited" not in seen.text("#drive-scale")
 
 
 def test_a_picture_is_saved(visit):

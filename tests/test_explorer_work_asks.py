@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from explorer_views import GOAL, MIDDLE, START, corridors, view
+from made_drives import recorded
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer import _twins, _twins_layer
+from locplan.explorer import _drives, _twins, _twins_layer
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._drives import RecordedDrive, drive_json
@@ -21,7 +22,8 @@ from locplan.explorer._sharing import share
 from locplan.explorer._state import about, state
 from locplan.explorer._wire import Ask
 from locplan.field import FieldConfig, Fisher, Lidar
-from locplan.recordings import Recording
+from locplan.maps import OCCUPIED
+from locplan.recordings import Recording, match_scans
 from locplan.simulation import Amcl
 from locplan.simulation._settings import lidar_of
 from locplan.twins import ScanDatabase, _scan_database, find_twins
@@ -215,6 +217,69 @@ def test_a_recorded_drive_is_told_of_and_answered():
     session.upkeep.close()
 
 
+def toured_session() -> Session:
+    """A session with a drive along the corridors, of which a scan has no return."""
+    grid, _ = corridors()
+    poses = np.column_stack([np.linspace(3, 30, 12), np.full(12, 3.0), np.zeros(12)])
+    drive = recorded(grid, poses, lidar=Lidar(range=6.0, beams=60))
+    ranges = drive.ranges.copy()
+    ranges[4] = np.inf
+    drive = dataclasses.replace(drive, ranges=ranges)
+    return session_of(with_field=False, drives=(RecordedDrive("tour", drive),))
+
+
+def test_the_scans_of_a_drive_are_matched_once_a_map(monkeypatch):
+    session, runs = toured_session(), []
+    monkeypatch.setattr(
+        _drives, "match_scans", lambda *given, **more: runs.append(1) or match_scans(*given, **more)
+    )
+    assert set(drive_json(session, 0)["sd"]) == {None}  # the page shows it before it is matched
+    assert runs == []
+    calls = []
+    told = answered(session, "match", calls=calls, drive=0)
+    drive = session.drives[0].recording
+    expected = match_scans(drive, session.grid).position_std
+    assert told["sd"] == [round(v, 4) if np.isfinite(v) else None for v in expected.tolist()]
+    assert told["sd"][4] is None
+    assert (told["map"], calls[-1]) == (session.grid.digest, (11, 11))
+    assert told["unlike"] == drive_json(session, 0)["unlike"]
+    assert answered(session, "match", drive=0) == told
+    assert len(runs) == 1
+    cells = session.grid.cells.copy()
+    cells[20:24, 150:160] = OCCUPIED
+    session.replace_grid(dataclasses.replace(session.grid, cells=cells))
+    edited = answered(session, "match", drive=0)
+    assert (edited["map"], len(runs)) == (session.grid.digest, 2)
+    assert edited["sd"] != told["sd"]
+    session.upkeep.close()
+
+
+def test_matching_is_cancelled_and_keeps_nothing():
+    session, token = toured_session(), Cancel()
+    token.cancel()
+    with pytest.raises(Cancelled):
+        answered(session, "match", token, drive=0)
+    assert session.files.get(("match", 0, session.grid.digest)) is None
+    session.upkeep.close()
+
+
+def test_matching_waits_for_no_other_question():
+    assert [do for do, entry in ASKS.items() if entry.lane == ASKS["match"].lane] == ["match"]
+
+
+@pytest.mark.parametrize("given", [{}, {"drive": 1}, {"drive": -1}, {"drive": "0"}, {"drive": 0.5}])
+def test_a_drive_that_is_not_there_is_refused(given):
+    session = toured_session()
+    with pytest.raises(ConfigError, match="drive must be"):
+        answered(session, "match", **given)
+    session.upkeep.close()
+
+
+def test_without_drives_there_is_nothing_to_match(session):
+    with pytest.raises(ConfigError, match="--drive FILE"):
+        answered(session, "match", drive=0)
+
+
 # Look-alikes
 
 
@@ -265,6 +330,24 @@ def test_look_alikes_are_those_of_the_library_from_one_database(session, monkeyp
     assert len(made) == 2  # the page's, and that of the searches beside it
     kept = session.kept._results["scans", session.scene.serial, session.grid.digest, lidar]
     assert kept[1] > 4 * session.grid.cells.size  # the losses alone take four bytes a cell
+
+
+def test_look_alikes_can_be_cancelled_while_the_places_are_looked_from(session):
+    session.kept.forget(lambda key: key[0] != "scans")
+    token, calls = Cancel(), []
+
+    def progress(done, total, doing=""):
+        calls.append(doing)
+        if len(calls) == 3:
+            token.cancel()
+        token.check()
+
+    ask = Ask("twins", 1, {"x": 2.0, "y": 3.0})
+    with pytest.raises(Cancelled):
+        ASKS["twins"].load()(session, ask, Work(progress, token))
+    assert calls == ["looking from all places"] * 3
+    assert not [key for key in session.kept._results if key[0] == "scans"]
+    assert answered(session, "twins", x=2.0, y=3.0)["modes"] >= 0
 
 
 def test_a_place_without_twins_has_no_excess(session, monkeypatch):

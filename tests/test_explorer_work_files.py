@@ -178,6 +178,22 @@ def test_a_path_is_exported_through_its_waypoints(tmp_path):
     assert np.isclose(xy, MIDDLE, atol=1e-6).all(axis=1).any()
 
 
+def test_a_route_graph_tells_how_far_it_is_and_leaves_nothing_when_it_is_ended(tmp_path):
+    told = []
+    exported(view(), tmp_path, to="route-graph", progress=lambda *step: told.append(step))
+    assert told == sorted(told)
+    assert len({done for done, _ in told}) > 10
+    (folder,) = tmp_path.iterdir()
+
+    def stop(done, total):
+        if done > 90:  # the files are being written
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        exported(view(), tmp_path, to="route-graph", progress=stop)
+    assert [*tmp_path.iterdir()] == [folder]
+
+
 def test_an_export_beside_another_gets_a_number(tmp_path):
     first, second = (exported(view(), tmp_path, to="path").files for _ in range(2))
     before = (tmp_path / first[0]).read_bytes()

@@ -46,7 +46,8 @@ def run_in_shell(example: Example) -> None:
 
 def run_in_terminal(example: Example) -> None:
     """Serve the page of a block that shows a terminal, after what it installs, and end it."""
-    *installed, command = example.parsed.replace("$ ", "").replace("\n", " && ").split(" && ")
+    lines = example.parsed.replace("$ ", "").strip().replace("\n", " && ")
+    *installed, command = lines.split(" && ")
     assert all(line.startswith("pip install") for line in installed)
     program, *arguments = shlex.split(command)
     assert program == "locplan"
@@ -58,7 +59,7 @@ def run_in_terminal(example: Example) -> None:
                 assert b"<title>" in answer.read()
         finally:
             page.send_signal(signal.SIGINT)
-    assert page.returncode == 0
+    assert page.returncode in (0, 130)  # 130 where a field was being computed
 
 
 PARSED = Sybil(

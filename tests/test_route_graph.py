@@ -13,11 +13,12 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
+from locplan.export import _net
 from locplan.export._figures import routes_figure
 from locplan.export._geojson import MAX_ID, to_geojson
 from locplan.export._roadmap import roadmap
 from locplan.export._route_graphs import RouteGraph
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import plan_field
 
 
@@ -216,6 +217,41 @@ def test_integrals_and_determinism() -> None:
     assert np.allclose(one.penalty, 4.0 * one.integrated_u, atol=1e-9)
     assert np.allclose(one.integrated_e, one.integrated_u / 10)
     assert (one.penalty >= 0).all()
+
+
+def test_progress_counts_up_and_can_end_the_work() -> None:
+    costs, told = rooms().with_weight(4.0), []
+
+    def note(done: int, total: int) -> None:
+        told.append((done, total))
+
+    roadmap(costs, progress=note)
+    done, totals = zip(*told, strict=True)
+    assert list(done) == sorted(done)
+    assert {*totals} == {done[-1]}
+    assert len({*done}) > 10
+
+    def stop(now: int, total: int) -> None:
+        if now >= 40:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        roadmap(costs, progress=stop)
+
+
+def test_lanes_do_not_depend_on_the_strips_whose_worth_is_computed(monkeypatch) -> None:
+    costs = rooms().with_weight(4.0)
+    whole = roadmap(costs)
+    monkeypatch.setattr(_net, "BAND", 700)
+    strips = roadmap(costs)
+    for name in ("nodes", "edges", "cost"):
+        assert np.array_equal(getattr(whole, name), getattr(strips, name))
+
+
+def test_a_map_without_walls_has_lanes() -> None:
+    cells = np.full((80, 80), UNKNOWN, np.uint8)
+    cells[5:75, 5:75] = FREE
+    assert roadmap(Costmap.blank(OccupancyGrid(cells, 0.1))).components == 1
 
 
 def loaded(text: str) -> tuple[dict[int, NDArray], list[dict]]:

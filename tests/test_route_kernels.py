@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from locplan._kernels import route as kernels
 from locplan._kernels.search import bordered_half
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 
 SHAPES = [(1, 1), (1, 9), (9, 1), (2, 2), (6, 8), (9, 7), (10, 10)]
 WORLDS = [(1.0, (0.0, 0.0, 0.0)), (0.05, (-3.0, 7.0, 0.7)), (0.1, (5.0, -2.0, -2.5))]
@@ -144,6 +145,27 @@ def test_lines_cost_their_exact_integral_or_are_blocked(shape, resolution, origi
         costs = kernels.line_costs(*space_of(density, resolution, origin), xy, pairs)
         expected = naive.line_costs(density, resolution, origin, xy, pairs)
         np.testing.assert_allclose(costs, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("reach", [0, 1, 3, 20])
+def test_clearances_are_those_to_the_nearest_edge_within_reach(shape, reach):
+    occupied = ~space_from(shape, 11, blocked=0.06)
+    rows, cols = (each.ravel() for each in np.indices(shape))
+    found = kernels.clearances(occupied, rows, cols, reach)
+    np.testing.assert_allclose(found, naive.clearances(occupied, rows, cols, reach), rtol=1e-12)
+    if reach == 20:
+        cells = np.where(occupied, OCCUPIED, FREE).astype(np.uint8)
+        clearance = OccupancyGrid(cells, 0.05).clearance.ravel()
+        np.testing.assert_array_equal(found * 0.05, clearance)
+
+
+def test_a_wall_straight_ahead_may_be_nearer_than_one_aslant_in_a_nearer_ring():
+    occupied = np.zeros((20, 20), bool)
+    occupied[5, 5] = occupied[10, 16] = True
+    at = np.array([10])
+    assert kernels.clearances(occupied, at, at, 20).tolist() == [5.5]
+    assert kernels.clearances(occupied, at, at, 5).tolist() == [math.hypot(4.5, 4.5)]
 
 
 def test_lines_cost_the_same_both_ways_and_one_by_one():

@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 
+import naive
 import numpy as np
 import pytest
 from conftest import corridor, refused
@@ -16,9 +17,10 @@ from locplan import Lidar, LocplanError, ScanDatabase, find_twins
 from locplan._util.intervals import wilson
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
 from locplan.simulation import Disturbances
-from locplan.twins import LAYERS, Matching, _find, twins_figure
+from locplan.twins import LAYERS, Matching, _database, _find, _loss_tables, twins_figure
 from locplan.twins._database import make_database, places_every, reachable
 from locplan.twins._figures import place_figure
+from locplan.twins._loss_tables import loss_tables
 from locplan.twins._modes import find_all_modes, find_modes
 from locplan.twins._reports import twins_table
 from locplan.twins._starts import best_starts
@@ -372,6 +374,61 @@ def test_places_lie_one_in_each_square_where_the_robot_fits():
     fits = np.zeros((8, 9), bool)
     fits[1, 2] = fits[2, 2] = fits[6, 7] = True
     assert places_every(0.4, fits, 0.1).tolist() == [[2.5, 1.5], [7.5, 6.5]]
+
+
+def test_places_do_not_depend_on_the_strips_that_are_looked_through(monkeypatch):
+    fits = np.random.default_rng(4).random((61, 47)) < 0.3
+    monkeypatch.setattr(_database, "BAND", 10**6)
+    whole = places_every(0.5, fits, 0.1)
+    expected = {}  # the cell next to the middle of each square, the first one in order of rows
+    for row, col in np.argwhere(fits).tolist():
+        aside = (row % 5 - 2) ** 2 + (col % 5 - 2) ** 2
+        square = expected.setdefault((row // 5, col // 5), (aside, row, col))
+        expected[row // 5, col // 5] = min(square, (aside, row, col))
+    assert whole.tolist() == [[c + 0.5, r + 0.5] for _, (_, r, c) in sorted(expected.items())]
+    monkeypatch.setattr(_database, "BAND", 600)
+    np.testing.assert_array_equal(places_every(0.5, fits, 0.1), whole)
+
+
+@pytest.mark.parametrize("band", [1, 1000, 10**6])
+@pytest.mark.parametrize("settings", [{}, {"sigma_hit": 0.02}, {"z_rand": 0.6, "sigma_hit": 0.3}])
+def test_losses_in_strips_are_those_of_the_whole_map(monkeypatch, band, settings):
+    monkeypatch.setattr(_loss_tables, "BAND", band)
+    cells = np.where(np.random.default_rng(5).random((70, 40)) < 0.004, OCCUPIED, FREE)
+    grid = OccupancyGrid(cells.astype(np.uint8), 0.05)
+    matching, told = Matching(lidar=LIDAR, **settings), []
+    made = loss_tables(grid, matching, grid.free, lambda *step: told.append(step))
+    assert told == sorted(told)
+    assert told[-1] == (made.height, made.height)
+    expected = naive.loss_tables(
+        grid.cells == OCCUPIED, 0.05, matching.sigmas(0.05), matching.z_rand, made.margin
+    )
+    np.testing.assert_array_equal(made.corners.reshape(expected.shape), expected)
+
+
+def test_a_database_that_is_prepared_tells_how_far_it_is_and_can_be_ended():
+    grid = side_by_side(room())
+    told: list[tuple[int, int]] = []
+    database = ScanDatabase(grid, LIDAR, 0.15)
+
+    def stop(done, total):
+        told.append((done, total))
+        if len(told) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        database.prepare(stop)
+    assert len(told) == 2
+    told.clear()
+    database.prepare(lambda *step: told.append(step))
+    assert told == sorted(told)
+    assert told[-1][0] == told[-1][1]
+    everywhere = database.everywhere
+    database.prepare(stop)  # there is nothing left to do
+    assert database.everywhere is everywhere
+    np.testing.assert_array_equal(
+        everywhere.codes, ScanDatabase(grid, LIDAR, 0.15).everywhere.codes
+    )
 
 
 def test_specks_of_free_space_are_not_reachable_unless_asked_for():

@@ -68,6 +68,31 @@ def owners(inside: NDArray[Any], columns: int, nodes: NDArray[Any]) -> NDArray[A
 
 
 @njit(nogil=True, cache=True)
+def clearances(
+    occupied: NDArray[Any], rows: NDArray[Any], cols: NDArray[Any], reach: int
+) -> NDArray[Any]:
+    """Distances of cells' centres to the edge of the nearest occupied cell (row, col) [cells].
+
+    Infinite where none is within `reach` rows and columns.
+    """
+    found = np.empty(len(rows))
+    for n in range(len(rows)):
+        row, col, least = rows[n], cols[n], np.inf
+        for ring in range(reach + 1):
+            edge = max(2 * ring - 1, 0)  # of the ring's cells, in half cells
+            if edge * edge >= least:
+                break
+            for up in range(max(-ring, -row), min(ring, len(occupied) - 1 - row) + 1):
+                whole = abs(up) == ring
+                for across in range(-ring, ring + 1, 1 if whole else 2 * ring):
+                    if 0 <= col + across < occupied.shape[1] and occupied[row + up, col + across]:
+                        aside = max(2 * min(abs(up), abs(across)) - 1, 0)
+                        least = min(least, edge * edge + aside * aside)
+        found[n] = np.sqrt(least) / 2
+    return found
+
+
+@njit(nogil=True, cache=True)
 def line_cost(
     half: NDArray[Any], columns: int, frame: tuple[Any, ...], a: NDArray[Any], b: NDArray[Any]
 ) -> float:

@@ -132,6 +132,16 @@ def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[Progr
     return [part(sum(sizes[:n])) for n in range(len(sizes))]
 
 
+def scaled(progress: ProgressCallback | None, steps: int) -> ProgressCallback:
+    """Callback for a part of some work, whatever it counts, that is reported as so many steps."""
+
+    def update(done: int, total: int) -> None:
+        if progress:
+            progress(steps * done // max(1, total), steps)
+
+    return update
+
+
 def in_turn(progress: ProgressCallback, runs: int) -> ProgressCallback:
     """Callback for several runs, one after the other, that reports them as one."""
     before = last = 0

@@ -33,7 +33,7 @@ class Entry:
 
     handler: str
     """Module and function of the answer; imported when it is first asked for."""
-    lane: Literal["look", "plan", "slow", "edit", "work", "long"]
+    lane: Literal["look", "plan", "slow", "edit", "work", "long", "drive"]
     """The lane that answers one question after the other, and never waits for another lane."""
     each: bool = False
     """True if each question is answered; otherwise the newest one waiting wins."""
@@ -71,6 +71,7 @@ ASKS: dict[str, Entry] = {
     "twins": Entry("locplan.explorer._twins:twins", "long"),
     "twins_everywhere": Entry("locplan.explorer._twins_layer:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._exporting:export", "long"),
+    "match": Entry("locplan.explorer._drives:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),
     "reproduce": Entry("locplan.explorer._reproduce:reproduce", "look"),
 }

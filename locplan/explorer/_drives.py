@@ -1,4 +1,4 @@
-"""Recorded drives for the page: where the robot was, and which scans are unlike the map."""
+"""Recorded drives for the page: where the robot was, how well its scans match the map there."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from locplan.recordings._fit import FITS, NEAR, NEAR_CELLS
 from locplan.recordings._matches import LEAST_RETURNS
 
 if TYPE_CHECKING:
+    from locplan.explorer._asks import Work
     from locplan.explorer._session import Session
+    from locplan.explorer._wire import Ask
 
 MOST_POSES = 5000
 """Greatest number of poses that the page gets of a drive."""
@@ -90,7 +92,7 @@ def shown_drive(
     grid : OccupancyGrid
         The map.
     matched : bool
-        True matches the scans with the map, too, which takes some milliseconds each.
+        True matches the scans with the map, too, which takes up to a millisecond each.
     threads : int, optional
         Number of threads of the matching; all cores by default.
     progress : callable, optional
@@ -158,6 +160,31 @@ class RecordedDrive:
 def drive_json(session: Session, number: int) -> dict[str, object]:
     """A recorded drive of a session on its present map, by its number from 0 on, fit for JSON."""
     return shown_drive(session.drives[number].recording, session.grid).summary()
+
+
+def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
+    """Answer the ask for the deviations that the scans of a drive have on the present map.
+
+    They are kept, so that a drive that is shown again has them at once.
+    """
+    if not session.drives:
+        raise ConfigError("there is no recorded drive; start the explorer with --drive FILE")
+    number = ask.whole("drive", 0, len(session.drives) - 1)
+    if number is None:
+        raise ConfigError("drive must be the number of a recorded drive")
+    grid = session.grid
+    found: dict[str, object] = session.files.made(
+        ("match", number, grid.digest),
+        lambda: shown_drive(
+            session.drives[number].recording,
+            grid,
+            matched=True,
+            threads=session.opening.threads,
+            progress=work.progress,
+        ).summary(),
+        lambda made: 200 * MOST_POSES,
+    )
+    return {"map": grid.digest, "sd": found["sd"], "unlike": found["unlike"]}
 
 
 def _unlike(some: Recording, grid: OccupancyGrid, near: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import one_of
+from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._view import View, given
 from locplan.export import ExportJob, formats
@@ -57,11 +58,11 @@ def exported(
     to: str = "nav2-keepout",
     distro: str | None = None,
     force: bool = False,
+    progress: ProgressCallback | None = None,
 ) -> Exported:
     """Write an export of a view, as `locplan export` does.
 
-    Nothing that is there is replaced without `force`: the export gets a number behind its name. The
-    writers have no progress, and take up to half a minute for a route graph.
+    Nothing that is there is replaced without `force`: the export gets a number behind its name.
     With it, a file is replaced, and a folder if it is an export of ours without changes.
 
     Parameters
@@ -76,6 +77,9 @@ def exported(
         The distribution of ROS 2, for formats that have one.
     force : bool
         True replaces what an export of this name left.
+    progress : callable, optional
+        Called with (done, total) steps of a route graph; what it raises ends the work, and nothing
+        is written. The other formats have no steps, and are written in a few seconds.
 
     Raises
     ------
@@ -104,7 +108,7 @@ def exported(
     format.check_target(target, force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        summary = format.write(target, ExportJob(view.costs, view.field, paths), options)
+        summary = format.write(target, ExportJob(view.costs, view.field, paths, progress), options)
     written = [target] if target.is_file() else sorted(target.rglob("*"))
     files = tuple(each.relative_to(folder).as_posix() for each in written if each.is_file())
     told = tuple(dict.fromkeys(str(each.message) for each in caught))
@@ -117,7 +121,8 @@ def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     distro = ask.text("distro")
     view = session.view(ask)
     work.progress(0, 1, "writing")
-    return exported(view, session.folder, to=to, distro=distro, force=session.force).summary()
+    options: dict[str, Any] = {"to": to, "distro": distro, "force": session.force}
+    return exported(view, session.folder, **options, progress=work.progress).summary()
 
 
 def plain_name(name: str) -> str:

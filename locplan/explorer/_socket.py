@@ -23,7 +23,7 @@ from locplan.explorer._wire import MAX_ID, Ask, Unanswerable, read_ask
 
 MOST_WAITING = 100
 """Greatest number of questions of one socket that wait for their answers."""
-LANES = ("look", "plan", "slow", "edit", "work", "long")
+LANES = ("look", "plan", "slow", "edit", "work", "long", "drive")
 """Kinds of work; each has a thread, so that none waits for another kind."""
 CANCEL = "cancel"
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 ALIKE = 3.0
 """Excess up to which a pose counts as a look-alike [nats]; a likelihood of a twentieth."""
+BYTES_A_CELL = 20
+"""Bytes that a database takes for each cell of the map, about."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,8 @@ def twins_of(
     threads : int, optional
         Number of threads; all cores by default.
     progress : callable, optional
-        Called with (done, total) headings at the place. A database of the whole map that is made
-        before them has no progress, and runs out.
+        Called with (done, total) headings at the place. A database that is not yet prepared has no
+        progress, see `locplan.twins.ScanDatabase.prepare`.
 
     Raises
     ------
@@ -136,8 +138,7 @@ def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     if x is None or y is None:
         raise ConfigError("look-alikes need a place: x and y in metres")
     (place,) = snapped(session.parts(), [(x, y)])
-    work.progress(0, 1, "comparing places")
-    database = database_of(session)
+    database = database_of(session, work)
     work.progress(0, 1, "comparing places")
     found = twins_of(
         database.grid,
@@ -150,11 +151,19 @@ def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     return found.summary()
 
 
-def database_of(session: Session) -> ScanDatabase:
+def database_of(session: Session, work: Work) -> ScanDatabase:
     """What the lidar sees at all places of the map, made once and kept with the costmaps."""
     grid, lidar, radius = session.grid, session.simulated_lidar, session.robot_radius
+
+    def prepared() -> ScanDatabase:
+        made = ScanDatabase(grid, lidar, radius)
+        made.prepare(lambda done, total: work.progress(done, total, "looking from all places"))
+        return made
+
+    work.progress(0, 1, "looking from all places")
     return session.kept.made(
         ("scans", session.scene.serial, grid.digest, lidar),
-        lambda: ScanDatabase(grid, lidar, radius),
+        prepared,
         lambda made: made.everywhere.bytes,
+        BYTES_A_CELL * grid.cells.size,
     )

@@ -79,8 +79,7 @@ def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object
     digest, field = session.twins_digest, session.scene.field
     if field is None:
         raise ConfigError("the field is still being computed; wait until it is there")
-    work.progress(0, 1, "casting beams")
-    database = database_of(session)
+    database = database_of(session, work)
 
     def progress(done: int, total: int) -> None:
         if session.twins_digest != digest:

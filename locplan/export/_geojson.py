@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
 from locplan.export._distros import distribution
@@ -22,6 +23,8 @@ from locplan.export._value_maps import PREVIEW, without_yaw
 GRAPH = "graph.geojson"
 MAX_ID = 65535
 """Greatest id of a node or an edge: Nav2's messages have 16 bits for it."""
+SHARES = 90, 10
+"""Steps of progress of making a graph and of writing it."""
 
 
 def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
@@ -85,6 +88,7 @@ def route_graph(
     spacing: float = 2.0,
     frame: str = "map",
     distro: str = "jazzy",
+    progress: ProgressCallback | None = None,
 ) -> RouteGraph:
     """Write lanes for Nav2's route server, with the scorers that make it charge J.
 
@@ -102,6 +106,8 @@ def route_graph(
         Frame of the nodes.
     distro : str
         The distribution of ROS 2, as for `nav2_keepout`.
+    progress : callable, optional
+        Called with (done, total) steps; what it raises ends the work, and nothing is written.
 
     Returns
     -------
@@ -119,7 +125,8 @@ def route_graph(
     runs = distribution(distro)
     runs.warn()
     given, costs = costs, dataclasses.replace(costs, grid=without_yaw(costs.grid))
-    graph = roadmap(costs, spacing=spacing)
+    laying, writing = parts(progress, SHARES)
+    graph = roadmap(costs, spacing=spacing, progress=scaled(laying, SHARES[0]))
     text = json.dumps(to_geojson(graph, frame), allow_nan=False)
     name = costs.grid.name or "a map"
     readme = [
@@ -136,6 +143,7 @@ def route_graph(
         title = f"{name}: {len(graph.nodes)} nodes, {len(graph.edges)} edges each way"
         figure = _figures.routes_figure(costs, graph, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
+        writing(SHARES[1] - 1, SHARES[1])
         write_route_server(temporary, None if np.isnan(costs.weight) else costs.weight)
     return graph
 

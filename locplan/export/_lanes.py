@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from locplan._kernels.lanes import sights, spanner, uncrossed
 from locplan._kernels.route import line_cost, line_costs
+from locplan._util.progress import ProgressCallback
 from locplan.export._net import MERGED, Net, Space, merged, relaxed, spanned, symmetric
 
 SEEN, KEPT, NEAR, LONGEST = 2.0, 2.5, 4.0, 4.0
@@ -29,6 +30,8 @@ SEEN, KEPT, NEAR, LONGEST = 2.0, 2.5, 4.0, 4.0
 are joined if that spares a detour, and the greatest length of an edge that straightening makes."""
 ROOM, CLOSE = 0.5, 1.5
 """Nodes that are closer than this share of their clearance, or this many spacings, are merged."""
+ROOMY = CLOSE / ROOM
+"""Clearance from which on more makes no difference [spacings]."""
 SPAN = 4.0
 """A place is joined to those within this many times its distance from the nearest one before."""
 GAP = 1.8
@@ -49,16 +52,23 @@ def lanes(
     clearance: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     spacing: float,
     detour: float,
+    progress: ProgressCallback,
 ) -> Net:
-    """The lanes between places, nodes of the net, so that nearly all points see a node."""
+    """The lanes between places, nodes of the net, so that nearly all points see a node.
+
+    A clearance [m] of `ROOMY` spacings or more may be infinite.
+    """
     if len(net.edges) == 0:
         return Net(net.xy[:0], net.edges, net.cost)
     reach = spacing * math.hypot(*space[2][:2])
-    chosen = _routes(net, places, detour)
+    chosen = _routes(
+        net, places, detour, lambda done, total: progress(ROUNDS * done // total, 2 * ROUNDS)
+    )
     _look_everywhere(space, net, chosen, points, SEEN * spacing)
     _close_gaps(net, chosen)
     drawn = _without_unused(Net(net.xy, net.edges[chosen], net.cost[chosen]))
-    for _ in range(ROUNDS):
+    for n in range(ROUNDS):
+        progress(ROUNDS + n, 2 * ROUNDS)
         drawn = spanned(space, drawn.xy, drawn.edges, detour, spacing)
         view = View(space, points, drawn.xy, KEPT * spacing)
         room = np.minimum(ROOM * clearance(drawn.xy), CLOSE * spacing)
@@ -172,7 +182,9 @@ class _Weighted:
         return found
 
 
-def _routes(net: Net, places: NDArray[np.int64], detour: float) -> NDArray[np.bool_]:
+def _routes(
+    net: Net, places: NDArray[np.int64], detour: float, progress: ProgressCallback
+) -> NDArray[np.bool_]:
     """True for the edges of lanes over which places are at most about a detour from each other."""
     weighted = _Weighted(net)
     graph = weighted.matrix(net.cost)
@@ -180,6 +192,7 @@ def _routes(net: Net, places: NDArray[np.int64], detour: float) -> NDArray[np.bo
     share = (1 + detour) / 2
     nearest = np.full(len(places), np.inf)  # to a place before; negative where it is one
     while (nearest >= 0).any():
+        progress(int((nearest < 0).sum()), len(places))
         place = int(np.argmax(nearest))
         start, limit = places[place], SPAN * nearest[place]
         away = dijkstra(graph, indices=start, limit=limit)

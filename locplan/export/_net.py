@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from locplan._kernels.lanes import spanner, uncrossed
 from locplan._kernels.route import cover, line_costs, moved, owners, usage
+from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap
 
 CLEAR, MERGED, SHIFT, APART = 0.25, 0.5, 0.5, 0.25
@@ -29,8 +30,12 @@ ASIDE = 1.5
 crosses another is kept where the way around costs more than this."""
 LEVELS = 65535
 """Steps of worth that cells are sorted by; numbers of 16 bits are sorted ten times as fast."""
+BAND = 1 << 20
+"""Number of cells whose worth is computed at once, which bounds the memory."""
 LANDMARKS = 32
 """Number of nodes whose routes nodes move for."""
+COVERED = 6
+"""Number of rounds that add nodes, about."""
 DETOUR = 1.05
 """A line is left out of the net where a way costs at most this many times as much."""
 
@@ -49,15 +54,23 @@ class Net(NamedTuple):
     """Cost of each edge (m,) [density x cells]."""
 
 
-def fine_net(costs: Costmap, space: Space, inside: NDArray[np.bool_], spacing: float) -> Net:
+def fine_net(
+    costs: Costmap,
+    space: Space,
+    inside: NDArray[np.bool_],
+    spacing: float,
+    progress: ProgressCallback,
+) -> Net:
     """A net whose nodes are about a spacing [m] apart, as connected as the cells inside."""
     reach = spacing / costs.grid.resolution
-    xy, pairs = _cover(costs, space, inside, reach)
+    xy, pairs = _cover(costs, space, inside, reach, progress)
     xy, pairs = merged(space, xy, pairs, MERGED * spacing)
     near = symmetric(pairs, np.ones(len(pairs)), len(xy))
     pairs = np.unique(np.vstack([pairs, np.column_stack((near @ near).tocoo().coords)]), axis=0)
     pairs = pairs[pairs[:, 0] < pairs[:, 1]].astype(np.int64)
+    progress(COVERED, COVERED + 2)
     net = spanned(space, xy, pairs, DETOUR, spacing)
+    progress(COVERED + 1, COVERED + 2)
     return spanned(space, relaxed(space, net, reach), pairs, DETOUR, spacing)
 
 
@@ -139,17 +152,21 @@ def merged(
 
 
 def _cover(
-    costs: Costmap, space: Space, inside: NDArray[np.bool_], reach: float
+    costs: Costmap,
+    space: Space,
+    inside: NDArray[np.bool_],
+    reach: float,
+    progress: ProgressCallback,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Nodes (n, 2) and free lines between them (m, 2) that join all connected cells."""
     flat, columns = inside.reshape(-1), inside.shape[1]
     clearance = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     clearance = clearance.reshape(-1)
-    cells = np.flatnonzero(flat)
-    worth = np.minimum(clearance[cells] / (CLEAR * reach), 1.0) - 2 * space[0][cells]
-    steps = (LEVELS * (worth.max() - worth) / max(np.ptp(worth), 1e-9)).astype(np.uint16)
-    nodes = cover(flat, columns, cells[np.argsort(steps, kind="stable")], reach)
+    nodes = cover(flat, columns, _by_worth(space, flat, clearance, reach), reach)
+    done = 0
     while True:
+        done += 1
+        progress(min(done, COVERED), COVERED + 2)
         row, col = np.divmod(nodes, columns)
         xy = np.column_stack(costs.grid.grid_to_world(row - 0.5, col - 0.5))
         xy = xy.astype(np.float32).astype(np.float64)
@@ -161,6 +178,25 @@ def _cover(
         if not missing.any():
             return xy, pairs[seen]
         nodes = np.concatenate([nodes, np.unique(between[~seen][missing])])
+
+
+def _by_worth(
+    space: Space, inside: NDArray[np.bool_], clearance: NDArray[Any], reach: float
+) -> NDArray[np.int64]:
+    """The cells inside, those with little degeneracy and much clearance [cells] first."""
+    cells = np.flatnonzero(inside)
+
+    def worth(some: NDArray[np.int64]) -> NDArray[np.float64]:
+        return np.asarray(np.minimum(clearance[some] / (CLEAR * reach), 1.0) - 2 * space[0][some])
+
+    strips = [cells[first : first + BAND] for first in range(0, len(cells), BAND)]
+    ends = np.array([(each.min(), each.max()) for each in map(worth, strips)])
+    least, most = ends[:, 0].min(), ends[:, 1].max()
+    steps = np.empty(len(cells), np.uint16)
+    for n, strip in enumerate(strips):
+        part = LEVELS * (most - worth(strip)) / max(most - least, 1e-9)
+        steps[n * BAND : n * BAND + len(strip)] = part.astype(np.uint16)
+    return cells[np.argsort(steps, kind="stable")]
 
 
 def _shortest_by_two(graph: csr_array, pairs: NDArray[Any]) -> NDArray[np.float64]:

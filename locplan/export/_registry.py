@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
+    from locplan._util.progress import ProgressCallback
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
 
@@ -29,6 +30,9 @@ class ExportJob:
     """The covariance field of the map."""
     paths: Mapping[str, Route] = dataclasses.field(default_factory=dict)
     """The paths by name."""
+    progress: ProgressCallback | None = None
+    """The function that is called with (done, total) by formats whose work has steps; what it
+    raises ends the work."""
 
 
 @dataclass(frozen=True)

@@ -8,20 +8,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.route import cover
+from locplan._kernels.route import clearances, cover
+from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.export._lanes import lanes
+from locplan.export._lanes import ROOMY, lanes
 from locplan.export._net import Net, fine_net
-from locplan.export._route_graphs import RouteGraph, space_of
+from locplan.export._route_graphs import RouteGraph, graph_over, space_of
+from locplan.maps import OCCUPIED
 
 FINE, PLACES, POINTS = 0.8, 2.0, 0.5
 """Distances in spacings: of the nodes of the net that lanes are drawn from, of the places that
 lanes join, and of the points that are to see nodes."""
+SHARES = 50, 4, 40, 6
+"""Steps of progress of the net, the places, the lanes and their costs."""
 
 
 def roadmap(
-    costs: Costmap, *, spacing: float = 2.0, detour: float = 1.2, min_area: float = 1.0
+    costs: Costmap,
+    *,
+    spacing: float = 2.0,
+    detour: float = 1.2,
+    min_area: float = 1.0,
+    progress: ProgressCallback | None = None,
 ) -> RouteGraph:
     """Lay lanes over the free space along the ways that cost little.
 
@@ -42,6 +51,8 @@ def roadmap(
         lanes.
     min_area : float
         Connected free space smaller than this gets no nodes [m^2], >= 0.
+    progress : callable, optional
+        Called with (done, total) steps of about equal time; what it raises ends the work.
 
     Returns
     -------
@@ -61,23 +72,31 @@ def roadmap(
             "spacing must be at least two cells, detour at least 1 and min_area at least 0, not"
             f" {spacing:g} m, {detour:g} and {min_area:g} m^2"
         )
+    netting, placing, drawing, measuring = parts(progress, SHARES)
     space = space_of(costs)
     passable = np.isfinite(costs.density)
     _, piece, stats, _ = cv2.connectedComponentsWithStats(passable.astype(np.uint8), connectivity=4)
     large = stats[:, cv2.CC_STAT_AREA] * grid.resolution**2 >= min_area
     inside = np.pad(large[piece] & passable, 1)
+    del piece, passable  # saves memory on a large map
     if not inside.any():
         raise ConfigError(f"no connected free space is as large as {min_area:g} m^2")
-    net = fine_net(costs, space, inside, max(FINE * spacing, 2 * grid.resolution))
+    finest = max(FINE * spacing, 2 * grid.resolution)
+    net = fine_net(costs, space, inside, finest, scaled(netting, SHARES[0]))
     points = _points(costs, inside, reach, net)
     places = _places(costs, inside, reach, net)
+    placing(SHARES[1], SHARES[1])
+    occupied, far = grid.cells == OCCUPIED, math.ceil(ROOMY * reach) + 1
 
     def clearance(xy: NDArray[np.float64]) -> NDArray[np.float64]:
         row, col = (np.floor(at).astype(np.int64) for at in grid.world_to_grid(*xy.T))
-        return grid.clearance[row, col]
+        return np.asarray(clearances(occupied, row, col, far) * grid.resolution)
 
-    drawn = lanes(space, net, places, points, clearance, spacing, detour)
-    return RouteGraph.over(costs, drawn.xy, drawn.edges)
+    laying = scaled(drawing, SHARES[2])
+    drawn = lanes(space, net, places, points, clearance, spacing, detour, laying)
+    graph = graph_over(costs, space, drawn.xy, drawn.edges)
+    measuring(SHARES[3], SHARES[3])
+    return graph
 
 
 def _places(costs: Costmap, inside: NDArray[np.bool_], reach: float, net: Net) -> NDArray[np.int64]:

@@ -80,21 +80,7 @@ class RouteGraph:
             If an edge has no length or touches a blocked cell, or the map is so far from the
             world's origin that single precision would be too coarse.
         """
-        space = space_of(costs)
-        xy = np.asarray(nodes, np.float32).astype(np.float64).reshape(-1, 2)
-        pairs = np.asarray(edges, np.int64).reshape(-1, 2)
-        length = np.hypot(*(xy[pairs[:, 0]] - xy[pairs[:, 1]]).T)
-        passable = np.isfinite(costs.density)
-        cost, e, u = (
-            line_costs(bordered_half(np.where(passable, layer, np.inf), 1), *space[1:], xy, pairs)
-            * costs.grid.resolution
-            for layer in (costs.density, costs.e, costs.u)
-        )
-        wrong = np.flatnonzero(~np.isfinite(cost) | (length == 0))
-        if len(wrong):
-            ends = " to ".join("({:.2f}, {:.2f})".format(*xy[end]) for end in pairs[wrong[0]])
-            raise ConfigError(f"the edge {ends} has no length, or touches a blocked cell")
-        return cls(xy, pairs, length, np.maximum(cost, length), e, u, directed)
+        return graph_over(costs, space_of(costs), nodes, edges, directed=directed)
 
     @property
     def penalty(self) -> NDArray[np.float64]:
@@ -113,6 +99,27 @@ class RouteGraph:
         if self.directed:
             return csr_array(coo_array((self.cost, tuple(self.edges.T)), shape=(count, count)))
         return symmetric(self.edges, self.cost, count)
+
+
+def graph_over(
+    costs: Costmap, space: Space, nodes: ArrayLike, edges: ArrayLike, *, directed: bool = False
+) -> RouteGraph:
+    """The graph that `RouteGraph.over` makes; the space's array is written over, saving memory."""
+    xy = np.asarray(nodes, np.float32).astype(np.float64).reshape(-1, 2)
+    pairs = np.asarray(edges, np.int64).reshape(-1, 2)
+    length = np.hypot(*(xy[pairs[:, 0]] - xy[pairs[:, 1]]).T)
+    cost = line_costs(*space, xy, pairs) * costs.grid.resolution
+    half = space[0].reshape(-1, space[1])[1:-1, 1:-1]
+    passable = np.isfinite(half)
+    e, u = np.empty(len(pairs)), np.empty(len(pairs))
+    for layer, found in ((costs.e, e), (costs.u, u)):
+        np.multiply(layer, 0.5, out=half, where=passable)
+        found[:] = line_costs(*space, xy, pairs) * costs.grid.resolution
+    wrong = np.flatnonzero(~np.isfinite(cost) | (length == 0))
+    if len(wrong):
+        ends = " to ".join("({:.2f}, {:.2f})".format(*xy[end]) for end in pairs[wrong[0]])
+        raise ConfigError(f"the edge {ends} has no length, or touches a blocked cell")
+    return RouteGraph(xy, pairs, length, np.maximum(cost, length), e, u, directed)
 
 
 def space_of(costs: Costmap) -> Space:

@@ -39,7 +39,7 @@ def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
             ),
             stacklevel=2,
         )
-    return dataclasses.replace(grid, origin=(x, y, 0.0))
+    return dataclasses.replace(grid, origin=(x, y, 0.0)) if yaw else grid
 
 
 def where_unturned(grid: OccupancyGrid, xy: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError
-from locplan.field._surfaces import walls
 from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.twins._loss_tables import loss_tables
 from locplan.twins._matching import TURNS, Matching
 
 Numbers = NDArray[np.float64]
+SHARES = 20, 10, 30
+"""Steps of progress of the losses, the places and the ranges, which take about that much time."""
 LATTICE = 0.4
 """Spacing of the places that scans are compared with [m]."""
 CODES_A_METRE = 16
@@ -27,8 +31,10 @@ NO_RETURN = 32
 """How far the code of no return lies behind that of the lidar's range [codes]."""
 BRANCH = 0.1
 """Least area of a region where the robot fits, against the largest, that counts as reachable."""
-STEPS = (0.5, 0.25, 0.125)
-"""Steps of the refinement, against the deviation; only with the least one there are several."""
+BAND = 1 << 20
+"""Number of cells that are looked through at once, which bounds the memory."""
+BLOCK = 1 << 14
+"""Number of places whose ranges are computed at once, which bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +98,21 @@ class Database:
 
 
 def make_database(
-    grid: OccupancyGrid, matching: Matching, places: Sequence[tuple[int, int]] = ()
+    grid: OccupancyGrid,
+    matching: Matching,
+    places: Sequence[tuple[int, int]] = (),
+    progress: ProgressCallback | None = None,
 ) -> Database:
     """Cast the beams of a lidar at every reachable place of a map.
 
     Regions with one of the places, cells (row, col), are reachable however small they are.
+    `progress` is called with (done, total) steps; what it raises ends the work.
 
     Raises
     ------
     ConfigError
         If the robot fits nowhere, or the map has no wall.
     """
-    from locplan._kernels.octets import OCTETS
     from locplan._kernels.rays import empty_squares
 
     occupied = grid.cells == OCCUPIED
@@ -115,17 +124,31 @@ def make_database(
             f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
             f" {grid.name or 'the map'}; give a smaller radius"
         )
-    squares, tables = empty_squares(occupied), _tables(grid, matching, fits)
-    positions = places_every(LATTICE, _of_lidar(grid, matching, fits), grid.resolution)
+    losing, placing, casting = parts(progress, SHARES)
+    tables = loss_tables(grid, matching, fits, scaled(losing, SHARES[0]))
+    lidar_fits = _of_lidar(grid, matching, fits)
+    positions = places_every(LATTICE, lidar_fits, grid.resolution, scaled(placing, SHARES[1]))
+    squares = empty_squares(occupied)
     made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
-    poses = np.column_stack([positions, np.zeros(len(positions))])
-    codes = made.codes_of(_ranges(made, poses, 0.0, 0.0))
-    blocks = -(-len(codes) // OCTETS)
+    codes = _all_codes(made, scaled(casting, SHARES[2]))
+    return dataclasses.replace(made, codes=codes)
+
+
+def _all_codes(database: Database, progress: ProgressCallback) -> NDArray[np.uint8]:
+    """Codes of the ranges at all places, as `Database.codes` has them."""
+    from locplan._kernels.octets import OCTETS
+
+    count = len(database.positions)
+    blocks = -(-count // OCTETS)
     padded = np.zeros((blocks * OCTETS, TURNS), np.uint8)
-    padded[: len(codes)] = codes
+    for first in range(0, count, BLOCK):
+        some = database.positions[first : first + BLOCK]
+        poses = np.column_stack([some, np.zeros(len(some))])
+        ranges = _ranges(database, poses, 0.0, 0.0)
+        padded[first : first + len(some)] = database.codes_of(ranges)
+        progress(first + len(some), count)
     laid_out = padded.reshape(blocks, OCTETS, TURNS).transpose(0, 2, 1)
-    twice = np.concatenate([laid_out, laid_out], axis=1).reshape(-1)
-    return Database(grid, matching, fits, positions, twice, tables, squares)
+    return np.concatenate([laid_out, laid_out], axis=1).reshape(-1)
 
 
 def reachable(
@@ -137,9 +160,9 @@ def reachable(
     """
     import cv2
 
-    fits = grid.free & ~grid.closer_than(robot_radius - 1e-9)
-    count, labels = cv2.connectedComponents(fits.astype(np.uint8), connectivity=4)
-    areas = np.bincount(labels.ravel(), minlength=count)
+    fits = (grid.free & ~grid.closer_than(robot_radius - 1e-9)).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=4)
+    areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
     large = areas >= max(1.0, BRANCH * areas.max())
     for row, col in places:
@@ -148,19 +171,37 @@ def reachable(
     return np.asarray(large[labels])
 
 
-def places_every(spacing: float, fits: NDArray[np.bool_], resolution: float) -> Numbers:
+def places_every(
+    spacing: float,
+    fits: NDArray[np.bool_],
+    resolution: float,
+    progress: ProgressCallback | None = None,
+) -> Numbers:
     """Centres of cells, one in each square of edge `spacing` [m] that has any, x and y (n, 2).
 
-    It is the cell next to the middle of the square.
+    It is the cell next to the middle of the square. `progress` is called with (done, total) rows.
     """
-    rows, cols = np.nonzero(fits)
     edge = max(1, round(spacing / resolution))
+    height, width = fits.shape
+    rows = edge * max(1, BAND // (edge * width))
+    found = [np.empty((0, 2))]
+    for top in range(0, height, rows):
+        found.append(_middles(fits[top : top + rows], edge))
+        found[-1][:, 1] += top
+        if progress:
+            progress(min(top + rows, height), height)
+    return np.concatenate(found) + 0.5
+
+
+def _middles(fits: NDArray[np.bool_], edge: int) -> Numbers:
+    """Columns and rows (n, 2) of the cells next to the middles of squares."""
+    rows, cols = np.nonzero(fits)
     block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
     aside = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
-    order = np.lexsort([cols, rows, aside, block])
-    _, first = np.unique(block[order], return_index=True)
-    chosen = order[first]
-    return np.column_stack([cols[chosen], rows[chosen]]).astype(np.float64) + 0.5
+    order = np.lexsort([aside, block])  # cells that are as near stay in the order of their rows
+    block = block[order]
+    chosen = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
+    return np.column_stack([cols[chosen], rows[chosen]]).astype(np.float64)
 
 
 def wrapped(angle: Numbers) -> Numbers:
@@ -208,34 +249,3 @@ def _codes(ranges: Numbers, farthest: float) -> NDArray[np.uint8]:
     none = CODES_A_METRE * farthest + NO_RETURN
     counts = np.where(np.isfinite(ranges), CODES_A_METRE * ranges, none)
     return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
-
-
-def _tables(grid: OccupancyGrid, matching: Matching, fits: NDArray[np.bool_]) -> Any:
-    """The losses around the map at each deviation, in the form that the kernels take."""
-    import cv2
-
-    from locplan._kernels.scan_losses import TOP, LossTables
-
-    sigmas, resolution = matching.sigmas(grid.resolution), grid.resolution
-    margin = math.ceil(4 * sigmas[0] / resolution) + 2
-    clear = 1 - np.pad(walls(grid.cells == OCCUPIED), margin)
-    distance = cv2.distanceTransform(clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * resolution
-    corners = []
-    for sigma in sigmas:
-        hit = (1 - matching.z_rand) * np.exp(-0.5 * (distance / sigma) ** 2)
-        loss = np.log(hit + matching.z_rand) / math.log(matching.z_rand)
-        steps = np.rint(TOP * loss).astype(np.uint32)
-        steps = np.pad(steps, (0, 1), constant_values=TOP)
-        parts = steps[:-1, :-1], steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]
-        word = sum(part << (8 * n) for n, part in enumerate(parts))
-        corners.append(np.asarray(word, np.uint32).ravel())
-    steps = sigmas[:, None] / resolution * STEPS
-    steps[:-1, 1:] = 0
-    return LossTables(
-        np.array(corners),
-        fits.astype(np.uint8),
-        margin=margin,
-        width=clear.shape[1],
-        height=clear.shape[0],
-        steps=steps,
-    )

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import positive, shown
+from locplan._util.checks import position, positive, shown
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Costmap
@@ -177,11 +177,15 @@ def _checked(
     grid: OccupancyGrid, places: Iterable[Sequence[float]], robot_radius: float
 ) -> tuple[list[tuple[int, int]], Numbers]:
     """Cells (row, col) of places in the world, and their positions, (n, 2) [m]."""
-    costs, cells, xy = Costmap.blank(grid, robot_radius=robot_radius), [], []
+    cells, xy = [], []
     if not isinstance(places, Iterable):
         raise ConfigError(f"places must be positions x, y in the world [m], not {shown(places)}")
+    fits = grid.free & ~grid.closer_than(robot_radius - 1e-9)  # much smaller than a costmap
     for place in places:
-        cells.append(costs.cell_of(place, "place"))
+        cell = grid.world_to_cell(*position(place, name="place"))
+        if not (grid.contains(*cell) and fits[cell]):
+            Costmap.blank(grid, robot_radius=robot_radius).cell_of(place, "place")  # says why
+        cells.append(cell)
         xy.append([float(value) for value in place])
     if not xy:
         raise ConfigError("there must be at least one place; leave places out for all")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import instance, keep_checked, number
+from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.field import Lidar, Scan
@@ -70,7 +71,27 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        return make_database(self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance))
+        return self._made(None)
+
+    def prepare(self, progress: ProgressCallback | None = None) -> None:
+        """Look from all places now, so that the first search need not.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with (done, total) steps; what it raises ends the work, and nothing is kept.
+
+        Raises
+        ------
+        ConfigError
+            If the map has no wall, or no place with this clearance.
+        """
+        if "everywhere" not in vars(self):
+            vars(self)["everywhere"] = self._made(progress)
+
+    def _made(self, progress: ProgressCallback | None) -> Database:
+        matching = Matching(lidar=self.lidar, robot_radius=self.clearance)
+        return make_database(self.grid, matching, (), progress)
 
     @cached_property
     def matcher(self) -> Matcher:

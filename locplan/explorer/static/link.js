@@ -40,7 +40,7 @@ export function ask(kind, content = {}, onProgress = null) {
 
 /**
  * Ask for long work anew: it is listed with its progress and a button that cancels it. `show` gets the answer, if there
- * is one; what went wrong is told.
+ * is one; what went wrong is told, and also that it was cancelled, unless there are no words for that.
  */
 export async function work(kind, title, content, show, cancelled = "Cancelled.") {
 	cancel(kind);
@@ -52,8 +52,8 @@ export async function work(kind, title, content, show, cancelled = "Cancelled.")
 	const row = taskRow(kind, title, stop);
 	try {
 		const answer = await ask(kind, content, (message) => showProgress(row, title, message));
-		if (answer?.cancelled) toast(cancelled);
-		else if (answer) await show(answer);
+		if (!answer?.cancelled) await (answer && show(answer));
+		else if (cancelled) toast(cancelled);
 	} catch (error) {
 		complain(error);
 	} finally {

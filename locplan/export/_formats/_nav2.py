@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -108,11 +109,22 @@ class GraphOptions:
 
 def write_graph(target: Path, job: ExportJob, options: GraphOptions) -> ExportSummary:
     """Write lanes, with the scorers that make the server charge J."""
+    from locplan._util.progress import ProgressCallback, progress_bar
     from locplan.export._geojson import route_graph
 
-    graph = route_graph(
-        target, job.costs, spacing=options.spacing, frame=options.frame, distro=options.distro
-    )
+    if job.progress:
+        showing: AbstractContextManager[ProgressCallback] = nullcontext(job.progress)
+    else:
+        showing = progress_bar(f"writing {target.name}", "")
+    with showing as progress:
+        graph = route_graph(
+            target,
+            job.costs,
+            spacing=options.spacing,
+            frame=options.frame,
+            distro=options.distro,
+            progress=progress,
+        )
     nodes, edges, parts = len(graph.nodes), len(graph.edges), graph.components
     return ExportSummary(
         {"nodes": nodes, "edges": edges, "components": parts},
@@ -131,5 +143,11 @@ FORMATS = (
         "nav2-static", "a map for a StaticLayer of Nav2", partial(write_mask, "static"), Nav2Options
     ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
-    Format("route-graph", "a GeoJSON graph for Nav2's route server", write_graph, GraphOptions),
+    Format(
+        "route-graph",
+        "a GeoJSON graph for Nav2's route server",
+        write_graph,
+        GraphOptions,
+        tells=True,
+    ),
 )
