@@ -259,6 +259,24 @@ def shortest_costs(density, start, corner_cutting):
     return cost
 
 
+def steps_back(density, cost, tolerance):
+    """Bits of the steps that cost at most so much more than the cheapest way, cell by cell."""
+    steps = np.zeros(density.shape, np.uint8)
+    for row, col in np.ndindex(density.shape):
+        around = [d for d in itertools.product((-1, 0, 1), repeat=2) if d != (0, 0)]
+        for bit, (vertical, horizontal) in enumerate(around):
+            at = row + vertical, col + horizontal
+            if not (0 <= at[0] < density.shape[0] and 0 <= at[1] < density.shape[1]):
+                continue
+            corners = density[at[0], col], density[row, at[1]]
+            if math.isinf(cost[row, col]) or (vertical and horizontal and math.inf in corners):
+                continue
+            step = (density[row, col] / 2 + density[at] / 2) * math.hypot(vertical, horizontal)
+            if cost[at] + step <= cost[row, col] + tolerance:
+                steps[row, col] |= 1 << bit
+    return steps
+
+
 def touches(row0, col0, row1, col1, row, col, margin=1e-5):
     """Whether a line comes into a cell's square, less a margin: clipped side by side."""
     enter, leave = 0.0, 1.0

@@ -303,6 +303,56 @@ def test_the_page_comes_back_after_a_break(visit, browser, server):
     context.close()
 
 
+def test_on_a_large_map_a_drag_searches_ahead_once_and_its_release_goes_on(browser, server):
+    context = browser.new_context()
+    seen = Seen(context.new_page())
+    asks = []
+
+    def sockets(socket):
+        behind = socket.connect_to_server()
+
+        def asked(text):
+            ask = json.loads(text)
+            asks.append(ask)
+            if ask["do"] == "cancel" and any(one["id"] == ask["of"] for one in idle()):
+                socket.send(json.dumps({"re": ask["of"], "cancelled": True}))
+            elif ask["do"] != "idle":  # as if searches took long
+                behind.send(text)
+
+        socket.on_message(asked)
+
+    def idle():
+        return [ask for ask in asks if ask["do"] == "idle" and ask.get("hold")]
+
+    def cancelled():
+        return {ask["of"] for ask in asks if ask["do"] == "cancel"}
+
+    seen.page.route_web_socket(re.compile("/socket$"), sockets)
+    seen.open(server.address)
+    seen.page.evaluate(
+        "import(new URL('static/store.js', document.baseURI))"
+        ".then(({ model }) => { model.about.map.cols = 4000; })"
+    )
+    for name, count in (("goal", 1), ("start", 2)):
+        painted = seen.value("painted")
+        seen.drag(f".marker.{name}", 20 if name == "start" else -20, 0, release=False)
+        painted = seen.await_change("painted", painted)
+        x, y = seen.middle(f".marker.{name}")
+        seen.page.mouse.move(x + 3, y)
+        painted = seen.await_change("painted", painted)
+        seen.page.mouse.up()
+        seen.await_change("painted", painted)
+        assert [ask["hold"] for ask in idle()] == ["goal", "start"][:count]
+        assert idle()[-1]["id"] not in cancelled()
+    painted = seen.value("painted")
+    seen.page.locator(".marker.goal").focus()
+    seen.page.keyboard.press("ArrowLeft")
+    seen.await_change("painted", painted)
+    assert {ask["id"] for ask in idle()} <= cancelled()
+    assert seen.faults == []
+    context.close()
+
+
 def test_a_server_started_anew_is_told_apart_from_one_that_is_silent(browser):
     grid, field = corridors()
     context = browser.new_context()

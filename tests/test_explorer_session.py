@@ -11,20 +11,22 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
+import numba
 import numpy as np
 import pytest
 from conftest import drawn, random_rooms
 
 import locplan
+from locplan.costs import Costmap
 from locplan.errors import LocplanError
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._edits import Stroke, drawn as patch_of, last_ones
-from locplan.explorer._plans import planned
+from locplan.explorer._plans import SHORTEST_WEIGHT, planned
 from locplan.explorer._points import clearance_at
 from locplan.explorer._profiles import path_answer
 from locplan.explorer._scene import Opening, Scene
-from locplan.explorer._searches import Kept
+from locplan.explorer._searches import Flood, Kept, index_of
 from locplan.explorer._session import Session
 from locplan.explorer._snap import REACH, Parts, snapped
 from locplan.explorer._state import about, state
@@ -33,6 +35,7 @@ from locplan.explorer._wire import Ask
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import plan_beside_shortest
+from locplan.planners._grid import Bordered, cheapest_cells
 from locplan.planners._plan import AWARE, SHORTEST
 
 SAD = FieldConfig(locplan.Sad(range=1.5), stride=0.4)
@@ -103,19 +106,108 @@ def test_plans_after_a_drag_of_the_goal_are_those_of_the_library(session):
 
 
 @pytest.mark.parametrize("held", [0, 1, 2])
-def test_while_a_stop_is_held_the_cells_cost_the_same(session, held):
-    stops = free_places(session, 3, seed=7)
-    dragged, released = (planned(session, stops, 4.0, held=h) for h in (held, None))
-    for name in ("aware", "shortest"):
-        one, other = getattr(dragged, name), getattr(released, name)
-        assert one.cost <= 1.2 * other.cost
-        assert one.xy[[0, -1]].tolist() == other.xy[[0, -1]].tolist()
+def test_while_a_stop_is_held_the_paths_are_those_of_its_release(session, held):
+    for seed in range(7, 10):
+        stops = free_places(session, 3, seed=seed)
+        session.kept.forget(lambda key: False)
+        released = planned(session, stops, 4.0)
+        session.kept.forget(lambda key: False)
+        dragged = planned(session, stops, 4.0, held=held)
+        for name in ("aware", "shortest"):
+            one, other = getattr(dragged, name), getattr(released, name)
+            assert one.xy.tolist() == other.xy.tolist()
+
+
+def test_a_kept_search_gives_the_planners_cells_in_both_directions():
+    rng, differ = np.random.default_rng(2), 0
+    for _ in range(40):
+        grid = OccupancyGrid(np.full((20, 20), FREE), 1.0)
+        costs = Costmap.from_density(grid, rng.integers(1, 3, (20, 20)) ** rng.integers(2))
+        start, goal = (tuple(map(float, xy)) for xy in rng.integers(20, size=(2, 2)) + 0.5)
+        flood = Flood.of(Bordered.of(costs), index_of(costs, start))
+        there = flood.cells_to(index_of(costs, goal))
+        back = flood.cells_from(index_of(costs, goal))
+        assert there.tolist() == cheapest_cells(costs, start, goal, False)[0].tolist()
+        assert back.tolist() == cheapest_cells(costs, goal, start, False)[0].tolist()
+        differ += there.tolist() != back[::-1].tolist()
+    assert differ > 10
+
+
+def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
+    from locplan._kernels import ways
+    from locplan.explorer._explore import _warm_up
+
+    used = []
+    for name in ("greatest_cost", "steps_back", "cheapest_cells"):
+        kernel = getattr(ways, name)
+
+        def noted(*given, kernel=kernel):
+            used.append((kernel, [numba.typeof(value) for value in given]))
+            return kernel(*given)
+
+        monkeypatch.setattr(ways, name, noted)
+    _warm_up(session)
+    before, used[:] = list(used), []
+    session.kept.forget(lambda key: False)
+    planned(session, free_places(session, 2), 4.0, held=0)
+    assert len(before) == 3
+    assert all(one in before for one in used)
+
+
+def floods(session) -> list[tuple[float, int]]:
+    """Weights of the searches that are kept, and the cells that they began in."""
+    return [key[2:] for key in session.kept._results if key[0] == "flood"]
+
+
+@pytest.mark.parametrize("held", [0, 1])
+def test_after_a_drag_no_map_is_searched(session, held, monkeypatch):
+    stops, (elsewhere,) = free_places(session, 2, seed=9), free_places(session, 1, seed=10)
+    session.kept.forget(lambda key: False)
+    planned(session, stops, 4.0, held=held)
+    begun = []
+    monkeypatch.setattr("locplan._kernels.search.search", lambda *_, **__: begun.append(1))
+    stops[held] = elsewhere
+    found = planned(session, stops, 4.0)
+    assert begun == []
+    monkeypatch.undo()
+    expected = plan_beside_shortest(session.costs(4.0), *stops)
+    assert found.aware.xy.tolist() == expected[AWARE].path.xy.tolist()
+    assert found.shortest.xy.tolist() == expected[SHORTEST].path.xy.tolist()
+
+
+def test_idle_searches_from_the_stops_that_a_drag_leaves_at_rest(session, monkeypatch):
+    places = free_places(session, 4, seed=9)
+    start, *via, goal = places
+    asked = {"start": start, "via": via, "goal": goal, "weight": 4.0}
+    cells = [index_of(session.costs(), place) for place in places]
+    for hold, among in (("start", [1]), ("via:0", [0, 2]), ("goal", [2]), (None, range(4))):
+        session.kept.forget(lambda key: False)
+        assert answer(session, "idle", **asked, hold=hold) == {"ok": True}
+        assert sorted(floods(session)) == sorted(
+            (weight, cells[n]) for weight in (SHORTEST_WEIGHT, 4.0) for n in among
+        )
+    half = session.kept.get(("halved", session.scene.serial, 4.0)).bordered.half.nbytes
+    for share, count in ((3.8, 1), (4.3, 3), (3.7, 0)):
+        monkeypatch.setattr("locplan.explorer._plans.KEPT_BYTES", share * half)
+        session.kept.forget(lambda key: False)
+        answer(session, "idle", **asked)
+        assert len(floods(session)) == 2 * count
+
+
+def test_idle_prepares_the_drafts_of_large_maps(session, monkeypatch):
+    start, goal = free_places(session, 2, seed=13)
+    asked = {"start": start, "goal": goal, "weight": 4.0}
+    for cells, hold, prepared in ((50, None, 2), (50, "goal", 0), (1500, None, 0)):
+        monkeypatch.setattr("locplan.explorer._plans.DRAFT_CELLS", cells)
+        session.kept.forget(lambda key: False)
+        answer(session, "idle", **asked, hold=hold)
+        assert sum(key[0] == "coarse" for key in session.kept._results) == prepared
 
 
 def test_only_the_legs_beside_the_held_stop_are_planned_again(session, monkeypatch):
     from locplan.explorer import _plans
 
-    stops, planned_legs = free_places(session, 4, seed=9), []
+    (moved, *stops), planned_legs = free_places(session, 5, seed=9), []
     planned(session, stops, 4.0)
     whole = _plans.any_angle_path
 
@@ -124,8 +216,9 @@ def test_only_the_legs_beside_the_held_stop_are_planned_again(session, monkeypat
         return whole(costs, bordered, cells, start, goal)
 
     monkeypatch.setattr(_plans, "any_angle_path", counted)
-    planned(session, stops, 4.0, held=0)
-    assert set(planned_legs) == {(stops[0], stops[1])}
+    for held in (0, None):
+        planned(session, [moved, *stops[1:]], 4.0, held=held)
+        assert planned_legs == 2 * [(moved, stops[1])]
 
 
 def test_before_there_is_a_field_the_shortest_path_is_there():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
 from locplan.costs._path import joined
-from locplan.explorer._floor import Floor
+from locplan.explorer._floor import FACTOR, Floor
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, index_of
@@ -45,6 +45,11 @@ class Coarse:
     def bytes(self) -> int:
         """Bytes that it takes."""
         return 3 * self.bordered.half.nbytes
+
+    @staticmethod
+    def expected(fine: Bordered) -> int:
+        """Bytes that the one of a costmap takes, roughly."""
+        return 3 * fine.half.nbytes // FACTOR**2
 
     def free_near(self, xy: Position) -> Position | None:
         """The position, or the centre of a free cell near it; None where there is none [m]."""
@@ -84,16 +89,21 @@ def drafted(
     return answers[0], (answers[1] if len(answers) > 1 else None)
 
 
-def _over(
-    session: Session, scene: Scene, stops: Sequence[Position], weight: float, held: int | None
-) -> Path | None:
-    """A draft over all stops; None if a leg has none."""
+def coarse_of(session: Session, scene: Scene, weight: float) -> Coarse:
+    """The costmap of drafts at a weight, which is kept."""
     key = ("coarse", scene.serial, weight)
 
     def make() -> Coarse:
         return Coarse.of(scene.floor, weight)
 
-    coarse = session.kept.made(key, make, lambda made: made.bytes)
+    return session.kept.made(key, make, lambda made: made.bytes)
+
+
+def _over(
+    session: Session, scene: Scene, stops: Sequence[Position], weight: float, held: int | None
+) -> Path | None:
+    """A draft over all stops; None if a leg has none."""
+    coarse = coarse_of(session, scene, weight)
     legs: list[Path] = []
     for n, (start, goal) in enumerate(itertools.pairwise(stops)):
         first, last = coarse.free_near(start), coarse.free_near(goal)
@@ -102,10 +112,10 @@ def _over(
         backwards = held == n  # the search is kept from the end that rests
         rests, moves = (last, first) if backwards else (first, last)
         flood = _flood(session, coarse, ("coarse flood", scene.serial, weight), rests)
-        cells = flood.cells_to(index_of(coarse.costs, moves))
+        moving = index_of(coarse.costs, moves)
+        cells = flood.cells_from(moving) if backwards else flood.cells_to(moving)
         if cells is None:
             return None
-        cells = cells[::-1] if backwards else cells
         found = any_angle_path(coarse.costs, coarse.bordered, cells, first, last)
         legs.append(Path(np.vstack([start, found.xy[1:-1], goal])))
     path = joined(legs) if len(legs) > 1 else legs[0]
@@ -119,4 +129,4 @@ def _flood(session: Session, coarse: Coarse, key: tuple[object, ...], end: Posit
     def make() -> Flood:
         return Flood.of(coarse.bordered, source)
 
-    return session.kept.made((*key, source), make, lambda made: made.cost.nbytes)
+    return session.kept.made((*key, source), make, lambda made: made.steps.nbytes)

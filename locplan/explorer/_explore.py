@@ -194,9 +194,11 @@ def opened(
 
 def _warm_up(session: Session) -> None:
     """Find the first ends and load the kernels, while the browser loads the page."""
+    from locplan.explorer._searches import Flood
     from locplan.explorer._state import ends
     from locplan.planners import AnyAngle
 
     with suppress(LocplanError):  # the page's own questions tell what is wrong
         ends(session)
     AnyAngle().prepare()
+    Flood.prepare()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -11,7 +12,7 @@ from locplan._util.checks import RESOLUTIONS
 from locplan.costs import Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
-from locplan.explorer._drafts import drafted
+from locplan.explorer._drafts import Coarse, coarse_of, drafted
 from locplan.explorer._floor import FACTOR
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
@@ -80,9 +81,8 @@ def planned(
 ) -> PlanAnswer:
     """Plan both paths.
 
-    Where no stop is held they are those of `locplan.planners.plan_beside_shortest`. While one is
-    dragged, they come from the searches that are kept from the stops beside it, and may be other
-    ones of the same cost on the grid.
+    They are those of `locplan.planners.plan_beside_shortest`, also where they come from searches
+    that are kept from the other end.
 
     Parameters
     ----------
@@ -124,19 +124,43 @@ def planned(
 
 
 def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
-    """Search from both ends while nothing is asked, so that the next drag finds them done."""
+    """Prepare drafts and search from the stops, so that the next drag finds that done.
+
+    Where a stop is held, its drag has begun: only the stops beside it are searched from.
+    """
     scene, weight = session.scene, session.weight_of(ask)
     stops = [ask.position("start"), *ask.positions("via"), ask.position("goal")]
-    placed = snapped(session.parts(scene), stops)
+    held = held_stop(ask, len(stops))
+    placed = snapped(session.parts(scene), stops, held)
     weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
+    check = work.cancel.check
+    for each in weights if held is None and _has_drafts(scene.costs.grid) else ():
+        check()
+        coarse_of(session, scene, each)
     halved = [_halved(session, scene, each) for each in weights]
-    for stop in (placed[0], placed[-1]):
-        if session.kept.bytes + sum(each.bordered.half.nbytes for each in halved) > KEPT_BYTES:
+    room = KEPT_BYTES - Flood.expected(halved[0].bordered)
+    room -= sum(each.bordered.half.nbytes + Coarse.expected(each.bordered) for each in halved)
+    for stop in _first_to_rest(placed) if held is None else _beside(placed, held):
+        room -= sum(each.bordered.half.size for each in halved)
+        if room < 0:
             break  # one search would only push out another
-        for each in weights:
-            work.cancel.check()
-            _flood(session, scene, each, stop, work.cancel.check)
+        with ThreadPoolExecutor(len(weights)) as pool:  # a drag that has begun waits for these
+            made = [pool.submit(_flood, session, scene, each, stop, check) for each in weights]
+        for one in made:
+            one.result()
     return {"ok": True}
+
+
+def _first_to_rest(stops: Sequence[Position]) -> list[Position]:
+    """The stops in the order in which a drag may need them: the ends move most."""
+    start, *via, goal = stops
+    ends = [via[-1], via[0], start, goal, *via[1:-1]] if via else [start, goal]
+    return list(dict.fromkeys(ends))
+
+
+def _beside(stops: Sequence[Position], held: int) -> list[Position]:
+    """The stops beside the one that is dragged."""
+    return [stops[n] for n in (held - 1, held + 1) if 0 <= n < len(stops)]
 
 
 def is_slow(session: Session, ask: Ask) -> bool:
@@ -192,30 +216,29 @@ def _leg(
 ) -> Path | None:
     """The any-angle path of a leg, of which one end may be moving; None if there is none.
 
-    A search from an end that rests is finished even where the plan is not: the next one needs it.
+    A search from an end that rests is kept, and serves paths to it and from it. It is finished even
+    where the plan is not: the next one needs it.
     """
+    key = ("leg", scene.serial, weight, start, goal)
+    if kept := session.kept.get(key):
+        return kept  # type: ignore[no-any-return]
     halved = _halved(session, scene, weight)
     costs, bordered = halved.costs, halved.bordered
-    if moving == "start":
-        cells = _flood(session, scene, weight, goal).cells_to(index_of(costs, start))
-        if cells is None:
-            return None
-        return any_angle_path(costs, bordered, cells[::-1], start, goal)
-    key = ("leg", scene.serial, weight, start, goal)
-    if moving is None and (kept := session.kept.get(key)):
-        return kept  # type: ignore[no-any-return]
-    flood: Flood | None = session.kept.get(_flood_key(scene, weight, index_of(costs, start)))
-    if moving == "goal" and flood is None:
-        flood = _flood(session, scene, weight, start)
+    if moving is not None:
+        _flood(session, scene, weight, goal if moving == "start" else start)
+    first, last = (index_of(costs, end) for end in (start, goal))
+    flood: Flood | None = session.kept.get(_flood_key(scene, weight, first))
     if flood is not None:
-        cells = flood.cells_to(index_of(costs, goal))
-        path = None if cells is None else any_angle_path(costs, bordered, cells, start, goal)
+        cells = flood.cells_to(last)
     else:
+        flood = session.kept.get(_flood_key(scene, weight, last))
+        cells = None if flood is None else flood.cells_from(first)
+    if flood is None:
         check()
         path = AnyAngle().solve_prepared(costs, bordered, start, goal, check).path
-    if path is not None and moving is None:
-        session.kept.put(key, path, PATH_BYTES)
-    return path
+    else:
+        path = None if cells is None else any_angle_path(costs, bordered, cells, start, goal)
+    return None if path is None else session.kept.put(key, path, PATH_BYTES)
 
 
 def _halved(session: Session, scene: Scene, weight: float) -> Halved:
@@ -244,6 +267,6 @@ def _flood(
     return session.kept.made(
         key,
         lambda: Flood.of(halved.bordered, source, check),
-        lambda made: made.cost.nbytes,
-        halved.bordered.half.nbytes,
+        lambda made: made.steps.nbytes,
+        Flood.expected(halved.bordered),
     )

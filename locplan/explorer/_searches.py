@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap
 from locplan.planners import Position
-from locplan.planners._grid import Bordered, bordered_index, cells_of
+from locplan.planners._grid import Bordered, blank_costs, bordered_index, cells_of
 
 T = TypeVar("T")
 
@@ -103,35 +103,57 @@ class Halved:
 
 @dataclass(frozen=True, eq=False)
 class Flood:
-    """The least cost from one end to every cell."""
+    """The cheapest ways from one end to every cell, in a byte a cell."""
 
     bordered: Bordered
     """The costmap that was searched."""
     source: int
     """Index of the end's cell in the bordered grid."""
-    cost: NDArray[np.float64]
-    """Costs, flat with the border [density x cells]."""
+    steps: NDArray[np.uint8]
+    """Steps back to the end on cheapest ways, flat with the border: a bit for each neighbour."""
 
     @classmethod
     def of(cls, bordered: Bordered, source: int, check: Callable[[], None] | None = None) -> Flood:
         """Search all that can be reached from a cell; what `check` raises ends that early."""
         from locplan._kernels.search import search
+        from locplan._kernels.ways import steps_back, tolerance_of
 
         half, columns, scale = bordered
-        found = search(half, columns, source, -1, False, scale, check=check)
-        return cls(bordered, source, found.cost)
+        cost = search(half, columns, source, -1, False, scale, check=check).cost
+        tolerance = tolerance_of(cost, scale.cheapest)
+        return cls(bordered, source, steps_back(half, columns, cost, tolerance))
+
+    @classmethod
+    def prepare(cls) -> None:
+        """Compile the kernels, so that the first drag does not wait for that."""
+        costs = blank_costs(1, 3)
+        flood = cls.of(Bordered.of(costs), index_of(costs, (0.5, 0.5)))
+        flood.cells_to(index_of(costs, (2.5, 0.5)))
+
+    @staticmethod
+    def expected(bordered: Bordered) -> int:
+        """Bytes that a search takes while it is made, with its costs."""
+        return bordered.half.nbytes + bordered.half.size
 
     def cells_to(self, target: int) -> NDArray[np.int64] | None:
         """Cells (n, 2) of (row, col) of the cheapest path to a cell; None if there is none.
 
         It is the path that a planner finds from the flood's end.
         """
-        from locplan._kernels.search import trace
+        return self._cells(target, True)
 
-        if not np.isfinite(self.cost[target]):
+    def cells_from(self, start: int) -> NDArray[np.int64] | None:
+        """The same from a cell to the flood's end: the path that a planner finds from the cell."""
+        return self._cells(start, False)
+
+    def _cells(self, other: int, from_source: bool) -> NDArray[np.int64] | None:
+        from locplan._kernels.ways import cheapest_cells
+
+        if other != self.source and not self.steps[other]:
             return None
         half, columns, _ = self.bordered
-        return cells_of(trace(half, columns, self.cost, target, False), columns)
+        flat = cheapest_cells(half, columns, self.steps, self.source, other, from_source)
+        return cells_of(flat, columns)
 
 
 def index_of(costs: Costmap, xy: Position) -> int:

@@ -27,7 +27,8 @@ from locplan.planners import Position
 from locplan.simulation._settings import lidar_of
 
 KEPT_BYTES = 520e6
-"""Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two of each."""
+"""Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two costmaps, searches on both
+from two ends, drafts, and a search that is made."""
 KEPT_FILES = 80e6
 """Bytes of textures and files to download that are kept."""
 GREATEST_WEIGHT = 1000.0

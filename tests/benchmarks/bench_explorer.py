@@ -29,6 +29,21 @@ FRAMES = """() => {
     const seen = (now) => { window.frames_seen.push(now); requestAnimationFrame(seen); };
     requestAnimationFrame(seen);
 }"""
+ANSWERS = """() => {
+    const asked = new Map();
+    const { send } = WebSocket.prototype;
+    window.full_plans = [];
+    WebSocket.prototype.send = function (text) {
+        const question = JSON.parse(text);
+        if (question.do === "plan" && !question.draft) asked.set(question.id, performance.now());
+        if (!asked.hears) this.addEventListener("message", ({ data }) => {
+            const { re, aware } = JSON.parse(data);
+            if (aware && asked.has(re)) full_plans.push(performance.now() - asked.get(re));
+        });
+        asked.hears = true;
+        return send.call(this, text);
+    };
+}"""
 DRAGS = "() => performance.getEntriesByName('locplan:drag').map((each) => each.duration)"
 
 
@@ -125,6 +140,59 @@ def test_drag(benchmark, seen, server):
     plain = plan_beside_shortest(costs, start, goal)["shortest"]
     assert length == pytest.approx(plain.path.length, rel=0.02)
     kept(benchmark, found, benchmark.stats.stats.total)
+
+
+@pytest.mark.parametrize("waited", [0, 5], ids=["at once", "after 5 s"])
+@pytest.mark.parametrize("held", ["start", "goal"])
+def test_full_plans_of_a_drag(benchmark, seen, server, held, waited):
+    """A drag's first draft, its first full plan, the next one, and the one at its release.
+
+    Full plans count from the question to its answer in the page. The drag begins as soon as the
+    page is ready and nothing is searched yet, or after a while.
+    """
+    server._server.session.kept.forget(lambda key: False)
+    seen.page.evaluate(ANSWERS)
+    x, y = seen.middle(f".marker.{held}")
+    back = -1 if held == "goal" else 1
+
+    def answered(count):
+        for _ in range(2000):
+            found = seen.page.evaluate("() => full_plans")
+            if len(found) >= count:
+                return found
+            seen.page.wait_for_timeout(10)
+        raise AssertionError("no full plan came")
+
+    def dragged():
+        seen.page.mouse.move(x, y)
+        seen.page.mouse.down()
+        found = []
+        for stop in (20, 40):
+            for k in range(20):
+                seen.page.mouse.move(x + back * (stop + k / 2), y)
+                seen.page.wait_for_timeout(10)
+            before = len(found)
+            found = answered(before + 1)  # large maps: once the drag rests
+        moved = len(found)
+        seen.page.mouse.move(x + back * 70, y)
+        seen.page.mouse.up()
+        seen.page.locator("#live", has_text="Aware path").wait_for(state="attached")
+        return [found[0], found[moved - 1], answered(moved + 1)[-1]]
+
+    seen.page.locator(f".marker.{held}").focus()
+    seen.page.keyboard.press("ArrowRight")  # this plan makes the costmaps anew
+    answered(1)
+    seen.page.wait_for_timeout(1000 * waited)
+    seen.page.evaluate("() => { full_plans.length = 0; performance.clearMeasures(); }")
+    first, later, release = benchmark.pedantic(dragged, rounds=1)
+    draft = seen.page.evaluate(DRAGS)[0]
+    milliseconds = {"draft_ms": draft, "first_ms": first, "later_ms": later, "release_ms": release}
+    figures = {name: round(value, 1) for name, value in milliseconds.items()}
+    kept(benchmark, [first, later, release], **figures)
+    start, goal = seen.place("start"), seen.place("goal")
+    plans = plan_beside_shortest(server._server.session.scene.costs, start, goal)
+    length = float(seen.text("#aware-length").split()[0])
+    assert length == pytest.approx(plans["localizability-aware"].path.length, rel=0.02)
 
 
 def test_weight(benchmark, seen):

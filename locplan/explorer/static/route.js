@@ -12,6 +12,7 @@ const IDLE = 500; // milliseconds after which the server searches ahead
 const LARGE = 1500; // cells on a side above which drafts are worth it
 let restTimer = 0;
 let idleTimer = 0;
+let ahead = null;
 let lastTurn = 0;
 let painted = 0;
 
@@ -106,16 +107,28 @@ async function requestPlan(held, draft, moment = null) {
 	if (!isLinked() || !model.start) return;
 	try {
 		clearTimeout(idleTimer);
-		cancel("idle");
+		searchAhead();
 		if (draft) interrupt("plan", (content) => !content.draft);
 		const answer = await ask("plan", { ...routeAsked(), hold: held, draft });
 		if (!answer || answer.cancelled) return;
 		takePlan(answer, moment);
-		if (!model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), isLarge() ? 5 * IDLE : IDLE);
+		if (!model.held) idleTimer = setTimeout(() => isLinked() && ask("idle", routeAsked()).catch(() => null), IDLE);
 	} catch (error) {
 		if (!isLinked()) complain(error); // what is shown still holds
 		else takePlan({ aware: null, shortest: null, why: error.message, draft });
 	}
+}
+
+// On a large map a drag's first full plan, and its release, find the searches from the other stops done or under way.
+function searchAhead() {
+	const held = isLarge() ? model.held : null;
+	if (held ? held === ahead : ahead) {
+		ahead = held;
+		return;
+	}
+	ahead = held;
+	cancel("idle");
+	if (held) ask("idle", { ...routeAsked(), hold: held }).catch(() => null);
 }
 
 /** Show an answer of plan; at rest the markers go where the server put them. */
