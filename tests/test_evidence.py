@@ -419,7 +419,6 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     assert about["lidar"]["range"] == 12.0
 
 
-@pytest.mark.draws
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     other = tmp_path / "b.yaml"
     locplan.save_map(environments.make("places", resolution=0.1), other)
