@@ -22,8 +22,13 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure() -> None:
-    """Keep compiled kernels, before numba is imported; worker processes inherit the folder."""
+    """Keep compiled kernels, before numba is imported; worker processes inherit the folder.
+
+    They keep compiled modules, too, as Python does where nobody forbids it: tests start a hundred
+    processes, of which each would compile the package.
+    """
     keep_kernels()
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 respects_permissions = pytest.mark.skipif(

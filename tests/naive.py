@@ -620,9 +620,11 @@ def central_mode(losses, excess):
         at = queue.pop()
         if losses[at] > losses[centre] + excess:
             continue
-        for move in itertools.product((-1, 0, 1), repeat=3):
-            there = tuple(np.add(at, move))
-            if min(there) >= 0 and np.less(there, losses.shape).all() and not inside[there]:
+        near = (
+            range(max(n - 1, 0), min(n + 2, size)) for n, size in zip(at, losses.shape, strict=True)
+        )
+        for there in itertools.product(*near):
+            if not inside[there]:
                 inside[there] = True
                 queue.append(there)
     return inside

@@ -152,7 +152,7 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
 )
 def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
     start, goal, options = request(space)
-    options["iterations"] = 10_000 if planner == "BITstar" else 1200 if "FMT" in planner else 600
+    options["iterations"] = 10_000 if planner == "BITstar" else 2500 if "FMT" in planner else 600
     if space in ("Dubins", "ReedsShepp"):
         options["iterations"] //= 2
     paths = [
@@ -195,7 +195,7 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     information.setMotionValidator(Recorder(information, motions))
     searching.setProblemDefinition(problem)
     searching.setup()
-    ends = Limits(iterations=3000).condition()
+    ends = Limits(iterations=2000).condition()
     searching.solve(base.PlannerTerminationCondition(ends))
     x, y, best = np.array(samples).T
     detour = np.hypot(x - start[0], y - start[1]) + np.hypot(x - goal[0], y - goal[1])
