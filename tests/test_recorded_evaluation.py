@@ -316,7 +316,7 @@ def test_the_command_compares_a_calibrated_estimator_too(run, tmp_path, drive):
 
 
 def test_a_shifted_drive_is_refused_with_the_way_back(run, tmp_path, drive, coarse_fit):
-    drive.every(6).moved(1.5, -0.8, math.radians(4)).save(tmp_path / "shifted.npz")
+    drive.every(10).moved(1.5, -0.8, math.radians(4)).save(tmp_path / "shifted.npz")
     ask = "evaluate", MAP, "--drive", tmp_path / "shifted.npz"
     fault = refused(run(*ask))
     move = fault.partition("(--align ")[2].partition(")")[0]

@@ -79,7 +79,8 @@ def test_they_are_offered_by_their_names():
 
 
 DEAR = {(name, "ReedsShepp") for name in ("FMT", "BFMT", "InformedRRTstar", "SORRTstar")}
-"""Whose curves take a second each; every space and planner is tried without them."""
+DEAR |= {(name, "Dubins") for name in ("InformedRRTstar", "SORRTstar", "BITstar")}
+"""Whose curves take up to a second each; every space and planner is tried without them."""
 
 
 @pytest.mark.parametrize(
