@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kernel_cache import keep_kernels
+from read_options import keep_options
 
 from locplan.cli import main
 from locplan.field import FieldConfig
@@ -21,8 +22,13 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure() -> None:
-    """Keep compiled kernels, before numba is imported; worker processes inherit the folder."""
+    """Keep compiled kernels, before numba is imported; worker processes inherit the folder.
+
+    They keep compiled modules, too, as Python does where nobody forbids it: tests start a hundred
+    processes, of which each would compile the package.
+    """
     keep_kernels()
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 respects_permissions = pytest.mark.skipif(
@@ -35,6 +41,14 @@ respects_permissions = pytest.mark.skipif(
 def _own_cache(tmp_path_factory, monkeypatch):
     """No test reads or writes the user's cache."""
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kept_options():
+    """Options of commands are read from their signatures once."""
+    with pytest.MonkeyPatch.context() as patch:
+        keep_options(patch)
+        yield
 
 
 @pytest.fixture(autouse=True)
@@ -101,6 +115,15 @@ class InlineWorkers:
 def inline_workers(monkeypatch):
     """Comparisons start no processes: for tests of what is compared, not of what runs it."""
     monkeypatch.setattr("locplan.comparison._engine.Workers", InlineWorkers)
+
+
+@pytest.fixture
+def coarse_fit(monkeypatch):
+    """Moves that fit a drive to a map are searched in cells of half a metre, which takes a part.
+
+    For tests of what is said of a fit; those in test_map_fit.py hold the search itself.
+    """
+    monkeypatch.setattr("locplan.recordings._fit_search.FINEST", 0.5)
 
 
 @pytest.fixture

@@ -342,7 +342,8 @@ def contents(folder: Path) -> dict[str, str]:
     for where, _, files in os.walk(folder):
         for file in files:
             path = os.path.join(where, file)
-            with open(path, "rb") as opened:
+            # The field of a page that was served before may just be moved to its place.
+            with contextlib.suppress(FileNotFoundError), open(path, "rb") as opened:
                 found[path] = hashlib.blake2b(opened.read(), digest_size=8).hexdigest()
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import heapq
 import itertools
 import math
@@ -81,6 +82,11 @@ def keep_lines(cells, row, col, radius, step, half_steps, angles, sizes, limit, 
     offsets, box = range(-half_steps, half_steps + 1), range(-radius, radius + 1)
     reach = range(-radius - half_steps * step, radius + half_steps * step + 1)
     around = np.array([[level_at(cells, row + u, col + v) for v in reach] for u in reach])
+
+    @functools.cache
+    def there(low, near, edge, level):
+        return np.count_nonzero(around[low : low + edge, near : near + edge] == level)
+
     result = np.zeros((len(angles), len(offsets)), bool)
     for k, theta in enumerate(angles):
         cos, sin = math.cos(theta), math.sin(theta)
@@ -107,9 +113,8 @@ def keep_lines(cells, row, col, radius, step, half_steps, angles, sizes, limit, 
                 part = template[first_row : first_row + edge, first_col : first_col + edge]
                 here = np.count_nonzero(part == level)
                 for i, j in itertools.product(range(len(offsets)), repeat=2):
-                    low, near = first_row + j * step, first_col + i * step
-                    there = np.count_nonzero(around[low : low + edge, near : near + edge] == level)
-                    bounds[i, j] += abs(here - there) >> shift
+                    behind = there(first_row + j * step, first_col + i * step, edge, level)
+                    bounds[i, j] += abs(here - behind) >> shift
             lines &= bounds.min(axis=1) <= limit
         result[k] = lines
     return result
@@ -633,9 +638,11 @@ def central_mode(losses, excess):
         at = queue.pop()
         if losses[at] > losses[centre] + excess:
             continue
-        for move in itertools.product((-1, 0, 1), repeat=3):
-            there = tuple(np.add(at, move))
-            if min(there) >= 0 and np.less(there, losses.shape).all() and not inside[there]:
+        near = (
+            range(max(n - 1, 0), min(n + 2, size)) for n, size in zip(at, losses.shape, strict=True)
+        )
+        for there in itertools.product(*near):
+            if not inside[there]:
                 inside[there] = True
                 queue.append(there)
     return inside
@@ -1102,7 +1109,9 @@ def entry(outline, heading, x, y, dx, dy, reach, step=1e-3):
     """Range at which a ray from (x, y) enters an object at the origin, by small steps, or inf."""
     if within_object(outline, heading, x, y):
         return math.inf
-    for n in range(1, int(reach / step) + 1):
+    away, size = math.hypot(x, y), math.hypot(outline.half_length, outline.half_width)
+    first, last = int((away - size) / step), int((away + size) / step) + 1
+    for n in range(max(first, 1), min(last, int(reach / step)) + 1):  # it is nowhere else
         if within_object(outline, heading, x + n * step * dx, y + n * step * dy):
             low, high = (n - 1) * step, n * step
             for _ in range(40):

@@ -85,10 +85,12 @@ def test_rejected_lines_are_beyond_the_limit_on_random_maps(radius, step, seed):
     assert shares[-1] == 1
 
 
-REAL = [("nav2_depot", 10.0), ("f1tenth_gym_stata_basement", 20.0), ("willow_full_stage", 30.0)]
+REAL = [("nav2_depot", 10.0), ("willow_full_stage", 30.0), ("f1tenth_gym_stata_basement", 20.0)]
 
 
-@pytest.mark.parametrize(("name", "reach"), REAL)
+@pytest.mark.parametrize(
+    ("name", "reach"), [*REAL[:2], pytest.param(*REAL[2], marks=pytest.mark.long)]
+)
 @pytest.mark.filterwarnings("ignore::locplan.maps._files.MapWarning")
 def test_rejected_lines_are_beyond_the_limit_on_real_maps(real_maps, name, reach):
     grid = load_map(next((real_maps / name).glob("*.yaml")))

@@ -12,6 +12,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bad_planners import (
+    boast,
+    counting,
+    crash,
+    depart,
+    fail,
+    first_waits,
+    hog,
+    leave,
+    print_something,
+    refuse,
+    sleep,
+    spin,
+    stray,
+    trespass,
+)
 
 from locplan.comparison._engine import Job, run_all
 from locplan.comparison._journal import Journal
@@ -25,87 +41,6 @@ from locplan.planners import FunctionPlanner, GridPlanner, Query, plan
 HERE = Path(__file__).parent
 ERRORS = ("fail", "refuse", "depart", "boast", "trespass", "stray", "print_something")
 QUERIES = [Query("there", (1.5, 1.5), (14.5, 10.5)), Query("back", (14.5, 10.5), (1.5, 1.5))]
-
-
-def crash(costs, start, goal):
-    os.kill(os.getpid(), signal.SIGSEGV)
-
-
-def leave(costs, start, goal):
-    os._exit(3)
-
-
-def spin(costs, start, goal):
-    while True:
-        pass
-
-
-def sleep(costs, start, goal):
-    time.sleep(1000)
-
-
-def hog(costs, start, goal):
-    kept = []
-    while True:
-        kept.append(np.ones(4_000_000))
-
-
-def fail(costs, start, goal):
-    raise ValueError("no idea\nat all")
-
-
-def refuse(costs, start, goal):
-    raise LocplanError("not on this map")
-
-
-def depart(costs, start, goal):
-    sys.exit("bye")
-
-
-def boast(costs, start, goal):
-    return dataclasses.replace(plan(costs, start, goal), path=None, metrics=None)
-
-
-def trespass(costs, start, goal):
-    found = plan(costs, start, goal)
-    straight = dataclasses.replace(found.path, xy=np.array([start, goal]))
-    return dataclasses.replace(found, path=straight)
-
-
-def stray(costs, start, goal):
-    return plan(costs, start, (3.5, 3.5))
-
-
-def print_something(costs, start, goal):
-    print("planning ...")
-    return "a path"
-
-
-def counting(costs, start, goal, folder, seed=0):
-    """Leaves a file for every call."""
-    Path(folder, f"{time.monotonic_ns()}").touch()
-    return plan(costs, start, goal)
-
-
-def slow(costs, start, goal, folder):
-    Path(folder, f"{os.getpid()}").touch()
-    time.sleep(1000)
-
-
-def first_waits(costs, start, goal, folder):
-    """Whoever comes first waits to be killed."""
-    try:
-        with Path(folder, "victim").open("x") as file:
-            file.write(str(os.getpid()))
-    except FileExistsError:
-        return plan(costs, start, goal)
-    signal.pause()
-
-
-def spawning(costs, start, goal, folder):
-    child = subprocess.Popen(["sleep", "1000"])
-    Path(folder, f"{child.pid}").touch()
-    time.sleep(1000)
 
 
 def room(*, door: bool = True) -> Costmap:
@@ -390,6 +325,7 @@ SCRIPT = """
 import sys
 sys.path[:0] = {path!r}
 import signal
+from bad_planners import slow, spawning, spin
 from test_engine import *
 signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
 naps = PlannerSpec("nap", FunctionPlanner({planner}, {{"folder": {folder!r}}}))

@@ -222,6 +222,12 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
 # Calibrations.
 
 
+@pytest.fixture
+def few_resamples(monkeypatch):
+    """Intervals are those of few resamples: for tests of the values alone."""
+    monkeypatch.setattr("locplan.simulation._calibration.RESAMPLES", 10)
+
+
 def made_up_places(grid, config, level, *, noise=0.1):
     """Places whose errors are those of a noise level, but for some scatter."""
     field = locplan.load_or_compute(grid, FieldConfig())
@@ -271,7 +277,7 @@ def test_a_calibration_finds_the_noise_level(grid, config):
         )
 
 
-def test_a_calibration_finds_tau_if_asked(grid):
+def test_a_calibration_finds_tau_if_asked(grid, few_resamples):
     tau = 0.2035  # about one that is tried
     places = made_up_places(grid, FieldConfig(Sad(weights=Exponential(tau))), 0.3, noise=0.02)
     result = calibrate([places], FieldConfig(), fit_tau=True)
@@ -313,7 +319,7 @@ def test_errors_below_what_q_adds_do_not_calibrate(places):
         calibrate([tiny])
 
 
-def test_a_few_large_errors_do_not_make_sigma_large(places):
+def test_a_few_large_errors_do_not_make_sigma_large(places, few_resamples):
     factors = np.ones(len(places.points))
     factors[np.argsort(places.position_rmse("tracking"))[:6]] = 1e4  # where Sigma is least
     wild = dataclasses.replace(places, tracking=places.tracking * factors[:, None, None])
@@ -322,7 +328,7 @@ def test_a_few_large_errors_do_not_make_sigma_large(places):
     assert result.factor <= result.factor_before
 
 
-def test_a_calibration_that_says_nothing_says_so(places):
+def test_a_calibration_that_says_nothing_says_so(places, few_resamples):
     order = np.argsort(places.position_rmse("tracking"))
     backwards = np.empty_like(places.tracking)
     backwards[order] = places.tracking[order[::-1]]
@@ -336,7 +342,9 @@ def test_a_calibration_that_says_nothing_says_so(places):
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
 
-def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(places, tmp_path):
+def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(
+    places, few_resamples, tmp_path
+):
     good = calibrate([places])
     for result in (good, dataclasses.replace(good, r_squared=0.0)):
         _calibration_reports.write_calibration(tmp_path / "c.json", result)
@@ -419,7 +427,6 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     assert about["lidar"]["range"] == 12.0
 
 
-@pytest.mark.draws
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     other = tmp_path / "b.yaml"
     locplan.save_map(environments.make("places", resolution=0.1), other)
@@ -486,7 +493,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert "--config has all settings of the field; besides it only a lidar" in err
 
 
-@pytest.mark.usefixtures("inline_workers")
+@pytest.mark.usefixtures("inline_workers", "few_resamples")
 def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
     run, grid, map_file, tmp_path, monkeypatch
 ):

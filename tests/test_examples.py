@@ -19,7 +19,7 @@ QUICKLY = {
 """Arguments with which a program is done soon."""
 LONG = (
     *("animation", "api", "cluster", "compare", "estimators", "evidence", "explorer_picture"),
-    *("gallery", "lasers", "navigation", "ompl_program", "paper"),
+    *("gallery", "lasers", "navigation", "ompl_program", "paper", "recorded_drive"),
 )
 """What these do has tests of its own."""
 

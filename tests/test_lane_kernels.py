@@ -44,7 +44,7 @@ def pairs_in_order(seed: int, kind: str) -> tuple[np.ndarray, np.ndarray, int]:
 def test_spanner_keeps_what_no_way_kept_before_replaces(
     kind: str, detour: float, sure: int
 ) -> None:
-    for seed in range(len(COUNTS)):
+    for seed in range(sure % 3, len(COUNTS), 2):  # each count with one of two numbers of sure ones
         pairs, cost, count = pairs_in_order(seed, kind)
         if sure:  # the sure ones come first, whatever they cost
             order = np.random.default_rng(seed).permutation(len(pairs))

@@ -329,8 +329,8 @@ def test_a_drive_is_located_scan_by_scan(located, office):
 
 
 def test_threads_change_nothing(located, office):
-    again = locate_drive(located.recording, office, threads=2)
-    np.testing.assert_array_equal(again.poses, located.poses)
+    again = locate_drive(located.recording.every(3), office, threads=2)
+    np.testing.assert_array_equal(again.poses, located.poses[::3])
 
 
 def test_scans_without_enough_returns_are_left_out(located, office):

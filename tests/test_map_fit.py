@@ -59,7 +59,7 @@ def test_shifts_and_turns_are_found(small, grid, move):
     assert fit_to_map(moved, other).fits  # the remedy that the sentence names
 
 
-def test_the_maps_own_yaw_counts(small, grid):
+def test_the_maps_own_yaw_counts(small, grid, coarse_fit):
     x, y, yaw = grid.origin
     cos, sin = math.cos(0.6), math.sin(0.6)
     turned = OccupancyGrid(
@@ -76,7 +76,7 @@ def test_a_small_shift_is_told_although_many_beams_end_near_walls(small, grid):
     check_found(fit, moved, small)
 
 
-def test_another_map_does_not_fit(small):
+def test_another_map_does_not_fit(small, coarse_fit):
     fit = fit_to_map(small, load_map(MAP.with_name("warehouse.yaml")))
     assert not fit.fits
     assert not fit.shifted
@@ -85,7 +85,7 @@ def test_another_map_does_not_fit(small):
 
 
 @pytest.mark.parametrize("turn", few_of((90, 180, -90)))
-def test_a_wrong_mount_is_told(small, grid, turn):
+def test_a_wrong_mount_is_told(small, grid, turn, coarse_fit):
     centred = replace(small.lidar, mount_x=0.0)
     wrong = replace(small, lidar=replace(centred, mount_yaw_deg=-turn))
     fit = fit_to_map(wrong, grid)
@@ -93,12 +93,12 @@ def test_a_wrong_mount_is_told(small, grid, turn):
     assert f"The lidar seems to be turned by {turn} deg: " in fit.sentence
 
 
-def test_a_lidar_that_is_upside_down_is_told(small, grid):
+def test_a_lidar_that_is_upside_down_is_told(small, grid, coarse_fit):
     mirrored = replace(small, ranges=small.ranges[:, ::-1])
     assert fit_to_map(mirrored, grid).mount == "upside down"
 
 
-def test_progress_counts_the_turns_of_the_search(small, grid):
+def test_progress_counts_the_turns_of_the_search(small, grid, coarse_fit):
     seen: list[tuple[int, int]] = []
     fit_to_map(small.moved(3.0, 0.0, 0.0), grid, progress=lambda *each: seen.append(each))
     total = seen[0][1]
@@ -124,7 +124,7 @@ def test_one_beam_of_one_scan_is_enough():
 
 
 @pytest.mark.parametrize("name", few_of(NAMES))
-def test_real_logs_fit_their_maps_and_no_others(name):
+def test_real_logs_fit_their_maps_and_no_others(name, request):
     if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
     log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
@@ -133,6 +133,7 @@ def test_real_logs_fit_their_maps_and_no_others(name):
     moved = log.moved(-2.0, 3.0, 0.8)
     check_found(fit_to_map(moved, own), moved, log)
     other = NAMES[NAMES.index(name) - 1]
+    request.getfixturevalue("coarse_fit")  # nothing is to be found
     fit = fit_to_map(log, load_map(SHARED_DATA / "rosmaps_carmen" / other))
     assert not fit.fits
     assert not fit.shifted

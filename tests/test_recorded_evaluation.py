@@ -262,7 +262,7 @@ def test_the_reference_of_real_lasers_is_reproduced():
     assert spearmanr(np.concatenate(ours), np.concatenate(theirs))[0] > 0.96
 
 
-def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive):
+def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive, coarse_fit):
     ask = "evaluate", MAP, "--drive", FILE
     code, out, err = run(*ask, "--every", 12, "--json", "-o", tmp_path / "out")
     about = json.loads(out)
@@ -315,8 +315,8 @@ def test_the_command_compares_a_calibrated_estimator_too(run, tmp_path, drive):
     assert of["config"]["factor"][0] < of["scan"]["factor"][0]
 
 
-def test_a_shifted_drive_is_refused_with_the_way_back(run, tmp_path, drive):
-    drive.every(6).moved(1.5, -0.8, math.radians(4)).save(tmp_path / "shifted.npz")
+def test_a_shifted_drive_is_refused_with_the_way_back(run, tmp_path, drive, coarse_fit):
+    drive.every(10).moved(1.5, -0.8, math.radians(4)).save(tmp_path / "shifted.npz")
     ask = "evaluate", MAP, "--drive", tmp_path / "shifted.npz"
     fault = refused(run(*ask))
     move = fault.partition("(--align ")[2].partition(")")[0]

@@ -92,6 +92,11 @@ def written(tmp_path: Path, data: ReportData) -> str:
     return (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.fixture(scope="module")
+def hostile_page(tmp_path_factory: pytest.TempPathFactory, scene: Scene) -> str:
+    return written(tmp_path_factory.mktemp("hostile"), hostile(scene))
+
+
 class Elements(HTMLParser):
     """The tags of a page in order, with their attributes, and whether they nest."""
 
@@ -118,8 +123,8 @@ class Elements(HTMLParser):
         return (told[name] or "" for _, told in self.found if name in told)
 
 
-def test_hostile_names_are_text(tmp_path: Path, scene: Scene) -> None:
-    page = written(tmp_path, hostile(scene))
+def test_hostile_names_are_text(hostile_page: str) -> None:
+    page = hostile_page
     elements = Elements(page)
     assert elements.open == []
     assert page.count("<script") == 1
@@ -130,8 +135,8 @@ def test_hostile_names_are_text(tmp_path: Path, scene: Scene) -> None:
     assert not {"b onload", "iframe", "object"} & {tag for tag, _ in elements.found}
 
 
-def test_nothing_is_loaded(tmp_path: Path, scene: Scene) -> None:
-    elements = Elements(written(tmp_path, hostile(scene)))
+def test_nothing_is_loaded(hostile_page: str) -> None:
+    elements = Elements(hostile_page)
     links = [*elements.attributes("src"), *elements.attributes("href")]
     links += elements.attributes("xlink:href")
     assert links
@@ -139,8 +144,8 @@ def test_nothing_is_loaded(tmp_path: Path, scene: Scene) -> None:
     assert not {"link", "img", "iframe"} & {tag for tag, _ in elements.found}
 
 
-def test_identifiers_are_unique_and_pictures_have_texts(tmp_path: Path, scene: Scene) -> None:
-    page = written(tmp_path, hostile(scene))
+def test_identifiers_are_unique_and_pictures_have_texts(hostile_page: str) -> None:
+    page = hostile_page
     elements = Elements(page)
     identifiers = list(elements.attributes("id"))
     assert len(identifiers) == len(set(identifiers))
@@ -234,8 +239,8 @@ def test_parts_of_pictures_are_filtered_by_their_planner(tmp_path: Path, scene: 
     assert next(told for _, told in elements.found if told.get("id") == "filters")["hidden"]
 
 
-def test_the_same_data_give_the_same_file(tmp_path: Path, scene: Scene) -> None:
-    assert written(tmp_path, hostile(scene)) == written(tmp_path, hostile(scene))
+def test_the_same_data_give_the_same_file(tmp_path: Path, scene: Scene, hostile_page: str) -> None:
+    assert written(tmp_path, hostile(scene)) == hostile_page
 
 
 def test_without_runs_or_scenes(tmp_path: Path) -> None:
