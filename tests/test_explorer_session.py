@@ -30,9 +30,9 @@ from locplan.explorer._searches import Flood, Kept, index_of
 from locplan.explorer._session import Session
 from locplan.explorer._snap import REACH, Parts, snapped
 from locplan.explorer._state import about, state
-from locplan.explorer._upkeep import nearest_first
+from locplan.explorer._upkeep import Patchwork, nearest_first
 from locplan.explorer._wire import Ask
-from locplan.field import FieldConfig
+from locplan.field import CovarianceField, FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import plan_beside_shortest
 from locplan.planners._grid import Bordered, cheapest_cells
@@ -415,6 +415,26 @@ def test_edits_that_come_while_values_are_computed_end_in_the_last_map(monkeypat
     session.upkeep.latest.result()
     expected = locplan.covariance_field(session.grid, SAD)
     np.testing.assert_array_equal(session.field.covariance, expected.covariance)
+    costs = locplan.Costmap.from_field(session.grid, expected, robot_radius=0.15)
+    for name in ("density", "u", "e"):
+        np.testing.assert_array_equal(getattr(session.scene.costs, name), getattr(costs, name))
+
+
+def test_a_costmap_reads_a_window_anew_where_its_field_was_old(monkeypatch):
+    session = session_of(rooms(6))
+    (x, y), *_ = free_places(session, 1)
+    before, shown = session.field, session.scene.costs
+    answer(session, "edit", strokes=[{"tool": "pole", "points": [[x, y]], "width": 0.3}])
+    edited = session.grid
+    session.upkeep.latest.result()
+    old = CovarianceField.of(before.values, edited, SAD)  # the new map, and the values from before
+    known = Patchwork(before, before.evaluated, shown).updated(old, before.evaluated, whole=False)
+    assert known.stale is not None
+    again = known.updated(session.field, before.evaluated, whole=True)
+    assert again.stale is None
+    np.testing.assert_array_equal(again.costs.density, session.scene.costs.density)
+    undone = known.updated(before, before.evaluated, whole=True)
+    np.testing.assert_array_equal(undone.costs.density, shown.density)
 
 
 def test_before_there_is_a_field_the_paths_follow_edits(monkeypatch):

@@ -1,5 +1,6 @@
 from ._about import about_costs as about_costs
-from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap, check_costs as check_costs
+from ._check import check_costs as check_costs
+from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap
 from ._degeneracy import CostSettings as CostSettings
 from ._footprint import Footprint as Footprint
 from ._lidars import LidarShare as LidarShare, compare_lidars as compare_lidars

@@ -24,7 +24,7 @@ from locplan.costs._density import (
     sealed,
 )
 from locplan.costs._standing import standing_cell
-from locplan.costs._window import changed_window, part_around
+from locplan.costs._window import Window, changed_window, joined_windows, part_around
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
@@ -244,7 +244,7 @@ class Costmap(Pictured):
         density[np.isinf(self.density)] = np.inf
         return dataclasses.replace(self, density=sealed(density), weight=float(weight))
 
-    def updated(self, field: CovarianceField) -> Costmap:
+    def updated(self, field: CovarianceField, *, window: Window | None = None) -> Costmap:
         """Costmap of an edited map, read anew only where the edit can have changed it.
 
         It equals `from_field` with this costmap's settings; what `blocked_where` has blocked is to
@@ -254,6 +254,9 @@ class Costmap(Pictured):
         ----------
         field : CovarianceField
             The field of the edited map, such as `CovarianceField.update` gives.
+        window : (slice, slice), optional
+            Rows and columns of cells that are read anew in any case, such as those where the field
+            had values from before an edit.
 
         Raises
         ------
@@ -268,7 +271,7 @@ class Costmap(Pictured):
             raise ConfigError("a costmap is updated by a field of its own config only")
         same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
         same |= {"weight": self.weight, "robot_radius": self.robot_radius}
-        window = changed_window(self.grid, field, self.robot_radius)
+        window = joined_windows(window, changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
             return Costmap.from_field(grid, field, **same)
         arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
@@ -337,14 +340,3 @@ class Costmap(Pictured):
             where it can.
         """
         return standing_cell(self.grid, self.density, self.robot_radius, xy, role)
-
-
-def check_costs(costs: object) -> None:
-    """Raise a ConfigError unless this is a costmap.
-
-    Parameters
-    ----------
-    costs : object
-        What a function was given for a costmap.
-    """
-    instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")

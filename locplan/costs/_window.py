@@ -41,6 +41,16 @@ def changed_window(
     return rows, cols
 
 
+def joined_windows(one: Window | None, other: Window | None) -> Window | None:
+    """The least window that holds two windows; None stands for no cell."""
+    if one is None or other is None:
+        return one or other
+    rows, cols = (
+        slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
+    )
+    return rows, cols
+
+
 def part_around(
     field: CovarianceField, window: Window, robot_radius: float
 ) -> tuple[CovarianceField, Window]:

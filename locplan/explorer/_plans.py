@@ -126,8 +126,11 @@ def planned(
 def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Prepare drafts and search from the stops, so that the next drag finds that done.
 
-    Where a stop is held, its drag has begun: only the stops beside it are searched from.
+    Where a stop is held, its drag has begun: only the stops beside it are searched from. While a
+    field is computed nothing is done: its costs will be others, and both have no room at once.
     """
+    if session.busy is not None:
+        return {"ok": False}
     scene, weight = session.scene, session.weight_of(ask)
     stops = [ask.position("start"), *ask.positions("via"), ask.position("goal")]
     held = held_stop(ask, len(stops))

@@ -239,3 +239,4 @@ class Session:
     def replace_grid(self, grid: OccupancyGrid) -> None:
         """Take an edited map; what shows it is brought up to date by `Upkeep`."""
         self.grid = dataclasses.replace(grid, name=self.original.name)
+        self.kept.forget(lambda key: False)  # the next costmap needs their room

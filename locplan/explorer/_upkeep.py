@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap
+from locplan.costs._window import Window, changed_window, joined_windows
 from locplan.errors import one_line
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._scene import Busy, Opening, Scene
@@ -36,8 +37,19 @@ class Patchwork:
     """The field on the map of the last repainting."""
     fresh: NDArray[np.bool_]
     """Mask of the lattice points whose values are those of this map, (h, w)."""
-    base: Costmap
-    """The costmap of the last field that was whole."""
+    costs: Costmap
+    """The costmap that was shown last."""
+    stale: Window | None = None
+    """Window of it that was read from a field with values from before an edit; None without one."""
+
+    def updated(
+        self, field: CovarianceField, fresh: NDArray[np.bool_], *, whole: bool
+    ) -> Patchwork:
+        """The same with a field whose values are newer, and all up to date if it is whole."""
+        edited = changed_window(self.costs.grid, field, self.costs.robot_radius)
+        stale = joined_windows(self.stale, edited)
+        costs = self.costs.updated(field, window=stale)
+        return Patchwork(field, fresh, costs, None if whole else stale)
 
 
 class Host(Protocol):
@@ -103,14 +115,15 @@ class Upkeep:
     def _work(self, cancel: Cancel, given: CovarianceField | None) -> None:
         session = self.session
         cancel.check()
-        grid, config, known = session.grid, session.config, self._known
+        grid, config = session.grid, session.config
+        known = None if self._known is None else self._known.field
         session.busy = Busy("field")
         try:
             if known is None:
                 self._show_floor(grid)
-            elif known.field.config == config or known.field.grid.digest != grid.digest:
-                self._repaint(known, grid, cancel)  # an old field follows the map, too
-            if known is None or known.field.config != config:
+            elif known.config == config or known.grid.digest != grid.digest:
+                self._repaint(grid, cancel)  # an old field follows the map, too
+            if known is None or known.config != config:
                 self._whole(grid, config, cancel, given)
         except Cancelled:
             raise
@@ -131,15 +144,19 @@ class Upkeep:
             radius = session.opening.robot_radius
             session.show(Costmap.blank(grid, robot_radius=radius), None, whole=True)
 
-    def _repaint(self, known: Patchwork, grid: OccupancyGrid, cancel: Cancel) -> None:
-        """Bring a field up to date with an edited map, and show it again and again."""
+    def _repaint(self, grid: OccupancyGrid, cancel: Cancel) -> None:
+        """Bring the known field up to date with an edited map, and show it again and again.
+
+        Of large maps no more costmaps than the one that is shown and the next one have room.
+        """
         session = self.session
-        for now, done in self._repainted(known, grid, cancel):
-            costs = now.base.updated(now.field)
-            self._known = Patchwork(now.field, now.fresh, costs) if done else now
-            if done and now.field.config == session.config:
+        assert self._known is not None
+        repainted = self._repainted(self._known.field, self._known.fresh, grid, cancel)
+        for field, fresh, done in repainted:
+            self._known = self._known.updated(field, fresh, whole=done)
+            if done and field.config == session.config:
                 session.busy = None
-            session.show(costs, now.field, whole=done)
+            session.show(self._known.costs, field, whole=done)
 
     def _whole(
         self,
@@ -166,22 +183,29 @@ class Upkeep:
         session.show(costs, field, whole=True)
 
     def _repainted(
-        self, known: Patchwork, grid: OccupancyGrid, cancel: Cancel
-    ) -> Iterator[tuple[Patchwork, bool]]:
-        """The field on a new map, again and again while its values are computed."""
-        config, threads = known.field.config, check_threads(self.session.opening.threads)
-        before = known.field.grid
-        fresh = known.fresh & tiles.untouched_points(before, grid, config)
+        self,
+        known: CovarianceField,
+        fresh: NDArray[np.bool_],
+        grid: OccupancyGrid,
+        cancel: Cancel,
+    ) -> Iterator[tuple[CovarianceField, NDArray[np.bool_], bool]]:
+        """The field on a new map, again and again while its values are computed.
+
+        With each comes the mask of its points that are up to date, and whether all of them are.
+        """
+        config, threads = known.config, check_threads(self.session.opening.threads)
+        before = known.grid
+        fresh = fresh & tiles.untouched_points(before, grid, config)
         wanted = tiles.wanted_points(grid, config)
-        values = {name: array.copy() for name, array in known.field.values.items()}
+        values = {name: array.copy() for name, array in known.values.items()}
         for array in values.values():
             array[~wanted] = np.nan
         unknown = wanted & ~tiles.known_points(values)
         due = wanted & ~fresh
         if not due.any():
-            yield Patchwork(CovarianceField.of(values, grid, config), fresh, known.base), True
+            yield CovarianceField.of(values, grid, config), fresh, True
             return
-        order = nearest_first(due, unknown, before.cells != grid.cells, known.field.stride)
+        order = nearest_first(due, unknown, before.cells != grid.cells, known.stride)
         seconds = config.headings * config.estimator.seconds(grid.resolution)
         size, at = max(MIN_POINTS, int(FIRST_SECONDS * threads / seconds)), 0
         size = max(size, int(unknown.sum()))
@@ -198,7 +222,7 @@ class Upkeep:
                 cancel.check()
             fresh, at, size = fresh | batch, at + size, size * GROWTH
             field = CovarianceField.of(values, grid, config)
-            yield Patchwork(field, fresh, known.base), at >= len(order)
+            yield field, fresh, at >= len(order)
 
     def _tell(self, done: int, total: int) -> None:
         busy = self.session.busy
