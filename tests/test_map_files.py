@@ -291,7 +291,7 @@ def test_what_is_no_map_yaml_is_refused(tmp_path, content, phrase):
 
 
 def test_missing_files_folders_and_pipes_are_refused(tmp_path):
-    assert "No such file" in refusal(tmp_path / "none.yaml")
+    assert "there is no such file; check its name" in refusal(tmp_path / "none.yaml")
     assert "is a folder without any map" in refusal(tmp_path)
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.pgm")

@@ -105,7 +105,13 @@ class FieldOptions:
         if self.lidar is None:
             return None
         reach = self.range if reach is None else reach
-        return _changed(Lidar.preset(self.lidar), reach, self.field_of_view)
+        sheet = Lidar.preset(self.lidar)
+        if reach is not None and reach > BEYOND * sheet.range:
+            raise ConfigError(
+                f"--range must be in metres; the data sheet of {self.lidar} names {sheet.range:g},"
+                f" not {reach:g}"
+            )
+        return _changed(sheet, reach, self.field_of_view)
 
     def own_lidar(self, config: FieldConfig) -> Lidar | None:
         """The lidar that was named, or that of the settings in the file; None without either."""

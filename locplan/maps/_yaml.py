@@ -135,6 +135,8 @@ def read_content(file: Path, limit: int, remedy: str) -> bytes:
         if not stat.S_ISREG(status.st_mode) or status.st_size > limit:  # a pipe would block
             raise OSError(f"it is no plain file of up to {limit // 1024} KB")
         content = file.read_bytes()
+    except FileNotFoundError:
+        raise fault_of(file, "there is no such file", "check its name and folder") from None
     except (OSError, ValueError) as error:
         raise fault_of(file, f"cannot be read ({reason_of(error)})", remedy) from error
     if not content:

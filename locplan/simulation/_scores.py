@@ -19,6 +19,8 @@ ROUNDING = 1e-9
 """Amount by which a difference of shares may fall short of `CLEARLY_FEWER`."""
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
+SLIGHT = "; it gains less than a cell of the map, and no drive is lost on the shortest either"
+"""What is said of a path that is clearly better, but hardly worth a detour."""
 LAST = 1.0
 """Length of the last stretch, of which "goal-error" is made [m]."""
 
@@ -50,6 +52,21 @@ def log_errors(
     if minimise == "goal-error":
         squares = squares[:, distance >= distance[-1] - LAST]
     return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
+
+
+def is_slight(before: float, after: float, lost: int, resolution: float) -> bool:
+    """Whether an error falls by less than a cell of the map, where no drive was lost before.
+
+    Parameters
+    ----------
+    before, after : float
+        Errors of a typical drive on the shortest and on the other path [m].
+    lost : int
+        Number of drives that were lost on the shortest path.
+    resolution : float
+        Edge of a cell of the map [m].
+    """
+    return lost == 0 and before - after < resolution
 
 
 def worst_error(shape: tuple[int, int], resolution: float) -> float:

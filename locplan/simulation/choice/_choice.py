@@ -16,7 +16,7 @@ from locplan.costs import Costmap, Path, PathMetrics, about_costs
 from locplan.field import Lidar
 from locplan.planners import Position
 from locplan.simulation._drives import Drives
-from locplan.simulation._scores import CLEARLY, FLOOR, Minimise, front_of
+from locplan.simulation._scores import CLEARLY, FLOOR, SLIGHT, Minimise, front_of, is_slight
 from locplan.simulation._settings import Amcl, Disturbances
 
 MANY_LOST = 0.5
@@ -133,7 +133,11 @@ class Choice(Pictured):
                 return f"no alternative loses clearly fewer of {count} drives: the shortest"
             which = "worth its length" if better else "clearly better"
             return f"no alternative is {which}: the shortest"
-        return f"{gain(shortest, chosen, self.minimise)}, {at_length(shortest, chosen)}"
+        reason = f"{gain(shortest, chosen, self.minimise)}, {at_length(shortest, chosen)}"
+        before, after = (math.exp(each.log_error) for each in (shortest, chosen))
+        lost, cell = int(shortest.drives.lost.sum()), self.costs.grid.resolution
+        slight = self.minimise == "rmse" and is_slight(before, after, lost, cell)
+        return reason + SLIGHT * slight
 
     @property
     def nearly(self) -> Candidate | None:
@@ -223,7 +227,8 @@ def gain(shortest: Candidate, chosen: Candidate, minimise: Minimise) -> str:
         after, before = (math.degrees(each) for each in errors)
         return f"a heading error of {after:.2g} deg instead of {before:.2g} deg{but}"
     where = " at the goal" if minimise == "goal-error" else ""
-    return f"an error of {errors[0]:.2g} m{where} instead of {errors[1]:.2g} m{but}"
+    after_m, before_m = (f"{error:#.2g}".rstrip(".") for error in errors)
+    return f"an error of {after_m} m{where} instead of {before_m} m{but}"
 
 
 def at_length(shortest: Candidate, other: Candidate) -> str:

@@ -21,7 +21,14 @@ from locplan.planners._plan import AWARE, SHORTEST
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._formats import digits_of
 from locplan.simulation._motion import poses_along
-from locplan.simulation._scores import CLEARLY, CLEARLY_FEWER, log_errors, worst_error
+from locplan.simulation._scores import (
+    CLEARLY,
+    CLEARLY_FEWER,
+    SLIGHT,
+    is_slight,
+    log_errors,
+    worst_error,
+)
 from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
 from locplan.simulation.choice._choice import MANY_LOST, UNTUNED
@@ -190,6 +197,10 @@ def verdict(
         recommended = AWARE if gained <= CLEARLY and not more_lost else SHORTEST
         worse = more_lost or gained >= -CLEARLY
         text = _of_drives(recommended, worse, scores, driven, simulator.amcl)
+        before, after = (math.exp(scores[label]) for label in (SHORTEST, AWARE))
+        lost = int(driven[SHORTEST].lost.sum())
+        if recommended == AWARE and is_slight(before, after, lost, costs.grid.resolution):
+            text += SLIGHT
     if not_simulated and driven:
         text += f" (not simulated: {', '.join(not_simulated)})"
     settings = simulator.lidar, simulator.amcl, simulator.disturbances
