@@ -11,9 +11,12 @@ import sys
 import types
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ForwardRef, NamedTuple
+from unittest import mock
 
 import locplan
+from locplan._util import documented
+from locplan._util.documented import WithFields
 
 SEE = re.compile(r"\b[Ss]ee ((?:`[\w.]+`(?:, | and | or )?)+)")
 BOUND = (classmethod, staticmethod)
@@ -205,3 +208,21 @@ def test_every_reference_leads_somewhere():
             if resolved(name, place) is None:
                 dead.append((place.name, name))
     assert dead == []
+
+
+def test_the_help_of_a_class_keeps_words_whole_and_its_sections_in_order():
+    class Told:
+        """A class.
+
+        See Also
+        --------
+        other : Another one.
+        """
+
+    Told.__doc__ = WithFields(inspect.cleandoc(Told.__doc__))
+    Told._fields, Told.__annotations__ = ("name",), {"name": ForwardRef("str")}
+    docs = {"name": "look-alike place " * 20}
+    with mock.patch.object(documented, "field_docs", return_value=docs):
+        assert "look-\n" not in Told.__doc__
+        sections = re.findall(r"^(\w[\w ]*)\n---", Told.__doc__, re.MULTILINE)
+    assert sections == ["Parameters", "See Also"]
