@@ -184,6 +184,18 @@ def test_defaults_are_told_as_they_are():
     assert wrong == []
 
 
+def test_every_default_is_told():
+    silent = []
+    for place in PLACES:
+        if inspect.isfunction(place.thing) or inspect.ismethod(place.thing):
+            for name, parameter in inspect.signature(place.thing).parameters.items():
+                given = re.search(rf"^(?:[\w*]+, )*{name}(?:, [\w*]+)* : (.*)$", place.doc, re.M)
+                if parameter.default is not inspect.Parameter.empty and given:
+                    word = "optional" if parameter.default is None else "default"
+                    silent += [] if word in given[1] else [(place.name, name)]
+    assert silent == []
+
+
 def test_every_field_is_described():
     lacking = {}
     for place in CLASSES:
