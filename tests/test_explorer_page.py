@@ -256,7 +256,8 @@ def test_a_wall_is_drawn_undone_and_drawn_again_in_every_tab(visit, server):
     seen.wait(f'html[data-map="{before}"]')
     other.wait("#redo:enabled")
     other.page.keyboard.press("Control+Shift+Z")
-    seen.wait(f'html[data-map="{drawn}"]')
+    for each in (seen, other):
+        each.wait(f'html[data-map="{drawn}"]')
     other.page.keyboard.press("Control+z")
     other.wait(f'html[data-map="{before}"]')
     assert server.grid.digest == before
