@@ -45,9 +45,9 @@ class Entry:
 
 QUERY = "--start {start} --goal {goal} --lidar {lidar}"
 COSTS = """
-import locplan
+import sys, locplan
 from locplan.plotting import save_figure
-grid = locplan.load_map('{map}')
+grid = locplan.load_map(sys.argv[1])
 field = locplan.load_or_compute(grid, locplan.Scan(locplan.Lidar.preset('{lidar}')))
 costs = locplan.Costmap.from_field(grid, field, robot_radius=0.25)
 """
@@ -57,10 +57,10 @@ ENTRIES = (
         "The map alone",
         "Walls are black, the inside of solid walls is grey, unknown space light grey.",
         """python -c "
-import locplan
+import sys, locplan
 from locplan.plotting import map_figure, save_figure
-save_figure(map_figure(locplan.load_map('{map}')), 'map.png')
-" """,
+save_figure(map_figure(locplan.load_map(sys.argv[1])), 'map.png')
+" {map}""",
         "map.png",
     ),
     Entry(
@@ -138,7 +138,7 @@ save_figure(slides_figure(one_dimensional()), 'slides.png')
         "Cells without colour are too near to a wall for the robot.",
         f"""python -c "{COSTS}
 save_figure(locplan.plotting.costmap_figure(costs), 'costmap.png')
-" """,
+" {{map}}""",
         "costmap.png",
     ),
     Entry(
@@ -147,7 +147,7 @@ save_figure(locplan.plotting.costmap_figure(costs), 'costmap.png')
         f"""python -c "{COSTS}
 plan = locplan.plan(costs, ({{start}}), ({{goal}}))
 save_figure(locplan.plotting.path_figure(plan), 'path.png')
-" """,
+" {{map}}""",
         "path.png",
     ),
     Entry(

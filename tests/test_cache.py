@@ -5,7 +5,17 @@ import pytest
 from conftest import random_rooms
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import FieldConfig, Sad, SearchWindow, _cache as cache, _store as store
+from locplan.field import (
+    FieldConfig,
+    Fused,
+    Lidar,
+    Sad,
+    Scan,
+    SearchWindow,
+    _cache as cache,
+    _store as store,
+)
+from locplan.field._cache_table import cache_table
 from locplan.maps import OccupancyGrid
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
@@ -145,3 +155,22 @@ def test_the_folder_is_the_argument_then_the_environment_then_the_users(tmp_path
     assert "locplan" in cache.cache_folder().parts
     with pytest.raises(ConfigError, match="no such user"):
         cache.cache_folder("~nosuchuser/x")
+
+
+@pytest.mark.parametrize(
+    ("estimator", "told"),
+    [
+        (Sad(), "sad, range 6 "),
+        (Sad.paper(), "sad, quantisation False, range 6, weights inverse-square "),
+        (Scan(Lidar.preset("turtlebot3")), "scan, turtlebot3 "),
+        (Fused.of(Lidar.preset("turtlebot3")), "fused, turtlebot3 "),
+        (Fused.of(Lidar(range=6.0)), "fused, range 6 "),
+    ],
+)
+def test_the_list_names_the_lidar_and_the_settings_that_differ(
+    tmp_path, monkeypatch, estimator, told
+):
+    monkeypatch.setenv("COLUMNS", "200")
+    about = {"map_name": "room", "config": FieldConfig(estimator).to_json(), "chunks": 1}
+    entry = cache.CacheEntry(tmp_path, about, 1000, 1, time.time(), time.time())
+    assert f"room {told}" in " ".join(cache_table([entry], tmp_path, 10**9).split())

@@ -596,6 +596,18 @@ def test_the_help_of_every_command_has_headings_and_an_example(run):
     assert "--field.range" not in out
 
 
+def test_slips_get_a_hint(run, room):
+    way = "--start", "1,1", "--goal"
+    assert "unexpected: 2; write positions as X,Y with a comma" in refused(
+        run("plan", room, *way, "1", "2")
+    )
+    assert "unexpected: map (--help" in refused(run("info", room, "map"))
+    lidar = "--lidar", "rplidar-a1", "--range", "1200"
+    assert "the data sheet of rplidar-a1 names 12, not 1200" in refused(
+        run("plan", room, *way, "2,2", *lidar)
+    )
+
+
 def test_helps_fill_their_lines(run):
     """Texts have line ends and indents in the source that would be odd on a terminal."""
     for command in COMMANDS:

@@ -1,4 +1,5 @@
 import importlib.util
+import shlex
 import sys
 from pathlib import Path
 
@@ -47,12 +48,35 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
     assert any((tmp_path / "out").iterdir())
 
 
-@pytest.mark.long
-def test_the_gallery_shows_each_picture_with_its_command(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def gallery(monkeypatch):
+    """The gallery as a module."""
     spec = importlib.util.spec_from_file_location("gallery", EXAMPLES[0].parent / "gallery.py")
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "gallery", module)
     spec.loader.exec_module(module)
+    return module
+
+
+def test_the_gallery_takes_a_map_whose_path_needs_quotes(gallery):
+    file = "/my maps/it's.yaml"
+    given = dict.fromkeys(("lidar", "start", "goal", "middle"), "1,2")
+    files = dict.fromkeys(("map", "driven", "drive", "examples"), shlex.quote(file))
+    programs = 0
+    for entry in gallery.ENTRIES:
+        words = shlex.split(entry.command.format(**given, **files))
+        if words[:2] == ["python", "-c"]:
+            programs += 1
+            compile(words[2], entry.title, "exec")
+            assert ("sys.argv[1]" in words[2]) == (words[3:] == [file])
+        elif "{map}" in entry.command:
+            assert file in words
+    assert programs >= 4
+
+
+@pytest.mark.long
+def test_the_gallery_shows_each_picture_with_its_command(gallery, tmp_path, capsys):
+    module = gallery
     module.main(str(tmp_path), MAP, "turtlebot4", "info.png", "paper_e.png")
     page = (tmp_path / "index.html").read_text()
     assert page.count("<section>") == page.count("<img") == 2

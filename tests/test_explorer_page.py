@@ -256,7 +256,8 @@ def test_a_wall_is_drawn_undone_and_drawn_again_in_every_tab(visit, server):
     seen.wait(f'html[data-map="{before}"]')
     other.wait("#redo:enabled")
     other.page.keyboard.press("Control+Shift+Z")
-    seen.wait(f'html[data-map="{drawn}"]')
+    for each in (seen, other):
+        each.wait(f'html[data-map="{drawn}"]')
     other.page.keyboard.press("Control+z")
     other.wait(f'html[data-map="{before}"]')
     assert server.grid.digest == before
@@ -518,6 +519,8 @@ def test_a_recorded_drive_is_slid_along_and_played(visit):
         note.wait_for()
         assert "1 of 21 scans are unlike the map (crosses)." in seen.text("#drive-note")
         seen.page.locator("#drive-scale", has_text="Median measured").wait_for()
+        ends = r"^Dots: measured deviation, from [\d.]+ cm to [\d.]+ c?m\. Median"
+        assert re.search(ends, seen.text("#drive-scale"))  # so it is read out
         seen.page.locator("#drive-time").fill("10")
         seen.page.locator("#drive-note", has_text=re.compile("0:10 of .*field says")).wait_for()
         said = re.search(r"measured ([\d.]+) cm, field says ([\d.]+) cm", seen.text("#drive-note"))
@@ -540,6 +543,29 @@ def field_deviation(field, x, y):
     cells = field.grid.world_to_grid(x, y)
     at = (math.floor((float(each) - 0.5) / field.stride + 0.5) for each in cells)
     return float(field.scalar("position_std", headings="mean")[tuple(at)])
+
+
+def test_what_the_field_says_is_fetched_again_where_that_failed(browser):
+    grid, field = corridors()
+    context = browser.new_context()
+    with served(grid, field, drives=(RecordedDrive("tour", toured(grid)),)) as explorer:
+        seen = Seen(context.new_page())
+        seen.open(explorer.address)
+        failed = []
+        seen.page.route(
+            "**/data/layer/*/sigma", lambda route: failed.append(1) or route.fulfill(status=503)
+        )
+        seen.unfold("drives-group")
+        drive, note = seen.page.locator("#drive"), seen.page.locator("#drive-note")
+        drive.select_option("tour (0:20)")
+        note.filter(has_text="measured").wait_for()
+        assert failed
+        assert "field says" not in note.inner_text()
+        seen.page.unroute("**/data/layer/*/sigma")
+        drive.select_option("none")
+        drive.select_option("tour (0:20)")
+        note.filter(has_text="field says").wait_for()
+    context.close()
 
 
 def test_a_drive_is_shown_before_it_is_matched_and_the_match_can_be_cancelled(visit, monkeypatch):
@@ -690,6 +716,22 @@ def test_look_alikes_of_the_whole_map_are_a_layer_until_the_map_changes(visit):
     seen.page.keyboard.press("Control+z")
     seen.wait(f'html[data-map="{before}"]')
     seen.wait('#layer option[value="twins"]')
+
+
+def test_few_look_alikes_are_told_as_few(browser, server):
+    context = browser.new_context()
+    seen = Seen(context.new_page())
+    found = {"layer": "twins", "alike": 3.0, "places": 900, "spacing": 0.8}
+    answers = {"twins_everywhere": found}
+    seen.answer(answers)
+    seen.open(server.address)
+    seen.unfold("twins-group")
+    for share, words in ((0.0, "None"), (0.002, "Less than 1 %"), (0.0101, "1 %"), (0.5, "50 %")):
+        found["share"] = share
+        seen.page.locator("#twins-everywhere").click()
+        said = f"{words} of the places have a look-alike within 3 nats."
+        seen.page.locator("#twins-layer-note", has_text=re.compile(f"^{said}")).wait_for()
+    context.close()
 
 
 def test_long_work_says_how_much_time_is_left(browser, server):

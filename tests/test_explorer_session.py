@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import itertools
 import json
 import math
 import threading
 import time
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
@@ -26,7 +28,7 @@ from locplan.explorer._plans import SHORTEST_WEIGHT, planned
 from locplan.explorer._points import clearance_at
 from locplan.explorer._profiles import path_answer
 from locplan.explorer._scene import Opening, Scene
-from locplan.explorer._searches import Flood, Kept, index_of
+from locplan.explorer._searches import Flood, Halved, Kept, index_of
 from locplan.explorer._session import Session
 from locplan.explorer._snap import REACH, Parts, snapped
 from locplan.explorer._state import about, state
@@ -124,9 +126,10 @@ def test_a_kept_search_gives_the_planners_cells_in_both_directions():
         grid = OccupancyGrid(np.full((20, 20), FREE), 1.0)
         costs = Costmap.from_density(grid, rng.integers(1, 3, (20, 20)) ** rng.integers(2))
         start, goal = (tuple(map(float, xy)) for xy in rng.integers(20, size=(2, 2)) + 0.5)
-        flood = Flood.of(Bordered.of(costs), index_of(costs, start))
-        there = flood.cells_to(index_of(costs, goal))
-        back = flood.cells_from(index_of(costs, goal))
+        bordered = Bordered.of(costs)
+        flood = Flood.of(bordered, index_of(costs, start))
+        there = flood.cells_to(bordered, index_of(costs, goal))
+        back = flood.cells_from(bordered, index_of(costs, goal))
         assert there.tolist() == cheapest_cells(costs, start, goal, False)[0].tolist()
         assert back.tolist() == cheapest_cells(costs, goal, start, False)[0].tolist()
         differ += there.tolist() != back[::-1].tolist()
@@ -157,6 +160,27 @@ def test_the_kernels_of_a_drag_are_loaded_before_it(session, monkeypatch):
 def floods(session) -> list[tuple[float, int]]:
     """Weights of the searches that are kept, and the cells that they began in."""
     return [key[2:] for key in session.kept._results if key[0] == "flood"]
+
+
+def test_kept_searches_hold_no_costmap_that_is_dropped(session, monkeypatch):
+    made, halve = [], Halved.of
+
+    def noted(costs):
+        halved = halve(costs)
+        made.append(weakref.ref(halved.bordered.half))
+        return halved
+
+    monkeypatch.setattr(Halved, "of", noted)
+    monkeypatch.setattr("locplan.explorer._plans.PATH_BYTES", 1)
+    monkeypatch.setattr(session, "kept", Kept(4 * session.costs().density.nbytes))
+    start, goal = free_places(session, 2, seed=9)
+    for weight in range(1, 11):
+        planned(session, [start, goal], float(weight), held=0)
+        answer(session, "idle", start=start, goal=goal, weight=weight)
+    gc.collect()
+    kept = sum(key[0] == "halved" for key in session.kept._results)
+    assert len({weight for weight, _ in floods(session)}) > kept
+    assert sum(each() is not None for each in made) == kept < len(made)
 
 
 @pytest.mark.parametrize("held", [0, 1])

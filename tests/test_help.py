@@ -11,9 +11,12 @@ import sys
 import types
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ForwardRef, NamedTuple
+from unittest import mock
 
 import locplan
+from locplan._util import documented
+from locplan._util.documented import WithFields
 
 SEE = re.compile(r"\b[Ss]ee ((?:`[\w.]+`(?:, | and | or )?)+)")
 BOUND = (classmethod, staticmethod)
@@ -181,6 +184,18 @@ def test_defaults_are_told_as_they_are():
     assert wrong == []
 
 
+def test_every_default_is_told():
+    silent = []
+    for place in PLACES:
+        if inspect.isfunction(place.thing) or inspect.ismethod(place.thing):
+            for name, parameter in inspect.signature(place.thing).parameters.items():
+                given = re.search(rf"^(?:[\w*]+, )*{name}(?:, [\w*]+)* : (.*)$", place.doc, re.M)
+                if parameter.default is not inspect.Parameter.empty and given:
+                    word = "optional" if parameter.default is None else "default"
+                    silent += [] if word in given[1] else [(place.name, name)]
+    assert silent == []
+
+
 def test_every_field_is_described():
     lacking = {}
     for place in CLASSES:
@@ -205,3 +220,21 @@ def test_every_reference_leads_somewhere():
             if resolved(name, place) is None:
                 dead.append((place.name, name))
     assert dead == []
+
+
+def test_the_help_of_a_class_keeps_words_whole_and_its_sections_in_order():
+    class Told:
+        """A class.
+
+        See Also
+        --------
+        other : Another one.
+        """
+
+    Told.__doc__ = WithFields(inspect.cleandoc(Told.__doc__))
+    Told._fields, Told.__annotations__ = ("name",), {"name": ForwardRef("str")}
+    docs = {"name": "look-alike place " * 20}
+    with mock.patch.object(documented, "field_docs", return_value=docs):
+        assert "look-\n" not in Told.__doc__
+        sections = re.findall(r"^(\w[\w ]*)\n---", Told.__doc__, re.MULTILINE)
+    assert sections == ["Parameters", "See Also"]

@@ -9,7 +9,12 @@ import re
 import textwrap
 from typing import Any
 
-INDENTS: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
+WRAPPED: dict[str, Any] = {
+    "width": 96,
+    "initial_indent": "    ",
+    "subsequent_indent": "    ",
+    "break_on_hyphens": False,
+}
 PARAMETERS = re.compile(r"^Parameters\n---", re.MULTILINE)
 
 
@@ -50,10 +55,10 @@ class WithFields:
         docs, lines = field_docs(kind), []
         for name, type_ in _types_of(kind).items():
             if docs[name]:
-                lines += [f"{name} : {type_}", *textwrap.wrap(docs[name], 96, **INDENTS)]
+                lines += [f"{name} : {type_}", *textwrap.wrap(docs[name], **WRAPPED)]
         if not lines:
             return self.text
-        about, *sections = re.split(r"\n\n(?=[A-Z]\w+\n---)", self.text, maxsplit=1)
+        about, *sections = re.split(r"\n\n(?=[A-Z][\w ]+\n---)", self.text, maxsplit=1)
         return "\n\n".join([about, "\n".join(["Parameters", "-" * 10, *lines]), *sections])
 
 

@@ -53,6 +53,10 @@ Criterion = Annotated[
 ]
 
 
+BEYOND = 10.0
+"""Ratio to the data sheet's range above which a range was hardly meant in metres."""
+
+
 def _bearable(_: object, threads: int | None) -> None:
     from locplan._util.machine import check_threads
 

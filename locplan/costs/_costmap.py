@@ -105,10 +105,10 @@ class Costmap(Pictured):
         weight : float, optional
             Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own,
             4 of `Sad` and 8 of the others. More avoids degenerate places by longer paths.
-        robot_radius : float
+        robot_radius : float, default 0.25
             Distance to an occupied cell below which a cell's centre is blocked [m], >= 0;
             `Footprint` has the radii of a robot that is not round.
-        law : str
+        law : str, default "logarithmic"
             "logarithmic": u = ln(s/s_min) / ln(s_max/s_min) of the criterion's value s; "linear":
             s / s_max, which charges the worst places only; "cube-root": the cube root of s / s_max.
             All are clipped to 0..1.
@@ -117,7 +117,7 @@ class Costmap(Pictured):
             "position_std"): "e", "position_std", "position_rms", "heading_std" (see
             `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", which is
             always linear between its anchors.
-        headings : str
+        headings : str, default "mean"
             Value that counts in a field with several headings where the robot's own is not known:
             that of the "mean" information, or of the "worst" heading. Planners whose states have
             a heading take its own.
@@ -171,7 +171,7 @@ class Costmap(Pictured):
         density : (H, W) array
             Cost per metre of each cell, 1 to 1e9, or inf to block it, row 0 at the lowest y. Cells
             that are not free are blocked in any case.
-        robot_radius : float
+        robot_radius : float, default 0.0
             Distance to an occupied cell below which a cell's centre is blocked as well [m], >= 0;
             0 where the density has done that.
 
@@ -194,7 +194,7 @@ class Costmap(Pictured):
         ----------
         grid : OccupancyGrid
             The map.
-        robot_radius : float
+        robot_radius : float, default 0.25
             Distance to an occupied cell below which a cell's centre is blocked [m], >= 0.
 
         Raises
@@ -330,7 +330,7 @@ class Costmap(Pictured):
         ----------
         xy : (x, y)
             The world position [m].
-        role : str
+        role : str, default "position"
             What the error calls the position, such as "start".
 
         Raises

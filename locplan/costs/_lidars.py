@@ -50,7 +50,7 @@ def compare_lidars(
         The map.
     lidars : sequence of Lidar
         The lidars, such as ``[Lidar.preset("turtlebot3"), Lidar.preset("tim571")]``.
-    robot_radius : float
+    robot_radius : float, default 0.25
         Radius of the robot [m], >= 0; places closer to a wall are no part of the floor.
     progress : callable, optional
         Function that is called with (done, total) cells from time to time, lidar by lidar.

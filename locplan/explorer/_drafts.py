@@ -113,7 +113,8 @@ def _over(
         rests, moves = (last, first) if backwards else (first, last)
         flood = _flood(session, coarse, ("coarse flood", scene.serial, weight), rests)
         moving = index_of(coarse.costs, moves)
-        cells = flood.cells_from(moving) if backwards else flood.cells_to(moving)
+        cells_of = flood.cells_from if backwards else flood.cells_to
+        cells = cells_of(coarse.bordered, moving)
         if cells is None:
             return None
         found = any_angle_path(coarse.costs, coarse.bordered, cells, first, last)

@@ -232,10 +232,10 @@ def _leg(
     first, last = (index_of(costs, end) for end in (start, goal))
     flood: Flood | None = session.kept.get(_flood_key(scene, weight, first))
     if flood is not None:
-        cells = flood.cells_to(last)
+        cells = flood.cells_to(bordered, last)
     else:
         flood = session.kept.get(_flood_key(scene, weight, last))
-        cells = None if flood is None else flood.cells_from(first)
+        cells = None if flood is None else flood.cells_from(bordered, first)
     if flood is None:
         check()
         path = AnyAngle().solve_prepared(costs, bordered, start, goal, check).path

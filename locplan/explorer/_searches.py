@@ -103,10 +103,12 @@ class Halved:
 
 @dataclass(frozen=True, eq=False)
 class Flood:
-    """The cheapest ways from one end to every cell, in a byte a cell."""
+    """The cheapest ways from one end to every cell, in a byte a cell.
 
-    bordered: Bordered
-    """The costmap that was searched."""
+    The costmap that was searched is given anew for each path: held here, its eight bytes a cell
+    would outlast it where it is no longer kept.
+    """
+
     source: int
     """Index of the end's cell in the bordered grid."""
     steps: NDArray[np.uint8]
@@ -121,37 +123,38 @@ class Flood:
         half, columns, scale = bordered
         cost = search(half, columns, source, -1, False, scale, check=check).cost
         tolerance = tolerance_of(cost, scale.cheapest)
-        return cls(bordered, source, steps_back(half, columns, cost, tolerance))
+        return cls(source, steps_back(half, columns, cost, tolerance))
 
     @classmethod
     def prepare(cls) -> None:
         """Compile the kernels, so that the first drag does not wait for that."""
         costs = blank_costs(1, 3)
-        flood = cls.of(Bordered.of(costs), index_of(costs, (0.5, 0.5)))
-        flood.cells_to(index_of(costs, (2.5, 0.5)))
+        bordered = Bordered.of(costs)
+        flood = cls.of(bordered, index_of(costs, (0.5, 0.5)))
+        flood.cells_to(bordered, index_of(costs, (2.5, 0.5)))
 
     @staticmethod
     def expected(bordered: Bordered) -> int:
         """Bytes that a search takes while it is made, with its costs."""
         return bordered.half.nbytes + bordered.half.size
 
-    def cells_to(self, target: int) -> NDArray[np.int64] | None:
+    def cells_to(self, bordered: Bordered, target: int) -> NDArray[np.int64] | None:
         """Cells (n, 2) of (row, col) of the cheapest path to a cell; None if there is none.
 
         It is the path that a planner finds from the flood's end.
         """
-        return self._cells(target, True)
+        return self._cells(bordered, target, True)
 
-    def cells_from(self, start: int) -> NDArray[np.int64] | None:
+    def cells_from(self, bordered: Bordered, start: int) -> NDArray[np.int64] | None:
         """The same from a cell to the flood's end: the path that a planner finds from the cell."""
-        return self._cells(start, False)
+        return self._cells(bordered, start, False)
 
-    def _cells(self, other: int, from_source: bool) -> NDArray[np.int64] | None:
+    def _cells(self, bordered: Bordered, other: int, from_source: bool) -> NDArray[np.int64] | None:
         from locplan._kernels.ways import cheapest_cells
 
         if other != self.source and not self.steps[other]:
             return None
-        half, columns, _ = self.bordered
+        half, columns, _ = bordered
         flat = cheapest_cells(half, columns, self.steps, self.source, other, from_source)
         return cells_of(flat, columns)
 

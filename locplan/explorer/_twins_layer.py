@@ -67,9 +67,9 @@ def texture_of(found: Twins, stride: int, digest: str) -> Texture:
         False,
         (MOST_EXCESS, 0.0),
         np.clip(excess, 0.0, MOST_EXCESS),
-        f"How much worse the best other place explains a scan: at 0 as well as the right one, from"
-        f" {ALIKE:g} nats on hardly; {MOST_EXCESS:g} also stands for more."
-        f" Places {found.spacing:g} m apart.",
+        "How much worse the best other place explains a scan than the right one. At 0 both explain"
+        f" it equally well, at {ALIKE:g} nats the other is {math.exp(-ALIKE):.0%} as likely;"
+        f" {MOST_EXCESS:g} also stands for more. Places are {found.spacing:g} m apart.",
         digest,
     )
 

@@ -42,7 +42,7 @@ def save_degenerate_areas(
         The folder; one that holds such an export without changes is replaced.
     costs, field, threshold, min_area
         See `degenerate_areas`.
-    frame : str
+    frame : str, default "map"
         Frame of the coordinates.
 
     Returns

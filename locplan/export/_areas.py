@@ -93,7 +93,7 @@ def degenerate_areas(
     threshold : float, optional
         Least u of a cell, 0..1; by default half of the u of a corridor without features: .5 for
         `Scan`, .18 for `Sad`. A lower one makes more and larger areas.
-    min_area : float
+    min_area : float, default 1.0
         Least area [m^2], >= 0. Areas of a few lattice points may be chance.
 
     Returns

@@ -71,13 +71,13 @@ def bag(
     paths : dict of Path, optional
         "/locplan/path/NAME", nav_msgs/Path; poses without a heading face the way they go. What a
         topic cannot hold of a name becomes _, and topics that are alike then are numbered.
-    frame : str
+    frame : str, default "map"
         The frame of all coordinates.
-    stamp : int
+    stamp : int, default 0
         Time of all messages since 1970 [ns], >= 0. To ROS, zero means "whenever".
-    spacing : float
+    spacing : float, default 2.0
         Least distance between ellipses [m], above 0.
-    magnify : float
+    magnify : float, default 1.0
         Factor on the ellipses, above 0; 1 draws one standard deviation to the map's scale.
 
     Raises

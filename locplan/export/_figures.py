@@ -47,7 +47,7 @@ def values_figure(
         Label of the values, with their unit.
     title : str
         Title of the figure.
-    falling : bool
+    falling : bool, default False
         Whether the scale names what is left of 100, such as the speed of which the values say how
         much is given up.
     """

@@ -38,7 +38,7 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     ----------
     graph : RouteGraph
         The graph, with an edge at least.
-    frame : str
+    frame : str, default "map"
         Frame of the nodes.
 
     Returns
@@ -99,12 +99,12 @@ def route_graph(
     costs : Costmap
         The costs of travel; the map's yaw is left out, as Nav2 ignores it. Nodes lie as close to
         blocked cells as pays: make it with a radius one or two cells above the robot's.
-    spacing : float
+    spacing : float, default 2.0
         How close lanes are [m]: nearly all free cells see a node within two spacings, and places
         that far apart are joined, see `roadmap`. A smaller one makes more lanes.
-    frame : str
+    frame : str, default "map"
         Frame of the nodes.
-    distro : str
+    distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     progress : callable, optional
         Called with (done, total) steps; what it raises ends the work, and nothing is written.

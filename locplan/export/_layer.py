@@ -44,7 +44,7 @@ def layer(folder: str | Path, field: CovarianceField, *, frame: str = "map") -> 
     field : CovarianceField
         The field; several headings are merged by their mean information. Without rotation there
         is no heading.
-    frame : str
+    frame : str, default "map"
         The frame of all coordinates.
 
     Raises

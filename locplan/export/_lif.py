@@ -58,13 +58,13 @@ def to_lif(
         Name of the map; it is the layout's and the map's id.
     timestamp : datetime
         Time of the export, with its zone.
-    vehicle : str
+    vehicle : str, default "locplan.robot"
         The type of vehicle that may use the layout, as MANUFACTURER.SERIES.
     speed : float, optional
         Speed of the vehicle where u is 0 [m/s]; without it edges have no maxSpeed.
-    stations : sequence of Station
+    stations : sequence of Station, default ()
         The stations, none by default.
-    at : sequence of int
+    at : sequence of int, default ()
         The node of each station, as `with_stations` gives them.
 
     Returns
@@ -163,9 +163,9 @@ def lif(
         The file, .json.
     costs : Costmap
         The costs of travel.
-    spacing : float
+    spacing : float, default 2.0
         How close lanes are [m], at least two cells, see `roadmap`.
-    stations : sequence of Station
+    stations : sequence of Station, default ()
         Positions in the world that get nodes, none by default.
     vehicle, speed
         See `to_lif`.

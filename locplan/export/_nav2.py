@@ -86,7 +86,7 @@ def nav2_keepout(
         The planner's own parameter, above 0: cost_travel_multiplier, cost_penalty or
         w_traversal_cost. Give it where the robot's must stay. By default it is such that u = 1
         just fits, whatever the map. "navfn" has none.
-    distro : str
+    distro : str, default "jazzy"
         The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
     params : path, optional
         A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Where a
@@ -146,10 +146,10 @@ def nav2_speed(
         The folder; one that holds such an export without changes is replaced.
     costs : Costmap
         A costmap that was made of a field.
-    slowest : float
+    slowest : float, default 0.3
         Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
         lower share gives the filter more scans a metre there.
-    distro : str
+    distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path, optional
         A Nav2 parameter file to merge ours into, as for `nav2_keepout`.
@@ -188,9 +188,9 @@ def keepout_mask(
     ----------
     costs, param
         See `nav2_keepout`.
-    planner : str
+    planner : str, default "smac2d"
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
-    static : bool
+    static : bool, default False
         Whether the values are for a StaticLayer, up to 98.
 
     Returns

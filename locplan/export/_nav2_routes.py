@@ -45,9 +45,9 @@ def nav2_routes(
         The costs of travel; the map's yaw is left out, as Nav2 ignores it.
     paths : dict of Path
         The recommended path of each query by its name, such as those of `choose_many`.
-    frame : str
+    frame : str, default "map"
         Frame of the nodes and of the paths.
-    distro : str
+    distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
 
     Returns

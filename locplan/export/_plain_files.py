@@ -35,7 +35,7 @@ def path(
         The file, named *.csv, *.json or *.yaml; one that is there is replaced.
     route : Path
         The path.
-    frame : str
+    frame : str, default "map"
         Frame of the coordinates.
     step : float, optional
         Greatest distance of the positions [m], above 0, as a controller may want them; by default

@@ -82,7 +82,7 @@ class Format:
         target : Path
             The file, or the folder, which is refused unless it is an export of ours without
             changes.
-        force : bool
+        force : bool, default False
             Whether a file that is there is replaced.
         """
         from locplan._util.extras import needed

@@ -41,15 +41,15 @@ def roadmap(
     ----------
     costs : Costmap
         The costs of travel.
-    spacing : float
+    spacing : float, default 2.0
         How close lanes are [m], at least two cells: nearly all free cells see a node two spacings
         away or less, and places that are two spacings apart are joined. A smaller one makes more
         lanes.
-    detour : float
+    detour : float, default 1.2
         Routes over lanes between these places cost about this many times as much as the cheapest
         ones at most, >= 1; half of them cost no more than a grid planner's paths. Less makes more
         lanes.
-    min_area : float
+    min_area : float, default 1.0
         Connected free space smaller than this gets no nodes [m^2], >= 0.
     progress : callable, optional
         Called with (done, total) steps of about equal time; what it raises ends the work.

@@ -71,7 +71,7 @@ class RouteGraph:
             World positions [m]; they are rounded to single precision.
         edges : (m, 2) array of int
             Pairs of nodes.
-        directed : bool
+        directed : bool, default False
             Whether edges lead from the first node to the second only, as one-way lanes.
 
         Raises

@@ -61,11 +61,13 @@ def cleared(removed: Sequence[CacheEntry], busy: Sequence[CacheEntry]) -> str:
 def _unusual(config: Mapping[str, Any]) -> str:
     """The estimator, the lidar's name, and the settings that are not their default ones."""
     settings = dict(_leaves(config))
-    texts = (settings.pop(key, "") for key in ("name", "lidar.model"))
+    # Each part of an estimator has a lidar.
+    models = [key for key in settings if f".{key}".endswith(".lidar.model")] or ["lidar.model"]
+    texts = [settings.pop(key, "") for key in ("name", *models)]
     names = [text if isinstance(text, str) else shown(text) for text in texts]
-    usual = _usual(*names)
+    usual = _usual(*names[:2])
     changed = [
-        f"{key.rpartition('.')[2]} {_short(v)}"
+        f"{key.removesuffix('.name').rpartition('.')[2]} {_short(v)}"
         for key, v in settings.items()
         if usual.get(key, v) != v
     ]

@@ -137,7 +137,7 @@ class CovarianceField(Pictured):
         headings : "mean" or "worst", optional
             One value for all headings, (h, w): that of the mean information (of a layer, the
             mean), or the greatest.
-        with_q : bool
+        with_q : bool, default False
             Whether Sigma + Q counts even where the estimator has not added Q, as it does in u.
         """
         if name in self.layers:
@@ -168,7 +168,7 @@ class CovarianceField(Pictured):
 
         Parameters
         ----------
-        name : str
+        name : str, default "e"
             See `scalar`; the estimator itself defines the anchors of its layers.
         """
         return anchors_of(self.config.estimator, self.window, name)
@@ -216,7 +216,7 @@ class CovarianceField(Pictured):
         ----------
         values : (h, w) or (h, w, n) array
             Values on the lattice, such as `scalar` gives.
-        logarithmic : bool
+        logarithmic : bool, default True
             Whether the interpolation is bilinear in the logarithm of positive values, as of e, or
             else in the values themselves, as of layers.
         """
@@ -317,7 +317,7 @@ class CovarianceField(Pictured):
         ----------
         path : path
             The folder, named *.zarr. A field of that name is replaced; any other folder is refused.
-        force : bool
+        force : bool, default False
             Whether a field is replaced even where its folder has other files, which are deleted.
 
         Raises

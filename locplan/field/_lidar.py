@@ -140,11 +140,11 @@ class Lidar(Settings):
             the other sign.
         range_min, range_max : float
             Least and greatest distance that is measured [m], 0 <= range_min < range_max.
-        mount : (x, y, yaw)
+        mount : (x, y, yaw), default (0.0, 0.0, 0.0)
             Pose of the lidar on the robot [m, m, rad], as TF has it.
         range_sigma : float, optional
             Standard deviation of a measured distance [m], 0.03 by default; a scan does not say it.
-        model : str
+        model : str, default ""
             Name of the lidar, for titles.
 
         Raises

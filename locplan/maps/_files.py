@@ -201,12 +201,12 @@ def save_map(
         The map.
     path : path
         The YAML file, named .yaml or .yml, in a folder that is there.
-    mode : str
+    mode : str, default "trinary"
         "trinary", which every stack reads; "scale", in which unknown cells are transparent, so
         that it needs png; or "raw", in which pixels are per cent.
-    image_format : str
+    image_format : str, default "pgm"
         "pgm", or "png", which is smaller.
-    negate : bool
+    negate : bool, default False
         Whether white is occupied, which few maps have; it has no effect in mode "raw".
 
     Raises

@@ -111,7 +111,7 @@ class OccupancyGrid(Pictured):
             occupied, False is free.
         resolution, origin, name
             See `OccupancyGrid`.
-        probabilities : bool
+        probabilities : bool, default False
             True if the values are probabilities of 0.0 to 1.0, or NaN where unknown.
 
         Raises
@@ -130,7 +130,7 @@ class OccupancyGrid(Pictured):
         ----------
         message : nav_msgs/OccupancyGrid
             The message, as rclpy or rosbags gives it; any object with its fields will do.
-        name : str
+        name : str, default ""
             Name of the map in tables and titles, which the message has not.
 
         Raises

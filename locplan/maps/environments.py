@@ -231,12 +231,12 @@ def make(
         repeats every 1.6 m. "hall": a hall E of 42 m x 32 m beside small rooms F.
         "two_corridors": two rooms joined by a short featureless corridor and by a longer
         irregular one. "office" and "warehouse": larger plans.
-    resolution : float
+    resolution : float, default 0.05
         Edge of a cell [m], 0.01 to 0.1; coarse cells are quicker to compute with.
-    boundary_noise : float
+    boundary_noise : float, default 0.0
         Share of the boundary cells to flip, 0 to 1, as `with_boundary_noise` does; 0 leaves the
         walls as they are drawn.
-    seed : int
+    seed : int, default 0
         Seed of that noise, not negative. The drawing does not depend on it.
 
     Raises
@@ -268,7 +268,7 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
     fraction : float
         Probability with which each boundary cell flips, 0 to 1. A boundary cell is an occupied
         one with a free 4-neighbour (it becomes free) or the reverse (it becomes occupied).
-    seed : int
+    seed : int, default 0
         Seed of the choice, not negative; others give other cells.
 
     Raises

@@ -94,7 +94,7 @@ def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
 
     Parameters
     ----------
-    resolution : float
+    resolution : float, default 0.05
         Edge of a cell [m], above 0; the slides have a shift for each cell.
 
     Examples
@@ -199,7 +199,7 @@ def at_places(
         The maps, from `maps_of_places`.
     estimator : Sad
         The estimator of the covariances; `Sad.paper` is that of the claims.
-    spread : float
+    spread : float, default 0.4
         Distance along x and y of eight more poses on a square around each place [m], >= 0; 0 adds
         none.
 
@@ -243,9 +243,9 @@ def share_smaller_with_range(
         The map.
     estimator : Sad
         The estimator with the shorter range.
-    longer : float
+    longer : float, default 8.0
         The longer range [m].
-    spacing : float
+    spacing : float, default 1.0
         Distance of the poses along x and y [m], at least a cell.
     """
     step = round(spacing / grid.resolution)

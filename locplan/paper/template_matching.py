@@ -264,7 +264,7 @@ def sad_distribution(
         Radius of the disc [cells].
     window : OffsetLattice
         The offsets d and the headings theta.
-    visible : bool
+    visible : bool, default False
         Whether only those cells of the disc count that are visible from c, see `Sad.template`.
 
     Returns

@@ -88,7 +88,7 @@ def fields_figure(
     ----------
     rows : sequence of mappings of str to CovarianceField
         The fields of each map by the title to show, at least one; e has one unit in all of them.
-    name : str
+    name : str, default "e"
         Scalar or layer that all fields have, see `field_figure`.
     parts : sequence of OccupancyGrid, optional
         The part of each map that is drawn, cut out of it along its cells; all of it by default.
@@ -128,9 +128,9 @@ def ellipses_figure(
     ----------
     fields : mapping of str to CovarianceField
         Fields of one map, by the title to show, at least one.
-    spacing : float
+    spacing : float, default 2.0
         Least distance of the poses from one another [m], above 0; more of them on a large map.
-    magnify : float
+    magnify : float, default 1.0
         Factor on the ellipses, above 0; 1 draws one standard deviation to the map's scale, and 10
         shows the shape of ellipses of a few centimetres.
     """

@@ -213,7 +213,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130)
     path : path
         The file, whose suffix chooses the format: .png, .pdf or .svg. One that is there is
         replaced.
-    dpi : int
+    dpi : int, default 130
         Pixels an inch of a .png; more make a larger and sharper picture.
 
     Raises

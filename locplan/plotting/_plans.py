@@ -77,7 +77,7 @@ def plan_figure(
         At most four plans, by the name to show; plans without a path are only named.
     recommended : str, optional
         Name of the plan that the legend marks as recommended.
-    verdict : str
+    verdict : str, default ""
         Verdict on the plans, which the title ends with; see `locplan.simulation.verdict`.
     """
     solved = {label: plan for label, plan in plans.items() if plan.path is not None}
@@ -232,7 +232,7 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     ----------
     front : ParetoFront
         The front, with at least one path.
-    e_unit : str
+    e_unit : str, default "m² rad"
         Unit of e, see `CovarianceField.e_unit`.
     """
     grid = front.costs.grid

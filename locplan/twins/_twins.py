@@ -191,7 +191,7 @@ class Twins(Pictured):
         name : str
             "excess" [nats], "elsewhere" (0..1), "modes", "turned" or "stretch" [m]; see the
             properties of these names.
-        stride : int
+        stride : int, default 1
             Only cells whose row and column are multiples of it are looked at, such as those of a
             field of this stride, (h, w).
 

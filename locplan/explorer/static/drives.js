@@ -151,7 +151,7 @@ async function followField() {
 		field = { digest, bytes: null };
 		const bytes = digest && (await fetchLayer(digest, "sigma").catch(() => null)); // null: a newer state is on its way
 		if (digest !== field.digest) return;
-		field.bytes = bytes;
+		field = { digest: bytes && digest, bytes }; // what failed is fetched again
 	}
 	showScale();
 	setTime(model.drive?.time);
@@ -184,7 +184,7 @@ function showScale() {
 	const both = drive.xy.map((place, k) => [drive.sd[k], fieldAt(place)]).filter(([measured]) => Number.isFinite(measured));
 	const said = both.map((pair) => pair[1]).filter((value) => value !== null);
 	const medians = both.length ? ` Median measured ${centimetres(100 * median(both.map((pair) => pair[0])))}${said.length ? `, of the field ${centimetres(100 * median(said))}` : ""}.` : " No scan has enough returns.";
-	byId("drive-scale").replaceChildren("Dots: measured deviation, ", make("span", {}, low, colours, `${high}.`), `${medians}${isOld ? " The map was edited since." : ""}`);
+	byId("drive-scale").replaceChildren("Dots: measured deviation, from ", make("span", {}, low, " ", colours, ` to ${high}.`), `${medians}${isOld ? " The map was edited since." : ""}`);
 	repaint("overlay");
 }
 

@@ -69,7 +69,8 @@ export function paintTwins(pen) {
 }
 
 function takeLayer({ layer, share, alike, spacing }) {
-	layerWords = `${(100 * share).toFixed(0)} % of the places have a look-alike within ${alike} nats. The map shows them; other layers are under Field. Places are ${metres(spacing)} apart.`;
+	const part = share === 0 ? "None" : share < 0.01 ? "Less than 1 %" : `${(100 * share).toFixed(0)} %`;
+	layerWords = `${part} of the places have a look-alike within ${alike} nats. The map shows the excess of each place; other layers are under Field. Places are ${metres(spacing)} apart.`;
 	report("twins-layer-note", layerWords);
 	chooseLayer(layer);
 }

@@ -128,9 +128,9 @@ class Sad(Estimator):
 
         Parameters
         ----------
-        range : float
+        range : float, default 6.0
             Radius of the template disc [m], above 0; the paper's is 6.
-        noise_level : float
+        noise_level : float, default 1.0
             Factor k on the covariance (Eq. 8), above 0.
         """
         law = InverseSquare()
