@@ -554,7 +554,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         (("--to", "nav2-keepout", "--planner", "teb"), "planner must be one of"),
         (("--to", "nav2-keepout", "--planner-param", "inf"), "must be a positive number"),
         (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
-        (("--to", "nav2-keepout", "--params", "none.yaml"), "none.yaml: cannot be read"),
+        (("--to", "nav2-keepout", "--params", "none.yaml"), "none.yaml: there is no such file"),
         (("--to", "degenerate-areas", "--threshold", "1.5"), "threshold must be 0 to 1, not 1.5"),
         (("--to", "degenerate-areas", "--threshold", "nan"), "threshold must be 0 to 1, not nan"),
         (("--to", "degenerate-areas", "--min-area", "-1"), "min_area must be at least 0, not -1"),

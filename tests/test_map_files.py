@@ -242,7 +242,7 @@ def test_grey_is_not_warned_of_where_it_is_rare_raw_or_unknown(tmp_path):
         ({"image": '""'}, "image must be the name"),
         ({"image": "[map.pgm]"}, "image must be the name"),
         ({"image": "!!python/name:os.system"}, "image must be the name"),
-        ({"image": '"no\\nsuch.pgm"'}, r"no\?such.pgm: cannot be read"),
+        ({"image": '"no\\nsuch.pgm"'}, r"no\?such.pgm: there is no such file"),
         *(({"image": v}, "image must be the name") for v in ('"a\\0b"', '"\\ud800"')),
         *(({"image": v}, "image must be the name .* missing") for v in ("~", "null", "")),
         ({"image": "x" * 5000}, "cannot be read"),

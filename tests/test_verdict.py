@@ -137,6 +137,13 @@ def test_a_tenth_less_error_decides(costs, plans, monkeypatch, aware, recommende
     )
 
 
+def test_a_gain_that_no_robot_feels_is_called_so(costs, plans, monkeypatch):
+    errors_of(monkeypatch, 0.1, 0.085)
+    found = verdict(costs, plans)
+    assert found.recommended == AWARE
+    assert found.text.endswith("; that is under 2 cm, and no drive is lost on the shortest either")
+
+
 def test_where_both_paths_lose_the_robot_tuning_comes_first(costs, plans, monkeypatch):
     errors_of(monkeypatch, 2.0, 1.2)
     found = verdict(costs, plans)

@@ -129,9 +129,9 @@ def _warnings_as_lines() -> Iterator[None]:
 def _in_one_line(error: CycloptsError) -> str:
     if isinstance(error, UnusedCliTokensError):
         tokens = error.unused_tokens or ()
-        words = f"unexpected: {' '.join(map(_short, tokens))}"
+        unexpected = f"unexpected: {' '.join(map(_short, tokens))}"
         numbers = all(re.fullmatch(r"-?[\d.]+", token) for token in tokens)
-        return words + "; write positions as X,Y with a comma" * numbers
+        return unexpected + "; write positions as X,Y with a comma" * numbers
     if isinstance(error, MissingArgumentError) and (argument := error.argument):
         guess = "".join(" ".join(str(error).split()).partition("Did you mean")[1:])
         return f"{argument.name} is missing{'. ' if guess else ''}{guess}"

@@ -19,7 +19,9 @@ ROUNDING = 1e-9
 """Amount by which a difference of shares may fall short of `CLEARLY_FEWER`."""
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
-SLIGHT = "; it gains less than a cell of the map, and no drive is lost on the shortest either"
+LITTLE = 0.02
+"""Difference of errors that hardly any robot feels [m]."""
+SLIGHT = f"; that is under {100 * LITTLE:g} cm, and no drive is lost on the shortest either"
 """What is said of a path that is clearly better, but hardly worth a detour."""
 LAST = 1.0
 """Length of the last stretch, of which "goal-error" is made [m]."""
@@ -54,8 +56,8 @@ def log_errors(
     return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
 
 
-def is_slight(before: float, after: float, lost: int, resolution: float) -> bool:
-    """Whether an error falls by less than a cell of the map, where no drive was lost before.
+def is_slight(before: float, after: float, lost: int) -> bool:
+    """Whether an error falls by less than `LITTLE`, where no drive was lost before.
 
     Parameters
     ----------
@@ -63,10 +65,8 @@ def is_slight(before: float, after: float, lost: int, resolution: float) -> bool
         Errors of a typical drive on the shortest and on the other path [m].
     lost : int
         Number of drives that were lost on the shortest path.
-    resolution : float
-        Edge of a cell of the map [m].
     """
-    return lost == 0 and before - after < resolution
+    return lost == 0 and before - after < LITTLE
 
 
 def worst_error(shape: tuple[int, int], resolution: float) -> float:

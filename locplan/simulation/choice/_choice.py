@@ -135,8 +135,8 @@ class Choice(Pictured):
             return f"no alternative is {which}: the shortest"
         reason = f"{gain(shortest, chosen, self.minimise)}, {at_length(shortest, chosen)}"
         before, after = (math.exp(each.log_error) for each in (shortest, chosen))
-        lost, cell = int(shortest.drives.lost.sum()), self.costs.grid.resolution
-        slight = self.minimise == "rmse" and is_slight(before, after, lost, cell)
+        lost = int(shortest.drives.lost.sum())
+        slight = self.minimise == "rmse" and is_slight(before, after, lost)
         return reason + SLIGHT * slight
 
     @property

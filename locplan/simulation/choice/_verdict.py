@@ -199,7 +199,7 @@ def verdict(
         text = _of_drives(recommended, worse, scores, driven, simulator.amcl)
         before, after = (math.exp(scores[label]) for label in (SHORTEST, AWARE))
         lost = int(driven[SHORTEST].lost.sum())
-        if recommended == AWARE and is_slight(before, after, lost, costs.grid.resolution):
+        if recommended == AWARE and is_slight(before, after, lost):
             text += SLIGHT
     if not_simulated and driven:
         text += f" (not simulated: {', '.join(not_simulated)})"
