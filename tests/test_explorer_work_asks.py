@@ -492,6 +492,15 @@ def test_a_shared_page_tells_no_folder_of_the_machine(tmp_path):
     session.upkeep.close()
 
 
+def test_a_view_that_changes_while_it_is_packed_is_not_shared(own, monkeypatch):
+    def edited(session, ask, work):
+        session.scene = dataclasses.replace(session.scene, serial=session.scene.serial + 1)
+
+    monkeypatch.setattr("locplan.explorer._sharing.plan", edited)
+    with pytest.raises(ConfigError, match="share the view again"):
+        answered(own, "share", view={"start": list(START), "goal": list(GOAL)})
+
+
 def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
     api = pytest.importorskip("playwright.sync_api")
     browser_file = next((f for f in map(Path, CHROMIUMS) if f.exists()), None)

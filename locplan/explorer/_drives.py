@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import printable, shown
 from locplan._util.progress import ProgressCallback
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError, RecordingError
 from locplan.maps import OccupancyGrid
 from locplan.recordings import Recording, match_scans, read_drive
 from locplan.recordings._fit import FITS, NEAR, NEAR_CELLS
@@ -114,7 +114,7 @@ def shown_drive(
         deviation = np.full(len(kept), np.nan)
         try:
             found = match_scans(recording[kept], grid, threads=threads, progress=progress)
-        except LocplanError:  # no scan on this map tells enough
+        except RecordingError:  # no scan on this map tells enough
             pass
         else:
             deviation = found.position_std

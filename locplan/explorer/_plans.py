@@ -147,7 +147,8 @@ def idle(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
         room -= sum(each.bordered.half.size for each in halved)
         if room < 0:
             break  # one search would only push out another
-        with ThreadPoolExecutor(len(weights)) as pool:  # a drag that has begun waits for these
+        # A drag that has begun waits for these; else one after the other takes less memory.
+        with ThreadPoolExecutor(1 if held is None else len(weights)) as pool:
             made = [pool.submit(_flood, session, scene, each, stop, check) for each in weights]
         for one in made:
             one.result()

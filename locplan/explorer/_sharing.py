@@ -89,7 +89,7 @@ def shared_page(
 
 def share(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Answer the ask for a page of the present view: it is kept to be downloaded."""
-    textures = session.layers()
+    scene, textures = session.scene, session.layers()
     if not textures:
         raise ConfigError("the field is still being computed; wait until it is there")
     view = ask.mapping("view")
@@ -105,6 +105,8 @@ def share(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         answer,
         view,
     )
+    if session.scene is not scene:
+        raise ConfigError("the map or its field was changed meanwhile; share the view again")
     name = f"{plain_name(session.name)}-locplan.html"
     key = session.add_download(name, page.content, "text/html")
     return {"download": key, "name": name, "bytes": page.size}
