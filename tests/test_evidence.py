@@ -542,7 +542,7 @@ def test_simulations_that_are_not_made_are_refused(run, map_file):
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be at least 0"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
         ((*ENDS, "--lidar", "sonar"), "--lidar must be one of rplidar-a1"),
-        ((*ENDS, "--params", "none.yaml"), "none.yaml: cannot be read"),
+        ((*ENDS, "--params", "none.yaml"), "none.yaml: there is no such file"),
         ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
         ((*ENDS, "--weight", "-1"), "weight"),
         (("--start", "0,0.1", "--goal", "6,9"), "start"),
@@ -559,7 +559,7 @@ def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reas
 
 
 def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
-    assert "cannot be read" in refused(run("evaluate", tmp_path / "no.yaml"))
+    assert "there is no such file" in refused(run("evaluate", tmp_path / "no.yaml"))
     assert "must be one of tracking, match" in refused(
         run("calibrate", map_file, "--error", "both")
     )

@@ -49,7 +49,7 @@ def test_places_are_a_detour_apart_at_most(seed: int, detour: float) -> None:
     xy = rng.uniform(1, 29, (40, 2))
     net = spanned(SPACE, xy, random_pairs(40, 1.0, rng), 1.02, 5.0)
     places = np.arange(0, 40, 3)
-    chosen = lanes._routes(net, places, detour)
+    chosen = lanes._routes(net, places, detour, lambda done, total: None)
     best, over = (
         dijkstra(symmetric(net.edges[use], net.cost[use], 40), indices=places)[:, places]
         for use in (np.ones(len(net.edges), bool), chosen)
