@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import functools
 import inspect
+import pydoc
 import re
 import sys
 import types
@@ -43,7 +44,11 @@ class Place(NamedTuple):
     @property
     def doc(self) -> str:
         """What help() shows."""
-        return inspect.getdoc(self.thing) or ""
+        return (
+            pydoc.getdoc(self.thing)
+            if inspect.isclass(self.thing)
+            else inspect.getdoc(self.thing) or ""
+        )
 
 
 def faces(package: Any = locplan) -> Iterator[Any]:

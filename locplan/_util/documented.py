@@ -67,7 +67,9 @@ def tell_fields(thing: object) -> None:
     if isinstance(thing, type) and _types_of(thing):
         text = vars(thing)["__doc__"]
         if isinstance(text, str):
-            thing.__doc__ = WithFields(inspect.cleandoc(text))  # type: ignore[assignment]
+            told: Any = WithFields(inspect.cleandoc(text))
+            # help() asks no descriptor where the class has a metaclass of its own.
+            thing.__doc__ = told if type(thing) is type else told.__get__(None, thing)
 
 
 def _types_of(kind: type) -> dict[str, str]:

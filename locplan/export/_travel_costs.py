@@ -118,7 +118,7 @@ PLANNERS = {
 class Conversion:
     """The accuracy of a planner's J = integral of (1 + weight u) ds with the exported values."""
 
-    planner: NavPlanner
+    planner: NavPlanner = field(repr=False)
     """The planner of Nav2, with the name and the parameter that scale its costs."""
     param: float
     """Value of `planner.parameter`; NaN where there is none."""
