@@ -239,4 +239,7 @@ class Session:
     def replace_grid(self, grid: OccupancyGrid) -> None:
         """Take an edited map; what shows it is brought up to date by `Upkeep`."""
         self.grid = dataclasses.replace(grid, name=self.original.name)
-        self.kept.forget(lambda key: False)  # the next costmap needs their room
+
+    def make_room(self) -> None:
+        """Drop what is kept of a scene that is replaced next: the new costmap needs the room."""
+        self.kept.forget(lambda key: False)

@@ -70,6 +70,9 @@ class Host(Protocol):
     def show(self, costs: Costmap, field: CovarianceField | None, *, whole: bool) -> None:
         """Replace what is shown."""
 
+    def make_room(self) -> None:
+        """Drop what is kept of a scene that is replaced next."""
+
     def tell(self, event: dict[str, Any]) -> None:
         """Tell all pages of an event."""
 
@@ -153,6 +156,7 @@ class Upkeep:
         assert self._known is not None
         repainted = self._repainted(self._known.field, self._known.fresh, grid, cancel)
         for field, fresh, done in repainted:
+            session.make_room()
             self._known = self._known.updated(field, fresh, whole=done)
             if done and field.config == session.config:
                 session.busy = None
