@@ -175,10 +175,10 @@ def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
     assert task.count() == 0
 
 
-def test_a_goal_outside_the_map_leaves_no_old_path(visit):
+def test_a_goal_within_a_wide_wall_leaves_no_old_path(visit):
     seen = visit()
-    _, y = seen.middle(".marker.goal")
-    seen.drag(".marker.goal", 0, -y + 2)
+    metre = (seen.middle(".marker.goal")[0] - seen.middle(".marker.start")[0]) / 36.0
+    seen.drag(".marker.goal", -11.25 * metre, -4.75 * metre)
     reason = seen.page.locator("#verdict.error", has_text="has no free cell within 3 m")
     reason.wait_for()
     assert seen.text("#verdict").startswith("The goal ")
@@ -188,10 +188,22 @@ def test_a_goal_outside_the_map_leaves_no_old_path(visit):
     assert not seen.has_drawn(TEAL)
     seen.wait('#profile-chart[aria-valuemax="0.1"]')
     assert seen.page.locator("#toast").is_hidden()
-    seen.drag(".marker.goal", 0, y - 2)
+    seen.drag(".marker.goal", 11.25 * metre, 4.75 * metre)
     reason.wait_for(state="detached")
     seen.page.locator("#aware-length", has_text="m").wait_for()
     assert seen.has_drawn(TEAL)
+
+
+def test_a_marker_that_is_dragged_out_of_the_window_stays_on_the_map(visit):
+    seen = visit()
+    seen.drag(".marker.start", -3000, -3000)
+    seen.page.locator("#zoom-fit").click()
+    seen.page.locator("#overlay").evaluate("() => new Promise(requestAnimationFrame)")
+    assert seen.place("start")[0] >= 1.0
+    assert seen.place("start")[1] <= 13.8
+    x, y = seen.middle(".marker.start")
+    assert 0 < x < 1200
+    assert 0 < y < 800
 
 
 def test_intervals_and_verdicts_read_as_people_speak(browser, server):
@@ -217,6 +229,10 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     errors = seen.page.locator("#candidates td:nth-child(4)").all_inner_texts()
     assert [each.split("\u202f")[0] for each in errors] == ["1.3", "0.20", "1.5"]
     assert small == ["up to 138 m", "up to 17 %", "0.030–2.1 m", "20–80 %", "1.2–2.1 m"]
+    shown = seen.legend()
+    assert sum("recommended" in each for each in shown) == 1
+    assert shown[0].startswith("1 a: 36.0 m, error 1.3 m")
+    assert not any(each.startswith(("aware", "shortest")) for each in shown)
     # What was simulated leaves the map with the route or the map that it is for, and comes back.
     old = seen.page.locator("#simulated-old")
     assert old.is_hidden()
@@ -636,6 +652,7 @@ def test_a_drive_is_shown_before_it_is_matched_and_the_match_can_be_cancelled(vi
 def test_a_picture_is_saved(visit):
     seen = visit()
     seen.unfold("share-group")
+    assert [each.split(":")[0] for each in seen.legend()][:2] == ["aware", "shortest"]
     with seen.page.expect_download() as download:
         seen.page.locator("#picture").click()
     content = download.value.path().read_bytes()

@@ -364,7 +364,7 @@ def test_the_command_and_the_code_plan_the_path_shown(config, name, run, tmp_pat
 def test_edits_that_are_not_saved_are_said_first():
     made = reproduced(view(), "lab.yaml", edited=True)
     for text in (made.shell, made.python):
-        assert text.startswith("# The map has edits that are not saved")
+        assert text.startswith("# lab.yaml is not the map on the page, which was edited since")
     assert not reproduced(view(), "lab.yaml").python.startswith("#")
     assert "locplan.save_map" in reproduced(view(), None).shell.splitlines()[0]
 

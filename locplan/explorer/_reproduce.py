@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import printable
 from locplan.costs import ROBOT_RADIUS
 from locplan.explorer._view import View
 from locplan.field import PRESETS, Estimator, FieldConfig, Lidar, Sad
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 
 SETTINGS = "settings.json"
 """File of a field's settings, where the command's options cannot say them."""
-UNSAVED = "The map has edits that are not saved: save it and name that file; these read the old one"
+UNSAVED = (
+    "{} is not the map on the page, which was edited since (or an edit undone).",
+    "For the page's map: save it on the page under a new name, and copy this once more.",
+)
 NO_FILE = 'No file of this map is known: locplan.save_map(grid, "map.yaml") writes one'
 EXPORTED = {
     "locplan": ("FieldConfig", "Fisher", "Fused", "Lidar", "Sad", "Scan", "SearchWindow"),
@@ -63,10 +67,10 @@ def reproduced(view: View, map_file: str | None, *, edited: bool = False) -> Rep
     edited : bool
         Whether the map shown differs from the file.
     """
-    notes = [UNSAVED] if edited else []
-    if map_file is None:
-        notes = [NO_FILE]
+    notes = [NO_FILE] if map_file is None else []
     file = map_file or "map.yaml"
+    if map_file and edited:
+        notes = [line.format(printable(file)) for line in UNSAVED]
     settings = view.costs.settings
     options = options_for(view.field.config)
     if options is None:

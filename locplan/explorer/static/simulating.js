@@ -42,6 +42,12 @@ export function candidateDash(index) {
 	return DASHES[index % DASHES.length];
 }
 
+/** A candidate in the legend of a picture. */
+export function candidateWords({ label, length, name, error_m: [error] }, k) {
+	const words = `${k + 1} ${label}: ${metres(length)}${Number.isFinite(error) ? `, error ${errorMetres(error)}` : ""}`;
+	return name === model.simulated.chosen ? `${words} (recommended)` : words;
+}
+
 /** Draw the candidates with their numbers. */
 export function paintCandidates(pen) {
 	const candidates = freshSimulation()?.candidates ?? [];
