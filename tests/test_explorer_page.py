@@ -214,7 +214,9 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     third = {"name": "c", "label": "c", "error_m": [1.5, 1.2, 2.1], "lost": None}
     candidates = [driven | each for each in (first, other, third)]
     pole = {"poses": [[20.0, 8.0, 0.0]], "tool": "pole", "size": [0.2]}
-    context = browser.new_context(viewport={"width": 1200, "height": 800})
+    context = browser.new_context(
+        viewport={"width": 1200, "height": 800}, permissions=["clipboard-read", "clipboard-write"]
+    )
     seen = Seen(context.new_page())
     answers = {
         "simulate": {"verdict": "no matter", "chosen": "a", "candidates": candidates},
@@ -233,11 +235,25 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     assert sum("recommended" in each for each in shown) == 1
     assert shown[0].startswith("1 a: 36.0 m, error 1.3 m")
     assert not any(each.startswith(("aware", "shortest")) for each in shown)
+    seen.page.locator("#export-to").select_option("path")
+    which = seen.page.locator("#export-which", has_text="aware path at weight 8, ")
+    which.filter(has_text="recommends another").wait_for()
+    for wanted, said in (("choose", "chooses once more"), ("plan", re.compile(r"copied\.$"))):
+        seen.page.locator("#copy-shell").click()
+        seen.page.locator("#toast", has_text=said).wait_for()
+        told = seen.page.evaluate("() => navigator.clipboard.readText()")
+        assert f"\nlocplan {wanted} " in told
+        assert ("--drives 20 --output chosen" in told) == (wanted == "choose")
+        if wanted == "choose":
+            weight = seen.page.locator("#weight").input_value()
+            seen.page.locator("#weight").fill("900")
+            which.wait_for(state="detached")
+    assert "recommends" not in seen.text("#export-which")
+    seen.page.locator("#weight").fill(weight)
     # What was simulated leaves the map with the route or the map that it is for, and comes back.
     old = seen.page.locator("#simulated-old")
-    assert old.is_hidden()
+    old.wait_for(state="hidden")
     assert seen.has_drawn(RED)
-    weight = seen.page.locator("#weight").input_value()
     seen.drag(".marker.goal", -30, 0, release=False)
     old.wait_for()
     assert not seen.has_drawn(RED)

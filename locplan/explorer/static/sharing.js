@@ -5,16 +5,17 @@ import { barTicks, drawBase } from "./layers.js";
 import { tryAsking, work } from "./link.js";
 import { drawOverlay } from "./overlay.js";
 import { rampColour } from "./ramps.js";
-import { routeAsked } from "./route.js";
+import { onRoute, routeAsked } from "./route.js";
 import { report, toast } from "./say.js";
-import { model } from "./store.js";
+import { model, on } from "./store.js";
 import { haloedStroke, numberedDot, writeAt } from "./strokes.js";
 import { candidateDash, candidateWords, errorColour, freshSimulation } from "./simulating.js";
 import { shownLayer } from "./texture.js";
-import { metres, titleWithUnit } from "./text.js";
+import { metres, short, titleWithUnit } from "./text.js";
 import { palette } from "./theme.js";
 import { scaleBar, screenOf, view } from "./view.js";
 
+const OWN = ["path shown", "localizability-aware"]; // names of the aware path in a simulation
 const WIDE = 760; // pixels from which on the legend takes one row
 
 /** Connect the buttons. */
@@ -25,21 +26,42 @@ export function startSharing() {
 	hear("picture", "click", savePicture);
 	hear("share", "click", sharePage);
 	hear("export", "click", exportCostmap);
+	hear("export-to", "change", sayWhich);
+	onRoute(sayWhich);
+	on("simulated", sayWhich);
 	setOptions(byId("distro"), distros.map((distro) => ({ value: distro, label: distro })), distros.includes("jazzy") ? "jazzy" : undefined);
 	byId("export-row").hidden = !can.export;
 	byId("save").hidden = !can.save;
 	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --folder FOLDER.");
 }
 
+// With a simulation on the map it is the choice that is made once more; choices know no waypoints.
 function copyText(kind, title) {
-	return tryAsking("reproduce", routeAsked(), async (answer) => {
+	const simulated = model.via.length ? null : freshSimulation();
+	const choice = simulated && { drives: simulated.asked, own: hasOwn(simulated) };
+	return tryAsking("reproduce", { ...routeAsked(), ...choice }, async (answer) => {
 		try {
 			await navigator.clipboard.writeText(answer[kind]);
-			toast(`${title} copied.`);
+			toast(`${title} copied.${choice ? " It simulates these paths and chooses once more." : ""}`);
 		} catch {
 			showText(title, answer[kind]);
 		}
 	});
+}
+
+// Whether the aware path is a candidate of its own: it may be the shortest one.
+function hasOwn({ candidates }) {
+	return candidates.some(({ name }) => OWN.includes(name));
+}
+
+function sayWhich() {
+	const { aware } = model.plan ?? {};
+	const isPath = byId("export-to").value === "path" && aware;
+	byId("export-which").hidden = !isPath;
+	if (!isPath) return;
+	const simulated = freshSimulation();
+	const isOther = simulated && !(OWN.includes(simulated.chosen) || (simulated.chosen === "shortest" && !hasOwn(simulated)));
+	write("export-which", `Exports the aware path at weight ${short(model.weight)}, ${metres(aware.length)}.${isOther ? " The simulation recommends another: the copied command writes that one." : ""}`);
 }
 
 // Where the browser forbids the clipboard, the text is shown selected.
