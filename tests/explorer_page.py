@@ -43,6 +43,16 @@ HAS_COLOUR = """async (colour) => {
 }"""
 
 
+KEEP_WORDS = """() => {
+    window.words = [];
+    const { fillText } = CanvasRenderingContext2D.prototype;
+    CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+        window.words.push(text);
+        return fillText.call(this, text, ...rest);
+    };
+}"""
+
+
 def browser_file() -> str | None:
     """The browser of this machine, if there is one."""
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
@@ -144,6 +154,15 @@ class Seen:
         label = self.page.locator(f'.marker[data-name="{name}"]').get_attribute("aria-label")
         x, y = re.findall(r"-?\d+\.\d+", label)
         return float(x), float(y)
+
+    def legend(self) -> list[str]:
+        """The lines that a saved picture tells of its paths."""
+        self.unfold("share-group")
+        self.page.evaluate(KEEP_WORDS)
+        with self.page.expect_download():
+            self.page.locator("#picture").click()
+        words = [each.replace("\u202f", " ") for each in self.page.evaluate("() => window.words")]
+        return [each for each in words if re.match(r"[\w ]+: [\d.]+ m", each)]
 
     def unfold(self, group: str) -> None:
         """Open a group of the panel."""

@@ -43,7 +43,7 @@ def killed_at_last(process: subprocess.Popen) -> Iterator[None]:
 def room() -> OccupancyGrid:
     cells = random_rooms((40, 50), 2)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
-    return OccupancyGrid(cells, 0.1, (0.0, 0.0, 0.0), "room")
+    return OccupancyGrid(cells, 0.1, (-1.0, 0.0, 0.0), "room")
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
             "--goal",
             "3,2",
             "--via",
-            "-2,2",
+            "-0.5,2",
         ),
         *("--weight", "7", "--robot-radius", "0.1", "-o", tmp_path / "out", "--threads", "1"),
         *("--set", "alpha1=0.05", "--criterion", "heading_std", "--force"),
@@ -106,7 +106,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     assert session.default_weight == 7
     assert session.robot_radius == 0.1
     assert (session.opening.start, session.opening.goal) == ((1.0, 2.0), (3.0, 2.0))
-    assert session.opening.via == ((-2.0, 2.0),)
+    assert session.opening.via == ((-0.5, 2.0),)
     assert session.opening.criterion == "heading_std"
     assert session.opening.amcl.alpha1 == 0.05
     assert session.map_file == str(map_file)
@@ -120,6 +120,9 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     [
         (("--port", "70000"), "port must be"),
         (("--start", "1"), "--start must be"),
+        (("--start", "400,120"), "start 400,120 lies outside the map; the nearest free position"),
+        (("--goal", "400,120"), "goal 400,120 lies outside the map"),
+        (("--via", "1,2", "--via", "1,-9"), "waypoint 2 1,-9 lies outside the map"),
         (("--weight", "-1"), "weight must be"),
         (("--criterion", "x"), "criterion must be"),
         (("--lidar", "x"), "--lidar must be one of"),

@@ -21,8 +21,9 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
 
 
-TEAL, BLUE = (8, 122, 126), (26, 95, 180)
-"""Colours of the aware path and of landmarks that are proposed, on a light page."""
+TEAL, BLUE, RED = (8, 122, 126), (26, 95, 180), (178, 20, 66)
+"""Colours of the aware path, of landmarks that are proposed, and of the simulated path with the
+greatest error, on a light page."""
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +146,7 @@ def test_the_front_is_walked_by_arrow_keys(visit):
     seen.page.keyboard.press("ArrowRight")
     seen.wait('#front-chart .point:nth-child(n)[aria-checked="true"]:focus')
     seen.page.locator("#front-note", has_text="The violet path").wait_for()
-    seen.drag(".marker.goal", -30, 0)
+    seen.page.locator("#swap").click()
     seen.wait("#front-chart", "hidden")
 
 
@@ -174,10 +175,10 @@ def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
     assert task.count() == 0
 
 
-def test_a_goal_outside_the_map_leaves_no_old_path(visit):
+def test_a_goal_within_a_wide_wall_leaves_no_old_path(visit):
     seen = visit()
-    _, y = seen.middle(".marker.goal")
-    seen.drag(".marker.goal", 0, -y + 2)
+    metre = (seen.middle(".marker.goal")[0] - seen.middle(".marker.start")[0]) / 36.0
+    seen.drag(".marker.goal", -11.25 * metre, -4.75 * metre)
     reason = seen.page.locator("#verdict.error", has_text="has no free cell within 3 m")
     reason.wait_for()
     assert seen.text("#verdict").startswith("The goal ")
@@ -187,21 +188,35 @@ def test_a_goal_outside_the_map_leaves_no_old_path(visit):
     assert not seen.has_drawn(TEAL)
     seen.wait('#profile-chart[aria-valuemax="0.1"]')
     assert seen.page.locator("#toast").is_hidden()
-    seen.drag(".marker.goal", 0, y - 2)
+    seen.drag(".marker.goal", 11.25 * metre, 4.75 * metre)
     reason.wait_for(state="detached")
     seen.page.locator("#aware-length", has_text="m").wait_for()
     assert seen.has_drawn(TEAL)
 
 
+def test_a_marker_that_is_dragged_out_of_the_window_stays_on_the_map(visit):
+    seen = visit()
+    seen.drag(".marker.start", -3000, -3000)
+    seen.page.locator("#zoom-fit").click()
+    seen.page.locator("#overlay").evaluate("() => new Promise(requestAnimationFrame)")
+    assert seen.place("start")[0] >= 1.0
+    assert seen.place("start")[1] <= 13.8
+    x, y = seen.middle(".marker.start")
+    assert 0 < x < 1200
+    assert 0 < y < 800
+
+
 def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     driven = {"xy": [[3, 1], [39, 1]], "length": 36.0, "profile": {"s": [36.0], "u": [0.5]}}
     driven["profile"] |= {"median_cm": [9.0], "p95_cm": [12.0]}
-    first = {"name": "a", "label": "a", "rmse_cm": [130, 0.0, 13790], "lost": [0.0, 0.0, 0.168]}
-    other = {"name": "b", "label": "b", "rmse_cm": [31, 3.04, 210], "lost": [0.5, 0.2, 0.8]}
-    third = {"name": "c", "label": "c", "rmse_cm": [150, 120, 210], "lost": None}
+    first = {"name": "a", "label": "a", "error_m": [1.3, 0.0, 137.9], "lost": [0.0, 0.0, 0.168]}
+    other = {"name": "b", "label": "b", "error_m": [0.2, 0.0304, 2.1], "lost": [0.5, 0.2, 0.8]}
+    third = {"name": "c", "label": "c", "error_m": [1.5, 1.2, 2.1], "lost": None}
     candidates = [driven | each for each in (first, other, third)]
     pole = {"poses": [[20.0, 8.0, 0.0]], "tool": "pole", "size": [0.2]}
-    context = browser.new_context(viewport={"width": 1200, "height": 800})
+    context = browser.new_context(
+        viewport={"width": 1200, "height": 800}, permissions=["clipboard-read", "clipboard-write"]
+    )
     seen = Seen(context.new_page())
     answers = {
         "simulate": {"verdict": "no matter", "chosen": "a", "candidates": candidates},
@@ -213,7 +228,51 @@ def test_intervals_and_verdicts_read_as_people_speak(browser, server):
     seen.page.locator("#simulate").click()
     seen.wait("#candidates tr.chosen")
     small = [re.sub(r"\s", " ", each) for each in seen.page.locator("td small").all_inner_texts()]
-    assert small == ["up to 138 m", "up to 17 %", "3.0 cm to 2.1 m", "20–80 %", "1.2–2.1 m"]
+    errors = seen.page.locator("#candidates td:nth-child(4)").all_inner_texts()
+    assert [each.split("\u202f")[0] for each in errors] == ["1.3", "0.20", "1.5"]
+    assert small == ["up to 138 m", "up to 17 %", "0.030–2.1 m", "20–80 %", "1.2–2.1 m"]
+    shown = seen.legend()
+    assert sum("recommended" in each for each in shown) == 1
+    assert shown[0].startswith("1 a: 36.0 m, error 1.3 m")
+    assert not any(each.startswith(("aware", "shortest")) for each in shown)
+    seen.page.locator("#export-to").select_option("path")
+    which = seen.page.locator("#export-which", has_text="aware path at weight 8, ")
+    which.filter(has_text="recommends another").wait_for()
+    for wanted, said in (("choose", "chooses once more"), ("plan", re.compile(r"copied\.$"))):
+        seen.page.locator("#copy-shell").click()
+        seen.page.locator("#toast", has_text=said).wait_for()
+        told = seen.page.evaluate("() => navigator.clipboard.readText()")
+        assert f"\nlocplan {wanted} " in told
+        assert ("--drives 20 --output chosen" in told) == (wanted == "choose")
+        if wanted == "choose":
+            weight = seen.page.locator("#weight").input_value()
+            seen.page.locator("#weight").fill("900")
+            which.wait_for(state="detached")
+    assert "recommends" not in seen.text("#export-which")
+    seen.page.locator("#weight").fill(weight)
+    # What was simulated leaves the map with the route or the map that it is for, and comes back.
+    old = seen.page.locator("#simulated-old")
+    old.wait_for(state="hidden")
+    assert seen.has_drawn(RED)
+    seen.drag(".marker.goal", -30, 0, release=False)
+    old.wait_for()
+    assert not seen.has_drawn(RED)
+    assert seen.page.locator("#profile-kind").input_value() == "u"
+    seen.page.mouse.up()
+    seen.page.locator("#simulate").click()
+    old.wait_for(state="hidden")
+    seen.page.locator("#weight").fill("900")
+    old.wait_for()
+    seen.page.locator("#weight").fill(weight)
+    old.wait_for(state="hidden")
+    seen.page.locator("#overlay").focus()
+    seen.page.keyboard.press("p")
+    seen.page.keyboard.press("Enter")
+    old.wait_for()
+    assert not seen.has_drawn(RED)
+    seen.page.keyboard.press("Control+z")
+    old.wait_for(state="hidden")
+    seen.page.keyboard.press("v")
     seen.unfold("landmarks-group")
     take = seen.page.locator("#landmarks-accept")
     for helps, is_main in ((False, False), (True, True), (None, True)):
@@ -609,6 +668,7 @@ def test_a_drive_is_shown_before_it_is_matched_and_the_match_can_be_cancelled(vi
 def test_a_picture_is_saved(visit):
     seen = visit()
     seen.unfold("share-group")
+    assert [each.split(":")[0] for each in seen.legend()][:2] == ["aware", "shortest"]
     with seen.page.expect_download() as download:
         seen.page.locator("#picture").click()
     content = download.value.path().read_bytes()

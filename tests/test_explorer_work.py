@@ -158,11 +158,11 @@ def test_the_simulated_choice_is_that_of_the_library():
     assert own.why in shown.verdict
     assert [each.name for each in shown.candidates] == [each.name for each in own.candidates]
     for one, other in zip(shown.candidates, own.candidates, strict=True):
-        assert one.rmse == pytest.approx(other.drives.rmse, nan_ok=True)
+        assert one.error.value == pytest.approx(other.typical_rmse)
         assert one.lost == other.drives.lost_rate
     first = as_json(shown)["candidates"][0]
     assert first["length"] == pytest.approx(shortest.length, abs=0.05)
-    assert first["rmse_cm"][0] == pytest.approx(100 * shown.candidates[0].rmse.value)
+    assert first["error_m"][0] == shown.candidates[0].error.value
 
 
 def test_the_filter_of_the_ask_is_simulated():
@@ -170,7 +170,7 @@ def test_the_filter_of_the_ask_is_simulated():
     through = view(via=[MIDDLE], weight=12.0)
     shown, default = (simulated(through, drives=2, filter=each) for each in (some, None))
     assert "likelihood_field_prob" in shown.verdict
-    assert shown.candidates[0].rmse != default.candidates[0].rmse
+    assert shown.candidates[0].error != default.candidates[0].error
 
 
 def test_through_waypoints_both_paths_are_driven():

@@ -84,7 +84,7 @@ def test_a_simulation_is_answered_with_intervals_and_profiles(session):
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=3)
     assert told["chosen"] in {each["name"] for each in told["candidates"]}
     for each in told["candidates"]:
-        assert len(each["rmse_cm"]) == len(each["lost"]) == 3
+        assert len(each["error_m"]) == len(each["lost"]) == 3
         profile = each["profile"]
         assert len(profile["s"]) == len(profile["median_cm"]) == len(profile["p95_cm"])
         assert profile["s"][-1] == pytest.approx(each["length"], abs=0.2)
@@ -113,7 +113,7 @@ def test_the_command_names_the_file_that_was_opened(session):
     answered(named, "edit", strokes=[stroke])
     named.upkeep.latest.result(60)
     for text in answered(named, "reproduce", **WAY).values():
-        assert "not saved" in text.splitlines()[0]
+        assert text.startswith("# my maps/lab.yaml is not the map on the page")
     named.upkeep.close()
 
 

@@ -22,8 +22,9 @@ from locplan.explorer._bundling import json_in_html, one_page, one_script
 from locplan.explorer._drives import MOST_POSES, RecordedDrive, shown_drive
 from locplan.explorer._exporting import EXPORTS, exported, plain_name
 from locplan.explorer._notebook import frame_html, in_notebook
-from locplan.explorer._reproduce import options_for, reproduced
+from locplan.explorer._reproduce import Driven, options_for, reproduced
 from locplan.explorer._sharing import shared_page
+from locplan.explorer._simulating import PATH_SHOWN, simulated
 from locplan.explorer._view import View
 from locplan.export import formats, nav2_keepout
 from locplan.field import (
@@ -39,6 +40,7 @@ from locplan.field import (
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map, save_map
 from locplan.recordings import Recording, match_scans
+from locplan.simulation import Amcl, Disturbances
 
 # Recorded drives
 
@@ -361,10 +363,44 @@ def test_the_command_and_the_code_plan_the_path_shown(config, name, run, tmp_pat
     assert min(own[:, 0]) < 0
 
 
+def test_the_command_and_the_code_choose_as_the_simulation_does(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    grid, _ = corridors()
+    save_map(grid, "lab.yaml")
+    grid = load_map("lab.yaml")
+    field = locplan.load_or_compute(grid, FieldConfig(Sad(range=4.0), stride=0.8))
+    costs = Costmap.from_field(grid, field, weight=2.5)
+    shown = View(grid, field, costs, None, START, GOAL)
+    amcl, disturbances = Amcl(max_particles=600, half_cell=False), Disturbances(outliers=0.1)
+    told = simulated(shown, drives=2, amcl=amcl, disturbances=disturbances)
+    own = any(each.name == PATH_SHOWN for each in told.candidates)
+    made = reproduced(shown, "lab.yaml", driven=Driven(2, own, amcl, disturbances))
+    xy = next(each.path.xy for each in told.candidates if each.name == told.chosen)
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        exec(made.python, {})
+    assert np.allclose(json.loads(output.getvalue()), xy, rtol=0, atol=1e-8)
+    code, out, err = run(*shlex.split(made.shell)[1:], "--json")
+    assert code == 0, err
+    about = json.loads(out)
+    assert np.allclose(about["candidates"][about["chosen"]]["xy"], xy, rtol=0, atol=1e-8)
+    assert about["amcl"] == dataclasses.asdict(amcl)
+    errors = [each.error.value for each in told.candidates]
+    again = [each["typical_rmse_m"] for each in about["candidates"].values()]
+    assert again == pytest.approx(errors)
+    assert len(list((tmp_path / "chosen").glob("*.csv"))) > 2
+
+
+def test_a_choice_with_another_lidar_than_the_fields_is_told_in_python():
+    made = reproduced(view(lidar=Lidar(range=9.0)), "lab.yaml", driven=Driven(8, own=False))
+    assert "cannot say lidar" in made.shell
+    assert "drives=8, lidar=locplan.Lidar(range=9.0))" in made.python
+
+
 def test_edits_that_are_not_saved_are_said_first():
     made = reproduced(view(), "lab.yaml", edited=True)
     for text in (made.shell, made.python):
-        assert text.startswith("# The map has edits that are not saved")
+        assert text.startswith("# lab.yaml is not the map on the page, which was edited since")
     assert not reproduced(view(), "lab.yaml").python.startswith("#")
     assert "locplan.save_map" in reproduced(view(), None).shell.splitlines()[0]
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, whole
 from locplan._util.extras import needed
-from locplan.costs import ROBOT_RADIUS
+from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import LocplanError
 from locplan.explorer._notebook import frame_html, in_notebook
 from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar, Sad, Scan
@@ -184,12 +184,26 @@ def opened(
     from locplan.explorer._session import Session
 
     whole("port", port, 0, 65535)
+    _check_stops(grid, opening)
     session = Session(grid, opening)
     server = Server(session, port, framed=framed)
     server.start()
     session.upkeep.begin(field)
     threading.Thread(target=_warm_up, args=(session,), daemon=True).start()
     return Explorer(server)
+
+
+def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
+    """Raise a PoseError if a place of the first path lies outside the map.
+
+    One in a wall is moved by the page to the nearest free cell.
+    """
+    named = [("start", opening.start), ("goal", opening.goal)]
+    named += [(f"waypoint {n}", xy) for n, xy in enumerate(opening.via, 1)]
+    for role, xy in named:
+        if xy is not None and not grid.contains(*grid.world_to_cell(*xy[:2])):
+            # A blank costmap makes the sentence of the planners, with the nearest free place.
+            Costmap.blank(grid, robot_radius=opening.robot_radius).cell_of(xy, role)
 
 
 def _warm_up(session: Session) -> None:

@@ -1,4 +1,4 @@
-"""The shell command and the Python code that plan the path shown once more."""
+"""The shell command and the Python code that plan the path shown, or choose, once more."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import dataclasses
 import json
 import shlex
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import printable
 from locplan.costs import ROBOT_RADIUS
+from locplan.explorer._simulating import MOST_DRIVES, PATH_SHOWN
 from locplan.explorer._view import View
 from locplan.field import PRESETS, Estimator, FieldConfig, Lidar, Sad
+from locplan.planners import AnyAngle
 from locplan.planners._plan import AWARE
-from locplan.simulation._settings import SHORT_LIDAR
+from locplan.simulation import Amcl, Disturbances
+from locplan.simulation._settings import SHORT_LIDAR, lidar_of
 
 if TYPE_CHECKING:
     from locplan.costs import CostSettings
@@ -24,18 +28,60 @@ if TYPE_CHECKING:
 
 SETTINGS = "settings.json"
 """File of a field's settings, where the command's options cannot say them."""
-UNSAVED = "The map has edits that are not saved: save it and name that file; these read the old one"
+UNSAVED = (
+    "{} is not the map on the page, which was edited since (or an edit undone).",
+    "For the page's map: save it on the page under a new name, and copy this once more.",
+)
 NO_FILE = 'No file of this map is known: locplan.save_map(grid, "map.yaml") writes one'
 EXPORTED = {
     "locplan": ("FieldConfig", "Fisher", "Fused", "Lidar", "Sad", "Scan", "SearchWindow"),
     "locplan.field": ("Exponential", "InverseSquare"),
+    "locplan.simulation": ("Amcl", "Disturbances"),
 }
 """Packages of the classes of settings, by whose names code can make them."""
 
 
 @dataclass(frozen=True)
+class Driven:
+    """The simulated choice that is to be made once more."""
+
+    drives: int
+    """Greatest number of drives of each candidate."""
+    own: bool = True
+    """Whether the path of the view's weight is a candidate of its own."""
+    amcl: Amcl = field(default_factory=Amcl)
+    """The robot's filter."""
+    disturbances: Disturbances = field(default_factory=Disturbances)
+    """The disturbances."""
+
+    def words(self) -> list[str]:
+        """Options of `locplan choose`; the recommended path is written to a folder."""
+        words = ["--planner", AnyAngle.name] if self.own else []
+        words += ["--drives", str(self.drives)]
+        for settings in (self.amcl, self.disturbances):
+            for each in dataclasses.fields(settings):
+                value = getattr(settings, each.name)
+                if value != each.default:
+                    text = value if isinstance(value, str) else json.dumps(value)
+                    words += ["--set", f"{each.name}={text}"]
+        return [*words, "--output", "chosen"]
+
+    def code(self, ends: str, lidar: Lidar | None) -> list[str]:
+        """Lines of code that choose on a costmap, and print the positions of the path."""
+        given = [f"drives={self.drives}", *([f"lidar={_code(lidar)}"] if lidar else [])]
+        given += [f"candidates={{{PATH_SHOWN!r}: plans[{AWARE!r}]}}"] if self.own else []
+        for name, settings in (("amcl", self.amcl), ("disturbances", self.disturbances)):
+            if settings != type(settings)():
+                given.append(f"{name}={_code(settings)}")
+        return [
+            f"choice = locplan.choose(grid, {ends}, costs=costs, {', '.join(given)})",
+            "print(choice.path.xy.tolist())",
+        ]
+
+
+@dataclass(frozen=True)
 class Reproduction:
-    """A command and code that plan the path shown."""
+    """A command and code that plan the path shown, or choose."""
 
     shell: str
     """The command, for a POSIX shell; comments above it tell what is to be done first."""
@@ -47,7 +93,9 @@ class Reproduction:
         return {"shell": self.shell, "python": self.python}
 
 
-def reproduced(view: View, map_file: str | None, *, edited: bool = False) -> Reproduction:
+def reproduced(
+    view: View, map_file: str | None, *, edited: bool = False, driven: Driven | None = None
+) -> Reproduction:
     """The command and the code for a view.
 
     Both plan as the page does for a path at rest, through all waypoints, with the planner
@@ -62,11 +110,13 @@ def reproduced(view: View, map_file: str | None, *, edited: bool = False) -> Rep
         The map's file as the user typed it; None where there is none.
     edited : bool
         Whether the map shown differs from the file.
+    driven : Driven, optional
+        The simulated choice to make once more; the path shown is planned without it.
     """
-    notes = [UNSAVED] if edited else []
-    if map_file is None:
-        notes = [NO_FILE]
+    notes = [NO_FILE] if map_file is None else []
     file = map_file or "map.yaml"
+    if map_file and edited:
+        notes = [line.format(printable(file)) for line in UNSAVED]
     settings = view.costs.settings
     options = options_for(view.field.config)
     if options is None:
@@ -74,25 +124,40 @@ def reproduced(view: View, map_file: str | None, *, edited: bool = False) -> Rep
         notes_of_shell = [*notes, f"{SETTINGS} is written by the Python code"]
     else:
         notes_of_shell = list(notes)
-    words = ["locplan", "plan", _as_argument(file)]
+    words = ["locplan", "choose" if driven else "plan", _as_argument(file)]
     words += ["--start", _place(view.start), "--goal", _place(view.goal)]
     for each in view.via:
         words += ["--via", _place(each)]
+    if driven and not {"--estimator", "--lidar", "--config"} & set(options):
+        options = ["--estimator", view.field.config.estimator.name, *options]  # scan without it
     words += [*options, "--weight", _number(view.costs.weight)]
     if view.costs.robot_radius != ROBOT_RADIUS:
         words += ["--robot-radius", _number(view.costs.robot_radius)]
     kept = _criterion(view, settings)
     if "criterion" in kept:
         words += ["--criterion", kept.pop("criterion")]
+    lidar = view.simulated_lidar
+    own = None if lidar == lidar_of(view.field.config) else lidar
+    if driven:
+        words += driven.words()
+        kept |= {"lidar": lidar.model} if own else {}
     if kept:
         notes_of_shell.append(f"the command cannot say {', '.join(kept)}: take the Python code")
     shell = "\n".join([*(f"# {note}" for note in notes_of_shell), shlex.join(words)])
-    return Reproduction(shell, _python(view, file, notes, options[0] == "--config"))
+    *code, ends, printed = _python(view, file, notes, "--config" in options)
+    more = driven.code(ends, own) if driven else [printed]
+    return Reproduction(shell, "\n".join([*code, *more]) + "\n")
 
 
 def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the command and the code of the way shown."""
-    return reproduced(session.view(ask), session.map_file, edited=session.edited).summary()
+    """Answer the ask for the command and the code of the way shown, or of its simulated choice."""
+    drives, driven = ask.whole("drives", 2, MOST_DRIVES), None
+    view = session.view(ask)
+    if drives is not None and not view.via:
+        robot = session.opening.amcl or Amcl(), session.opening.disturbances or Disturbances()
+        driven = Driven(drives, ask.flag("own"), *robot)
+    map_file, edited = session.map_file, session.edited
+    return reproduced(view, map_file, edited=edited, driven=driven).summary()
 
 
 def options_for(config: FieldConfig) -> list[str] | None:
@@ -149,8 +214,8 @@ def _criterion(view: View, settings: CostSettings | None) -> dict[str, str]:
     return {name: value for name, value in values.items() if value != defaults[name]}
 
 
-def _python(view: View, file: str, notes: list[str], keeps: bool) -> str:
-    """Code that plans the path and prints its positions."""
+def _python(view: View, file: str, notes: list[str], keeps: bool) -> list[str]:
+    """Lines of code that plan the path; then the ends as arguments, and the line that prints."""
     costs = [f"weight={_number(view.costs.weight)}"]
     costs.append(f"robot_radius={_number(view.costs.robot_radius)}")
     criterion = _criterion(view, view.costs.settings)
@@ -158,7 +223,7 @@ def _python(view: View, file: str, notes: list[str], keeps: bool) -> str:
     ends = [f"({_place(each).replace(',', ', ')})" for each in (view.start, view.goal)]
     via = [f"({_place(each).replace(',', ', ')})" for each in view.via]
     through = f", via=[{', '.join(via)}]" if via else ""
-    lines = [
+    return [
         *(f"# {note}" for note in notes),
         "import locplan",
         "",
@@ -168,9 +233,9 @@ def _python(view: View, file: str, notes: list[str], keeps: bool) -> str:
         "field = locplan.load_or_compute(grid, config)",
         f"costs = locplan.Costmap.from_field(grid, field, {', '.join(costs)})",
         f"plans = locplan.planners.plan_beside_shortest(costs, {', '.join(ends)}{through})",
+        ", ".join(ends),
         f"print(plans[{AWARE!r}].path.xy.tolist())",
     ]
-    return "\n".join(lines) + "\n"
 
 
 def _config_code(config: FieldConfig) -> str:

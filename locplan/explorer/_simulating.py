@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Path
@@ -25,6 +25,7 @@ from locplan.simulation import (
     simulate as simulate_paths,
     verdict,
 )
+from locplan.simulation._scores import FLOOR
 from locplan.simulation._settings import changed
 from locplan.simulation.choice._choice import count_of, in_one_line
 from locplan.simulation.choice._choose import FEW_DRIVES
@@ -76,8 +77,9 @@ class DrivenPath:
     label: str
     """The name for people."""
     path: Path
-    rmse: Interval
-    """Root mean square of the position error, with its 95 % interval [m]."""
+    error: Interval
+    """Typical error, by which `locplan.choose` chooses: the geometric mean over the drives of the
+    RMSE of the position, with its 95 % interval [m]."""
     lost: Interval
     """Share of the drives that were lost at any time, with its 95 % interval."""
     profile: ErrorProfile
@@ -86,18 +88,18 @@ class DrivenPath:
     def of(cls, name: str, label: str, path: Path, drives: Drives) -> DrivenPath:
         """A candidate from its drives."""
         profile = ErrorProfile.of(drives)
-        return cls(name, label, path, drives.rmse, drives.lost_rate, profile)
+        error = of_geometric_mean(np.sqrt(drives.mean_squares + FLOOR))
+        return cls(name, label, path, error, drives.lost_rate, profile)
 
     def summary(self) -> dict[str, object]:
         """The candidate, fit for JSON."""
-        centimetres = [100 * value for value in self.rmse]
         profile = self.profile
         return {
             "name": self.name,
             "label": self.label,
             "xy": rounded(self.path.xy),
             "length": self.path.length,
-            "rmse_cm": centimetres,
+            "error_m": list(self.error),
             "lost": list(self.lost),
             "profile": {
                 "s": profile.distance.round(2).tolist(),

@@ -2,9 +2,9 @@
 import { byId, hear, make, write } from "./dom.js";
 import { repaint } from "./frames.js";
 import { work } from "./link.js";
-import { planNow, routeAsked, setWeight } from "./route.js";
+import { onRoute, planNow, routeAsked, routeKey, setWeight } from "./route.js";
 import { report } from "./say.js";
-import { model, on } from "./store.js";
+import { model } from "./store.js";
 import { haloedPath } from "./strokes.js";
 import { metres, short, ticks } from "./text.js";
 import { palette } from "./theme.js";
@@ -12,14 +12,14 @@ import { palette } from "./theme.js";
 /** Connect the button. */
 export function startFront() {
 	hear("front-find", "click", findFront);
-	on("touched", dropFront);
+	onRoute(dropFront);
 }
 
 /** Show a front that is here already, for instance in a shared page. */
-export function showFront(front) {
+export function showFront(front, key = routeKey()) {
 	const knee = front.points[front.knee];
 	const points = [...front.points].sort((a, b) => a.length - b.length);
-	model.front = { ...front, points, knee: points.length > 2 ? points.indexOf(knee) : -1 };
+	model.front = { ...front, points, knee: points.length > 2 ? points.indexOf(knee) : -1, key };
 	drawChart(points);
 	byId("front-chart").hidden = false;
 	const count = points.length;
@@ -32,7 +32,7 @@ export function paintPreview(pen) {
 }
 
 function dropFront() {
-	if (!model.front) return;
+	if (!model.front || model.front.key === routeKey()) return;
 	model.front = model.preview = null;
 	byId("front-chart").hidden = true;
 	write("front-note", "");
@@ -40,7 +40,12 @@ function dropFront() {
 
 function findFront() {
 	const { start, goal, via } = routeAsked();
-	return work("front", "Finding the Pareto front", { start, goal, via }, showFront, "Search for the front cancelled.");
+	const key = routeKey();
+	const show = (front) => {
+		showFront(front, key);
+		dropFront(); // if the route changed meanwhile
+	};
+	return work("front", "Finding the Pareto front", { start, goal, via }, show, "Search for the front cancelled.");
 }
 
 function drawChart(points) {
@@ -107,7 +112,7 @@ async function choosePoint(k) {
 		await planNow();
 	}
 	model.preview = point;
-	const why = Number.isFinite(point.weight) ? `best at weight ${short(point.weight)}` : "best at no weight: it lies between two that are";
+	const why = Number.isFinite(point.weight) ? `best at weight ${short(point.weight)}` : "no weight leads to it, yet no path beats it in both";
 	report("front-note", `The violet path: ${metres(point.length)}, ${metres(point.degenerate)} degenerate; ${why}.`);
 	repaint("overlay");
 }

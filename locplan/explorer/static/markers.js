@@ -4,7 +4,8 @@ import { repaint } from "./frames.js";
 import { addWaypoint, planNow, planSoon, removeWaypoint } from "./route.js";
 import { model, on, tell } from "./store.js";
 import { metres } from "./text.js";
-import { screenOf, view, worldAt } from "./view.js";
+import { knownPart } from "./tiles.js";
+import { screenOf, view, withinMap, worldAt } from "./view.js";
 
 const STEP = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const shown = new Map(); // name -> button
@@ -43,7 +44,9 @@ function placeOf(name) {
 	return name.startsWith("via:") ? model.via[Number(name.slice(4))] : model[name];
 }
 
-function setPlace(name, place) {
+// Markers stay on the part of the map that is known, which "whole map" shows.
+function setPlace(name, point) {
+	const place = withinMap(point, knownPart());
 	if (name.startsWith("via:")) model.via[Number(name.slice(4))] = place;
 	else model[name] = place;
 }
@@ -109,6 +112,6 @@ function keyOnMarker(event, name) {
 
 /** Add a waypoint where the map was double-clicked or pressed long, and hold the keyboard there. */
 export function waypointAt(point) {
-	const index = addWaypoint(point);
+	const index = addWaypoint(point && withinMap(point, knownPart()));
 	if (index !== null) shown.get(`via:${index}`).focus();
 }

@@ -8,7 +8,7 @@ import { paintLandmarks } from "./landmarks.js";
 import { placeMarkers } from "./markers.js";
 import { paintProbe } from "./probe.js";
 import { paintAlong } from "./profile.js";
-import { paintCandidates } from "./simulating.js";
+import { freshSimulation, paintCandidates } from "./simulating.js";
 import { model } from "./store.js";
 import { haloedDot, haloedPath, haloedStroke } from "./strokes.js";
 import { palette } from "./theme.js";
@@ -24,9 +24,9 @@ export function startOverlay() {
 /** Draw paths and marks on a pen; the cursor's own marks are left out of pictures. */
 export function drawOverlay(pen, isPicture = false) {
 	const { aware, shortest } = model.plan ?? {};
-	const faint = model.simulated ? 0 : 1;
-	if (faint) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
-	if (faint) haloedPath(pen, aware?.xy, { colour: palette.teal, width: 4 });
+	const isLive = !freshSimulation();
+	if (isLive) haloedPath(pen, shortest?.xy, { colour: palette.ink, width: 3, dash: [9, 6] });
+	if (isLive) haloedPath(pen, aware?.xy, { colour: palette.teal, width: 4 });
 	paintPreview(pen);
 	paintCandidates(pen);
 	paintDrive(pen);

@@ -2,7 +2,7 @@
 import { byId, fittedContext, hear, write } from "./dom.js";
 import { paints, repaint } from "./frames.js";
 import { nearestAlong, pointAlong, stepAt } from "./lines.js";
-import { candidateDash, errorColour } from "./simulating.js";
+import { candidateDash, errorColour, freshSimulation } from "./simulating.js";
 import { model, on } from "./store.js";
 import { haloedDot, writeAt } from "./strokes.js";
 import { metres, short, ticks } from "./text.js";
@@ -60,7 +60,7 @@ function shownPaths() {
 
 function longest() {
 	const lengths = shownPaths().map(({ path }) => path.length);
-	if (showsErrors()) lengths.push(...model.simulated.candidates.map(({ length }) => length));
+	if (showsErrors()) lengths.push(...freshSimulation().candidates.map(({ length }) => length));
 	return Math.max(0.1, ...lengths);
 }
 
@@ -69,13 +69,13 @@ function kindShown() {
 }
 
 function showsErrors() {
-	return kindShown() === "error" && model.simulated !== null;
+	return kindShown() === "error" && freshSimulation() !== null;
 }
 
 // The lines of the chart: {s, values, colour, dash, band?}.
 function series() {
 	if (showsErrors())
-		return model.simulated.candidates.filter(({ profile }) => profile?.s?.length).map((candidate, index) => ({ s: candidate.profile.s, values: candidate.profile.median_cm, band: candidate.profile.p95_cm, colour: errorColour(candidate), dash: candidateDash(index), end: candidate.length }));
+		return freshSimulation().candidates.filter(({ profile }) => profile?.s?.length).map((candidate, index) => ({ s: candidate.profile.s, values: candidate.profile.median_cm, band: candidate.profile.p95_cm, colour: errorColour(candidate), dash: candidateDash(index), end: candidate.length }));
 	const key = kindShown() === "sigma" ? "sigma_cm" : "u";
 	return shownPaths().filter(({ path }) => path.profile[key].some(Number.isFinite)).map(({ name, path, colour }) => ({ s: path.profile.s, values: path.profile[key], colour, dash: name === "shortest" ? [6, 4] : [], steps: true, soft: name === "aware" ? palette["teal-soft"] : palette["ink-soft"], end: path.length }));
 }
@@ -85,7 +85,7 @@ function paintProfile() {
 	if (!chart.clientHeight) return;
 	const pen = fittedContext(chart);
 	pen.clearRect(0, 0, chart.clientWidth, chart.clientHeight);
-	byId("profile-kind").options[2].disabled = !model.simulated;
+	byId("profile-kind").options[2].disabled = !freshSimulation();
 	const lines = series();
 	const top = kindShown() === "u" ? 1 : Math.max(1, ...lines.flatMap(({ values, band }) => [...values, ...(band ?? [])]).filter(Number.isFinite));
 	const isFar = top > 300; // centimetres: shown as metres

@@ -32,6 +32,17 @@ export function routeAsked() {
 	return { start: model.start, goal: model.goal, via: model.via, weight: model.weight };
 }
 
+/** What a result is made of, as text: the route, the map and the settings of its field. */
+export function routeKey(weight = null) {
+	const { map, field } = model.state;
+	return JSON.stringify([model.start, model.goal, model.via, weight, map.digest, field?.estimator, field?.lidar, field?.range]);
+}
+
+/** Call a listener whenever that may have changed. */
+export function onRoute(listener) {
+	for (const topic of ["touched", "markers", "plan", "state"]) on(topic, listener);
+}
+
 /** Set the weight; the slider follows unless it was what set it. */
 export function setWeight(weight, moveSlider = true) {
 	model.weight = weight;

@@ -42,7 +42,7 @@ function fieldWords(field) {
 	if (!field) return "There is no field yet.";
 	const lidar = model.about.lidars.find(({ name }) => name === field.lidar)?.title ?? field.lidar;
 	const parts = [`Estimator ${field.estimator}, ${lidar ? lidar : `range ${short(field.range)} m`}`];
-	if (field.saturated > 0.005) parts.push(`${(100 * field.saturated).toFixed(0)} % of it as good as the estimator resolves`);
+	if (field.saturated > 0.005) parts.push(`at ${(100 * field.saturated).toFixed(0)} % of the places a match counts as perfect`);
 	return `${parts.join("; ")}.${field.whole === false ? " It is still being computed." : ""}`;
 }
 

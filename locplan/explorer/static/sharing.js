@@ -5,15 +5,17 @@ import { barTicks, drawBase } from "./layers.js";
 import { tryAsking, work } from "./link.js";
 import { drawOverlay } from "./overlay.js";
 import { rampColour } from "./ramps.js";
-import { routeAsked } from "./route.js";
+import { onRoute, routeAsked } from "./route.js";
 import { report, toast } from "./say.js";
-import { model } from "./store.js";
+import { model, on } from "./store.js";
 import { haloedStroke, numberedDot, writeAt } from "./strokes.js";
+import { candidateDash, candidateWords, errorColour, freshSimulation } from "./simulating.js";
 import { shownLayer } from "./texture.js";
-import { metres, titleWithUnit } from "./text.js";
+import { metres, short, titleWithUnit } from "./text.js";
 import { palette } from "./theme.js";
 import { scaleBar, screenOf, view } from "./view.js";
 
+const OWN = ["path shown", "localizability-aware"]; // names of the aware path in a simulation
 const WIDE = 760; // pixels from which on the legend takes one row
 
 /** Connect the buttons. */
@@ -24,21 +26,42 @@ export function startSharing() {
 	hear("picture", "click", savePicture);
 	hear("share", "click", sharePage);
 	hear("export", "click", exportCostmap);
+	hear("export-to", "change", sayWhich);
+	onRoute(sayWhich);
+	on("simulated", sayWhich);
 	setOptions(byId("distro"), distros.map((distro) => ({ value: distro, label: distro })), distros.includes("jazzy") ? "jazzy" : undefined);
 	byId("export-row").hidden = !can.export;
 	byId("save").hidden = !can.save;
 	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --folder FOLDER.");
 }
 
+// With a simulation on the map it is the choice that is made once more; choices know no waypoints.
 function copyText(kind, title) {
-	return tryAsking("reproduce", routeAsked(), async (answer) => {
+	const simulated = model.via.length ? null : freshSimulation();
+	const choice = simulated && { drives: simulated.asked, own: hasOwn(simulated) };
+	return tryAsking("reproduce", { ...routeAsked(), ...choice }, async (answer) => {
 		try {
 			await navigator.clipboard.writeText(answer[kind]);
-			toast(`${title} copied.`);
+			toast(`${title} copied.${choice ? " It simulates these paths and chooses once more." : ""}`);
 		} catch {
 			showText(title, answer[kind]);
 		}
 	});
+}
+
+// Whether the aware path is a candidate of its own: it may be the shortest one.
+function hasOwn({ candidates }) {
+	return candidates.some(({ name }) => OWN.includes(name));
+}
+
+function sayWhich() {
+	const { aware } = model.plan ?? {};
+	const isPath = byId("export-to").value === "path" && aware;
+	byId("export-which").hidden = !isPath;
+	if (!isPath) return;
+	const simulated = freshSimulation();
+	const isOther = simulated && !(OWN.includes(simulated.chosen) || (simulated.chosen === "shortest" && !hasOwn(simulated)));
+	write("export-which", `Exports the aware path at weight ${short(model.weight)}, ${metres(aware.length)}.${isOther ? " The simulation recommends another: the copied command writes that one." : ""}`);
 }
 
 // Where the browser forbids the clipboard, the text is shown selected.
@@ -94,7 +117,7 @@ function savePicture() {
 }
 
 function footOf({ width }) {
-	return width < WIDE ? 190 : 92;
+	return (width < WIDE ? 190 : 92) + 20 * Math.max(0, drawnPaths().length - 2);
 }
 
 function drawPins(pen) {
@@ -110,9 +133,9 @@ function drawLegend(pen, size) {
 	pen.fillRect(0, top, size.width, footOf(size));
 	pen.fillStyle = palette.ink;
 	drawScale(pen, 20, top + 34);
-	drawKeys(pen, isWide ? 190 : 20, top + (isWide ? 26 : 64));
-	if (model.state.field) drawBar(pen, isWide ? size.width - 280 : 20, top + (isWide ? 26 : 122), 256);
-	writeAt(pen, `${mapName()}   ${byId("field-note").textContent}   locplan ${model.about.version}`, 20, top + footOf(size) - 14, palette.quiet);
+	drawKeys(pen, isWide ? 190 : 20, top + (isWide ? 26 : 64), size.width - (isWide ? 310 : 20));
+	if (model.state.field) drawBar(pen, isWide ? size.width - 280 : 20, top + (isWide ? 26 : footOf(size) - 68), 256);
+	writeAt(pen, `${mapName()}   ${byId("field-note").textContent}   locplan ${model.about.version}`, 20, top + footOf(size) - 14, palette.quiet, "left", "12px", size.width - 40);
 }
 
 function drawScale(pen, x, y) {
@@ -123,16 +146,26 @@ function drawScale(pen, x, y) {
 	writeAt(pen, bar.words, x, y - 16, palette.ink, "left", "13px");
 }
 
-function drawKeys(pen, x, y) {
-	const { aware, shortest } = model.plan ?? {};
-	const rows = [["aware", aware, palette.teal, []], ["shortest", shortest, palette.ink, [8, 5]]].filter(([, path]) => path);
-	rows.forEach(([name, path, colour, dash], k) => {
+function drawKeys(pen, x, y, right) {
+	drawnPaths().forEach(({ words, colour, dash }, k) => {
 		pen.beginPath();
 		pen.moveTo(x, y + 20 * k);
 		pen.lineTo(x + 34, y + 20 * k);
 		haloedStroke(pen, colour, 3.5, dash);
-		writeAt(pen, `${name}: ${metres(path.length)}, ${metres(path.degenerate)} degenerate`, x + 44, y + 20 * k, palette.ink, "left", "13px");
+		writeAt(pen, words, x + 44, y + 20 * k, palette.ink, "left", "13px", right - x - 44);
 	});
+}
+
+// The paths on the map, as the legend tells them: those that were simulated, or both that are planned.
+function drawnPaths() {
+	const { aware, shortest } = model.plan ?? {};
+	const simulated = freshSimulation();
+	const told = ({ length, degenerate }) => [metres(length), Number.isFinite(degenerate) ? `${metres(degenerate)} degenerate` : "degeneracy not known"].join(", ");
+	const paths = simulated
+		? simulated.candidates.map((each, k) => ({ path: each, words: candidateWords(each, k), colour: errorColour(each), dash: candidateDash(k) }))
+		: [{ path: aware, name: "aware", colour: palette.teal, dash: [] }, { path: shortest, name: "shortest", colour: palette.ink, dash: [8, 5] }];
+	if (model.preview) paths.push({ path: model.preview, name: "of the front", colour: palette.via, dash: [12, 4, 3, 4] });
+	return paths.filter(({ path }) => path).map((each) => ({ ...each, words: each.words ?? `${each.name}: ${told(each.path)}` }));
 }
 
 function drawBar(pen, x, y, width) {

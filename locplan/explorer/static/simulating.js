@@ -3,11 +3,11 @@ import { byId, hear, make } from "./dom.js";
 import { repaint } from "./frames.js";
 import { pointAlong } from "./lines.js";
 import { work } from "./link.js";
-import { routeAsked } from "./route.js";
+import { onRoute, routeAsked, routeKey } from "./route.js";
 import { report } from "./say.js";
-import { model, on, tell } from "./store.js";
+import { model, tell } from "./store.js";
 import { haloedPath, numberedDot } from "./strokes.js";
-import { centimetres, metres } from "./text.js";
+import { errorMetres, metres } from "./text.js";
 import { palette } from "./theme.js";
 import { screenOf } from "./view.js";
 
@@ -17,7 +17,13 @@ const DASHES = [[], [10, 5], [3, 4], [14, 4, 3, 4], [6, 3], [2, 6]];
 export function startSimulating() {
 	hear("simulate", "click", simulateRoute);
 	hear("simulated-clear", "click", clearSimulated);
-	on("touched", () => byId("simulated").classList.add("old"));
+	onRoute(showAge);
+}
+
+/** The simulation, if it is of the route, weight and map that are shown now. */
+export function freshSimulation() {
+	const { simulated } = model;
+	return simulated && simulated.key === routeKey(model.weight) ? simulated : null;
 }
 
 /** Colour of a candidate, from teal for the least error to red for the greatest. */
@@ -36,9 +42,15 @@ export function candidateDash(index) {
 	return DASHES[index % DASHES.length];
 }
 
+/** A candidate in the legend of a picture. */
+export function candidateWords({ label, length, name, error_m: [error] }, k) {
+	const words = `${k + 1} ${label}: ${metres(length)}${Number.isFinite(error) ? `, error ${errorMetres(error)}` : ""}`;
+	return name === model.simulated.chosen ? `${words} (recommended)` : words;
+}
+
 /** Draw the candidates with their numbers. */
 export function paintCandidates(pen) {
-	const candidates = model.simulated?.candidates ?? [];
+	const candidates = freshSimulation()?.candidates ?? [];
 	candidates.forEach((candidate, k) => haloedPath(pen, candidate.xy, { colour: errorColour(candidate), dash: candidateDash(k), width: candidate.name === model.simulated.chosen ? 4.5 : 3 }));
 	candidates.forEach((candidate, k) => {
 		const place = pointAlong(candidate.xy, candidate.length * (0.35 + 0.3 * (k / Math.max(1, candidates.length - 1))));
@@ -55,21 +67,31 @@ function clearSimulated() {
 	tell("simulated");
 }
 
+// What was simulated for another route or map leaves the map, and the table says so.
+function showAge() {
+	if (!model.simulated) return;
+	const isOld = !freshSimulation();
+	if (byId("simulated").classList.toggle("old", isOld) && byId("profile-kind").value === "error") byId("profile-kind").value = "u";
+	byId("simulated-old").hidden = !isOld;
+	repaint("overlay", "profile");
+}
+
 function errorOf(candidate) {
-	return Math.max(candidate.rmse_cm?.[0] ?? Infinity, 0.1);
+	return candidate.error_m?.[0] ?? Infinity;
 }
 
 function simulateRoute() {
 	const content = { ...routeAsked(), drives: Number(byId("drives-each").value) };
-	return work("simulate", "Driving in simulation", content, showSimulated, "Simulation cancelled.");
+	const key = routeKey(model.weight);
+	return work("simulate", "Driving in simulation", content, (answer) => showSimulated({ ...answer, key, asked: content.drives }), "Simulation cancelled.");
 }
 
 function showSimulated(answer) {
 	Object.assign(model, { simulated: answer, preview: null });
 	byId("candidates").replaceChildren(tableHead(), ...answer.candidates.map(tableRow));
 	byId("simulated").hidden = false;
-	byId("simulated").classList.remove("old");
 	byId("profile-kind").value = "error";
+	showAge();
 	report("simulated-verdict", answer.verdict);
 	repaint("overlay", "profile");
 	tell("simulated");
@@ -82,13 +104,9 @@ function tableHead() {
 function tableRow(candidate, k) {
 	const badge = make("span", { className: "badge", textContent: String(k + 1) });
 	badge.style.background = errorColour(candidate);
-	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.label }), make("td", { textContent: metres(candidate.length) }), ranged(candidate.rmse_cm, errorWords), ranged(candidate.lost, (v) => `${(100 * v).toFixed(0)}\u202f%`));
+	const row = make("tr", {}, make("td", {}, badge), make("th", { scope: "row", textContent: candidate.label }), make("td", { textContent: metres(candidate.length) }), ranged(candidate.error_m, errorMetres), ranged(candidate.lost, (v) => `${(100 * v).toFixed(0)}\u202f%`));
 	if (candidate.name === model.simulated.chosen) row.className = "chosen";
 	return row;
-}
-
-function errorWords(cm) {
-	return cm < 100 ? centimetres(cm) : metres(cm / 100, cm < 1000 ? 1 : 0);
 }
 
 // A value with its 95 % interval below it.
@@ -100,7 +118,7 @@ function ranged(values, words) {
 }
 
 function rangeWords(low, high) {
-	const [number, unit] = low.split("\u202f");
+	const [number] = low.split("\u202f");
 	if (Number(number) === 0) return `up to ${high}`;
-	return unit === high.split("\u202f")[1] ? `${number}–${high}` : `${low} to ${high}`;
+	return `${number}–${high}`;
 }

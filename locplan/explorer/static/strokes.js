@@ -55,8 +55,8 @@ export function numberedDot(pen, px, py, text, colour) {
 	writeAt(pen, text, px, py + 0.5, palette.halo, "center", "600 12px");
 }
 
-/** Write words at a screen place. */
-export function writeAt(pen, text, px, py, fillStyle, textAlign = "left", font = "12px") {
+/** Write words at a screen place, narrower where they would take more than `most` pixels. */
+export function writeAt(pen, text, px, py, fillStyle, textAlign = "left", font = "12px", most = undefined) {
 	Object.assign(pen, { fillStyle, textAlign, textBaseline: "middle", font: `${font} system-ui, sans-serif` });
-	pen.fillText(text, px, py);
+	pen.fillText(text, px, py, most);
 }

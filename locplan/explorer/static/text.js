@@ -12,6 +12,11 @@ export function centimetres(value) {
 	return `${value.toFixed(value < 10 ? 1 : 0)}${GAP}cm`;
 }
 
+/** An error in metres with two digits, as sentences of a choice have it. */
+export function errorMetres(value) {
+	return `${value < 99.5 ? value.toPrecision(2) : value.toFixed(0)}${GAP}m`;
+}
+
 /** A number with few digits, as a tick or a value. */
 export function short(value) {
 	if (value === 0) return "0";

@@ -32,6 +32,14 @@ export function worldAt(px, py) {
 	return worldOf((px - view.x) / view.scale, (py - view.y) / view.scale);
 }
 
+/** The world point of a part of the map, or of all of it, that is nearest to a world point. */
+export function withinMap([x, y], part) {
+	const [left, top, cols, rows] = part ?? [0, 0, model.about.map.cols, model.about.map.rows];
+	const [column, down] = gridOf(x, y);
+	const near = [Math.min(Math.max(column, left + 0.5), left + cols - 0.5), Math.min(Math.max(down, top + 0.5), top + rows - 0.5)];
+	return near[0] === column && near[1] === down ? [x, y] : worldOf(...near);
+}
+
 /** Angle on the screen (clockwise from the right) of a heading in the world. */
 export function screenAngle(heading) {
 	return model.about.map.origin[2] - heading;
