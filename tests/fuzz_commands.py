@@ -370,7 +370,7 @@ def faults(code: object, out: str, err: str, logged: str) -> Iterator[str]:
     lines = []
     for each in err.splitlines():
         own = "locplan: warning: " in each and any(words in each for words in OWN_WARNINGS)
-        own = own or each.endswith("Ctrl-C ends it")  # where a page is served
+        own = own or "; Ctrl-C ends " in each  # where a page is served
         if not own and not each.startswith(("locplan.", "wrote ")):
             lines.append(each)
     if any("warning" in each.lower() for each in lines):
