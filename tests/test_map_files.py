@@ -85,6 +85,10 @@ def test_a_folder_with_one_map_is_that_map(tmp_path):
     save_map(grid, tmp_path / "lab.yaml")
     with pytest.raises(MapError, match="holds 2 maps; name one, such as "):
         load_map(tmp_path)
+    (tmp_path / "a").mkdir()
+    save_map(grid, tmp_path / "a" / "room.yaml")  # found first, in a folder of its own
+    with pytest.raises(MapError, match=f"{tmp_path.name}: holds 3 maps"):
+        load_map(tmp_path)
 
 
 def test_top_row_of_the_image_has_the_highest_y(tmp_path):

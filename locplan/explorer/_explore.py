@@ -10,10 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from locplan._util.checks import file_path, whole
 from locplan._util.extras import needed
 from locplan.costs import ROBOT_RADIUS, Costmap
-from locplan.errors import LocplanError
+from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._notebook import frame_html, in_notebook
 from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar, Sad, Scan
 from locplan.field._config import config_of
@@ -186,6 +188,11 @@ def opened(
     whole("port", port, 0, 65535)
     _check_stops(grid, opening)
     session = Session(grid, opening)
+    if not np.isfinite(session.scene.costs.density).any():
+        raise ConfigError(
+            f"a robot of radius {opening.robot_radius:g} m has no room on this map; give a smaller"
+            " radius"
+        )
     server = Server(session, port, framed=framed)
     server.start()
     session.upkeep.begin(field)

@@ -111,13 +111,12 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
     """
     file = file_path("a map file", path)
     if os.path.isdir(file):  # unlike Path.is_dir it is False for a name that is too long
-        (file, *others) = find_maps(file)
+        folder = file
+        (file, *others) = find_maps(folder)
         if os.path.isdir(file):
             raise fault_of(file, "is a folder without any map", "give a map's YAML")
         if others:
-            raise fault_of(
-                file.parent, f"holds {1 + len(others)} maps", f"name one, such as {file}"
-            )
+            raise fault_of(folder, f"holds {1 + len(others)} maps", f"name one, such as {file}")
     header = read_header(file)
     image = file.parent / header.image
     pixels, transparent, rescaled = _read_pixels(image)
