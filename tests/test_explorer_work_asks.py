@@ -485,7 +485,9 @@ def shared_file(session: Session, folder: Path) -> Path:
 
 
 def test_a_shared_page_tells_no_folder_of_the_machine(tmp_path):
-    session = session_of(folder=tmp_path / "secret-place", map_file="/home/secret-place/lab.yaml")
+    session = session_of(
+        folder=tmp_path / "secret-place", map_file=str(tmp_path / "secret-place" / "lab.yaml")
+    )
     text = shared_file(session, tmp_path).read_text()
     assert "secret-place" not in text
     assert '"aware":{"xy":' in text.replace('"aware":{"length"', '"aware":{"xy":')
