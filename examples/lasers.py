@@ -11,6 +11,7 @@ Each field has 8 headings and is read at the poses of the reference.
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import sys
 from pathlib import Path
@@ -28,6 +29,10 @@ LEAST = 0.05
 RETURNS = {"intel": 30.0, "orebro": 30.0}
 """Range up to which beams count as returns in the reference [m]; 40 in the other logs."""
 LEFT_OUT = 0.1
+CLASSES = 0.0, 0.08, 0.12, 0.2, 0.4, 1.0
+"""Bounds of the measured deviations between which predictions are compared in metres [m]."""
+LARGE = 0.2
+"""Measured deviation above which a prediction in metres matters most [m]."""
 ELONGATED = 3.0
 """Ratio of the measured deviations from which an ellipse has a direction."""
 
@@ -56,13 +61,17 @@ def main(data: str, folder: str = "lasers") -> None:
         sys.exit(f"{data}: holds no carmen/localizability_NAME.csv")
     lines = ["| estimator | " + " | ".join(logs) + " | pooled / within | heading | < 15° | in m |"]
     lines.append("|---" * (len(logs) + 5) + "|")
+    classes = [f"{low:g}-{high:g} m" for low, high in itertools.pairwise(CLASSES)]
+    metres = ["| estimator | " + " | ".join(classes) + f" | right above {LARGE:g} m |"]
+    metres.append("|---" * (len(classes) + 2) + "|")
     for name in ("sad", "fisher", "scan", "fused"):
         predicted = {each: predict(log, name) for each, log in logs.items()}
         lines.append(row(name, logs, predicted))
-        print(lines[-1], flush=True)
+        metres.append(row_of_metres(name, logs, predicted))
+        print(lines[-1], metres[-1], sep="\n", flush=True)
     target = Path(folder) / "lasers.md"
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    target.write_text("\n".join([*lines, "", *metres]) + "\n", encoding="utf-8")
     print(f"wrote {target}")
 
 
@@ -122,6 +131,27 @@ def row(name: str, logs: dict[str, Log], predicted: dict[str, np.ndarray]) -> st
     cells += [f"{plain(pooled)} / {plain(np.mean(each))}"]
     cells += [f"{plain(turned)} / {plain(np.mean(of_headings))}", f"{right:.0%}", f"{factor:.2f}"]
     return "| " + " | ".join(cells) + " |"
+
+
+def row_of_metres(name: str, logs: dict[str, Log], predicted: dict[str, np.ndarray]) -> str:
+    """Predicted over measured deviation of one estimator by measured class, as a row of a table.
+
+    The last column is the share within a factor of 1.5, of the poses with a large deviation.
+    """
+    measured = together({each: log.measured["sd_major"] for each, log in logs.items()})
+    ratios = scalar(together(predicted), "position_std") / measured
+    large = ratios[(measured > LARGE) & np.isfinite(ratios)]
+    right = np.mean(np.abs(np.log(large)) < math.log(1.5))
+    cells = [f"{name}, position_std", *(f"{each:.2f}" for each in by_class(measured, ratios))]
+    return "| " + " | ".join([*cells, f"{right:.0%}"]) + " |"
+
+
+def by_class(measured: np.ndarray, ratios: np.ndarray) -> list[float]:
+    """Geometric mean of ratios between the bounds of each class of measured deviations."""
+    return [
+        float(np.exp(np.nanmean(np.log(ratios[(low <= measured) & (measured < high)]))))
+        for low, high in itertools.pairwise(CLASSES)
+    ]
 
 
 def rank(predicted: np.ndarray, measured: np.ndarray) -> float:

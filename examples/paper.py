@@ -63,7 +63,7 @@ def figures(
         "Figs. 4-11: the seven models in one dimension. Templates of 6 m x 6 m slide by 9 m.",
         paper.slides_figure(paper.one_dimensional()),
     )
-    window = Sad().window.on(maps["places"].resolution)
+    window = Sad().lattice(maps["places"].resolution)
     for place in paper.PLACES:
         mismatch = paper.mismatch_at(maps, place, Sad())
         yield (

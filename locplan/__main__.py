@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 
 def main() -> None:
     """Run the command line; where there is fork, in a process that Ctrl-C ends within a second."""
+    _open_closed_streams()
     try:
         from locplan._util.supervision import supervised
 
@@ -15,6 +17,15 @@ def main() -> None:
         print("locplan: interrupted", file=sys.stderr)
         code = 130
     sys.exit(code)
+
+
+def _open_closed_streams() -> None:
+    """Let each standard stream that is closed lead nowhere: else the next file takes its number."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            os.dup2(os.open(os.devnull, os.O_RDWR), number)  # the same number, if all is well
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, "w" if number else "r"))
 
 
 def _work() -> None:

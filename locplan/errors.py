@@ -32,7 +32,7 @@ class CalibrationError(LocplanError):
 
 
 class FieldError(LocplanError):
-    """A stored covariance field cannot be read, or does not belong to the map."""
+    """A covariance field cannot be made, stored or read, or does not belong to the map."""
 
 
 class RecordingError(LocplanError):

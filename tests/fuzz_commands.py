@@ -3,19 +3,21 @@
 Run: python tests/fuzz_commands.py [COUNT [SEED [COMMAND]]]
 
 The options are those that the commands declare, so that a new one is fuzzed by itself. Each line
-runs within a process that is guarded from outside, on maps of 12 x 8 cells in a folder of its own.
-Equal seeds make equal lines; each failure is printed with its line.
+runs on maps of 12 x 8 cells, in surroundings of its own: variables, streams that are closed or
+full, folders that cannot be written, limits. It runs as `python -m locplan` does, in a process
+forked from one that has imported only what takes long and reads none of these. Equal seeds make
+equal lines and surroundings; each failure is printed with both.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import json
 import logging
 import os
 import random
+import re
 import resource
 import select
 import shlex
@@ -24,25 +26,54 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, get_args
+
+from kernel_cache import keep_kernels
 
 CODES = (0, 1, 2, 3)
 """Exit codes that are documented; the line is an error in all but the first and the last."""
 SECONDS = 20
-"""Greatest processor time of a line, and of its second run if kernels were compiled [s]."""
+"""Greatest processor time of a process, and in a second run if kernels were compiled [s]."""
 WALL = 180.0
 """Time without an answer after which the process is ended: it waits for something [s]."""
 MEMORY = 2 * 10**9
-"""Greatest resident memory of the process [bytes]."""
+"""Greatest resident memory of a process [bytes]."""
 ADDRESSES = 3 * 10**9
-"""Address space that it may take beside that of its start [bytes]."""
+"""Address space that it may take [bytes]."""
 LINES_EACH = 100
-"""Number of lines that one process runs."""
+"""Number of lines that are run in one folder."""
+SMALL = "64k"
+"""Size of the disk that is full soon, where it can be mounted."""
+
+NOWHERE = ("in/empty", "in/empty/x", "/proc/nowhere", "/sys/kernel/x", "", "\udcff")
+"""Folders that cannot be made or written, even by root, and odd ones."""
+VARIABLES = {
+    "MPLBACKEND": ("module://matplotlib_inline.backend_inline", "nonsense", "", "tkagg", "pdf"),
+    "COLUMNS": (*map(str, range(41)), "-1", "x", "1e9", "9" * 30),
+    "LINES": ("0", "1", "-1", "x"),
+    "TERM": ("dumb", "", "\udcff"),
+    "LC_ALL": ("C", "POSIX", "nowhere"),
+    "PYTHONIOENCODING": ("ascii", "latin-1:strict"),
+    "HOME": (*NOWHERE, "small/home"),
+    "TMPDIR": (*NOWHERE, "small/tmp"),
+    "LOCPLAN_CACHE": (*NOWHERE, "small/cache"),
+    "MPLCONFIGDIR": (*NOWHERE, "small/matplotlib"),
+}
+"""Values of variables of the environment."""
+STREAMS = (("closed",), ("closed", "full", "broken"), ("closed", "full"))
+"""What standard input, output and errors may be."""
+OUT = ("in/empty", "/sys/kernel", "small/out")
+"""What may stand in the place of the folder of results."""
+TEMPORARY = re.compile(r"^\..*-[a-z0-9_]{8}|\.(partial|old)$")
+"""Names of temporary files and folders beside those that they replace."""
+FILE_SIZES = (0, 100, 5000, 100_000)
+"""Greatest sizes of a file [bytes]."""
 
 NUMBERS = (
     *("inf", "-inf", "nan", "1e308", "-1e308", "1e-308", "5e-324", "1e400", "-0", "0", "-1", "0.5"),
@@ -233,6 +264,19 @@ def line_of(chance: random.Random, commands: dict[tuple[str, ...], list[Option]]
     return [word.replace("\0", "") for word in line]
 
 
+def surroundings_of(chance: random.Random) -> dict[str, Any]:
+    """The surroundings of a line; a third have nothing odd."""
+    share = chance.choice((0.0, 0.15, 0.4))
+    odd: Any = lambda values: chance.choice(values) if chance.random() < share else None  # noqa: E731
+    drawn = {name: odd(values) for name, values in VARIABLES.items()}
+    return {
+        "variables": {name: value for name, value in drawn.items() if value is not None},
+        "streams": [odd(kinds) if chance.random() < 0.3 else None for kinds in STREAMS],
+        "out": odd(OUT),
+        "file_size": odd(FILE_SIZES) if chance.random() < 0.3 else None,
+    }
+
+
 def _words(
     chance: random.Random, option: Option, hostile: float, names: tuple[str, ...]
 ) -> list[str]:
@@ -303,6 +347,7 @@ def prepare(folder: Path) -> None:
 
     for name in ("in", "out", "home", "tmp"):
         (folder / name).mkdir()
+    _empty_small(folder)
     inputs = folder / "in"
     rows = ("############", *["#..........#"] * 3, "#....#.....#", *["#..........#"] * 2, "#" * 12)
     levels = {"#": 0, ".": 254}
@@ -336,10 +381,18 @@ def prepare(folder: Path) -> None:
     )
 
 
+def _empty_small(folder: Path) -> None:
+    """Make the small disk as it was: its folders, with nothing in them."""
+    for name in ("home", "tmp", "out"):
+        shutil.rmtree(folder / "small" / name, ignore_errors=True)
+        (folder / "small" / name).mkdir(parents=True)
+
+
 def contents(folder: Path) -> dict[str, str]:
-    """A digest of each file below a folder, by its name."""
+    """A digest of each file below a folder by its name, and of each folder an empty one."""
     found = {}
-    for where, _, files in os.walk(folder):
+    for where, folders, files in os.walk(folder):
+        found |= dict.fromkeys((os.path.join(where, each) for each in folders), "")
         for file in files:
             path = os.path.join(where, file)
             # The field of a page that was served before may just be moved to its place.
@@ -354,19 +407,42 @@ def _may_be_written(line: list[str]) -> list[str]:
     given = [word for word in words if word.strip()]
     named = [os.path.abspath(each) for word in given for each in (word, os.path.expanduser(word))]
     stems = [os.path.splitext(each)[0] for each in named]
-    own = ["calibrated", "maps/", "tmp/cache/", "tmp/matplotlib/"]
+    own = ["calibrated", "maps", "tmp/cache", "tmp/matplotlib", "home/.cache", "home/.config"]
+    own += ["small/cache", "small/matplotlib", "small/home"]
     own += [f"{Path(word).stem}-".replace("\udcff", "\ufffd") for word in (*words, *MAPS)]
-    return named + stems + [os.path.join(os.getcwd(), name) for name in own]
+    real = [os.path.realpath(each) for each in named]
+    return named + stems + real + [os.path.join(os.getcwd(), name) for name in own]
 
 
-def faults(code: object, out: str, err: str, logged: str) -> Iterator[str]:
-    """What is wrong with the outcome of a line."""
+def changes(before: dict[str, str], after: dict[str, str], may: list[str]) -> Iterator[str]:
+    """What a line has left or changed in the folder here, and must not."""
+    inputs = os.path.join(os.getcwd(), "in", "")
+    for path in sorted(before.keys() | after.keys()):
+        name = os.path.relpath(path)
+        temporary = any(TEMPORARY.search(each) for each in Path(name).parts)
+        if temporary and path in after and path not in before:
+            yield f"left {name!r}"
+        elif before.get(path) != after.get(path):
+            named = any(path.startswith(each) or each.startswith(path + os.sep) for each in may)
+            if not named or (path in before and path.startswith(inputs)):
+                yield f"changed {name!r}"
+
+
+def faults(
+    code: object, out: str | None, err: str | None, logged: str, *, broken: bool = False
+) -> Iterator[str]:
+    """What is wrong with the outcome of a line; of streams that cannot be read, nothing is.
+
+    Where the pipe that takes the output is broken, the line may end without a word.
+    """
     if code not in CODES:
         yield f"exit code {code}"
-    if "Traceback" in err or "Traceback" in out:
+    if "Traceback" in f"{out}{err}{logged}":
         yield "traceback"
     if "Warning: " in logged:
         yield "hidden warning"
+    if err is None:
+        return
     lines = []
     for each in err.splitlines():
         own = "locplan: warning: " in each and any(words in each for words in OWN_WARNINGS)
@@ -375,7 +451,9 @@ def faults(code: object, out: str, err: str, logged: str) -> Iterator[str]:
             lines.append(each)
     if any("warning" in each.lower() for each in lines):
         yield "warning"
-    failed = code == 2 and ("failed" in out or '"error"' in out)  # one of several maps
+    failed = code == 2 and (out is None or "failed" in out or '"error"' in out)  # a map of several
+    if broken and code == 1 and not lines:
+        return
     if code in (1, 2) and not failed:
         if len(lines) != 1 or not lines[0].startswith("locplan: error: "):
             yield "no single line"
@@ -385,104 +463,117 @@ def faults(code: object, out: str, err: str, logged: str) -> Iterator[str]:
         yield "more on stderr"
 
 
-class _TooLong(BaseException):
-    pass
-
-
 def serve(folder: Path, answers: int) -> None:
     """Run the lines that come on standard input, and answer each with its faults."""
     os.chdir(folder)
-    out, err = folder / "tmp" / "stdout", folder / "tmp" / "stderr"
-    streams = [os.open(path, os.O_RDWR | os.O_CREAT) for path in (out, err)]
-    for number, stream in enumerate(streams, 1):
-        os.dup2(stream, number)
-
-    def stop(*_: object) -> None:
-        raise _TooLong
-
-    signal.signal(signal.SIGPROF, stop)
-    logged = io.StringIO()  # holds the warnings of libraries, which are not shown
-    logging.getLogger("locplan").addHandler(logging.StreamHandler(logged))
-    logging.getLogger("locplan.cli").setLevel(logging.DEBUG)
-    import locplan.planners
-    import locplan.plotting
-    from locplan.cli import main
+    for name in ("cv2", "numba", "PIL.Image", "scipy.ndimage", "scipy.sparse.csgraph", "yaml"):
+        import_module(name)
+    import locplan
+    from locplan.cli import _application
     from locplan.field import _cluster as cluster
 
+    _application.application()
     cluster.PATIENCE = 0.5
-    locplan.Explorer.wait = locplan.Explorer.open = lambda _: None  # the page is closed at once
-    with open("/proc/self/statm") as statm:
-        used = int(statm.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    resource.setrlimit(resource.RLIMIT_AS, (used + ADDRESSES, resource.RLIM_INFINITY))
-    terminate = signal.getsignal(signal.SIGTERM)
+    locplan.Explorer.open, locplan.Explorer.wait = lambda _: None, _interrupt
+    assert "matplotlib" not in sys.modules  # it reads the environment when it is imported
     for request in sys.stdin:
-        line = json.loads(request)
-        found = []
-        for turn in (0, 1):
-            for stream in streams:
-                os.ftruncate(stream, 0)
-                os.lseek(stream, 0, os.SEEK_SET)
-            before = contents(folder)
-            with contextlib.suppress(OSError), open("/proc/self/clear_refs", "w") as peak:
-                peak.write("5")
-            sys.argv = ["locplan", *line]
-            code: object = None
-            logged.seek(0)
-            logged.truncate()
-            began = time.process_time()
-            signal.setitimer(signal.ITIMER_PROF, SECONDS)
-            try:
-                main()
-            except SystemExit as stopped:
-                code = stopped.code or 0
-            except _TooLong:
-                code = "over time"
-            except BaseException as error:
-                import traceback
-
-                traceback.print_exc(file=sys.stderr)
-                code = type(error).__name__
-            finally:
-                signal.setitimer(signal.ITIMER_PROF, 0)
-            took = time.process_time() - began
-            sys.stdout = sys.stdout or os.fdopen(os.dup(1), "w")
-            sys.stderr = sys.stderr or os.fdopen(os.dup(2), "w")
-            sys.stdout.flush()
-            sys.stderr.flush()
-            signal.signal(signal.SIGTERM, terminate)
-            text = [path.read_text(errors="replace") for path in (out, err)]
-            found = list(faults(code, *text, logged.getvalue()))
-            after, may = contents(folder), _may_be_written(line)
-            inputs = os.path.join(str(folder), "in", "")
-            for path in sorted(before.keys() | after.keys()):
-                if path in map(str, (out, err)) or before.get(path) == after.get(path):
-                    continue
-                named = any(path == each or path.startswith(each) for each in may)
-                if not named or (path in before and path.startswith(inputs)):
-                    found.append(f"changed {os.path.relpath(path, folder)!r}")
-            peak_bytes = _peak()
-            if peak_bytes > MEMORY:
-                found.append(f"memory {peak_bytes / 1e9:.1f} GB")
-            if code != "over time" or turn:
+        line, around = json.loads(request)
+        for _ in range(2):
+            answer = _answer(folder, line, around)
+            if answer["code"] != str(128 + signal.SIGXCPU):
                 break
-        answer = {"code": str(code), "faults": found, "seconds": took, "memory": peak_bytes}
-        answer["stderr"] = (text[1] + logged.getvalue())[-3000:] if found else text[1][:200]
         os.write(answers, (json.dumps(answer) + "\n").encode())
-        for name in set(os.listdir(folder)) - {"in", "out", "tmp"}:
+        for name in set(os.listdir(folder)) - {"in", "out", "tmp", "small"}:
             path = folder / name
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         if len(os.listdir(folder / "out")) > 20:
             shutil.rmtree(folder / "out")
         for name in ("out", "home"):
             (folder / name).mkdir(exist_ok=True)
+        _empty_small(folder)
 
 
-def _peak() -> int:
-    with open("/proc/self/status") as status:
-        for line in status:
-            if line.startswith("VmHWM"):
-                return int(line.split()[1]) * 1024
-    return 0
+def _interrupt(_: object) -> None:
+    """End a page that is served as Ctrl-C does, but at once."""
+    raise KeyboardInterrupt
+
+
+def _answer(folder: Path, line: list[str], around: dict[str, Any]) -> dict[str, Any]:
+    """Run a line in a process of its own; return its faults and what it took."""
+    if around["out"]:
+        (folder / "out").rename(folder / "away")
+        (folder / "out").symlink_to(around["out"])
+    before = contents(folder)
+    pipes = [os.pipe() for _ in ("output", "errors", "logged")]
+    process = os.fork()
+    if not process:
+        _start(line, around, *(write for _, write in pipes))
+    for _, write in pipes:
+        os.close(write)
+    if around["streams"][1] == "broken":
+        os.close(pipes[0][0])
+        pipes[0] = (os.open(os.devnull, os.O_RDONLY), 0)
+    with ThreadPoolExecutor(3) as pool:
+        texts = [each.decode(errors="replace") for each in pool.map(_all_of, [r for r, _ in pipes])]
+    _, status, usage = os.wait4(process, 0)
+    code = os.waitstatus_to_exitcode(status)
+    seen = [None if odd else text for odd, text in zip(around["streams"][1:], texts, strict=False)]
+    if code == UNSAID and around["streams"][2] == "full":
+        code = 1
+    found = list(faults(code, *seen, texts[2], broken=around["streams"][1] == "broken"))
+    places = {**around["variables"], "TMPDIR": ""}.values()  # what is temporary has to go
+    found += changes(before, contents(folder), _may_be_written([*line, *places]))
+    if around["out"]:
+        (folder / "out").unlink()
+        (folder / "away").rename(folder / "out")
+    memory = usage.ru_maxrss * 1024
+    if memory > MEMORY:
+        found.append(f"memory {memory / 1e9:.1f} GB")
+    stderr = (texts[1] + texts[2])[-3000:] if found else texts[1][:200]
+    answer = {"code": str(code), "faults": found, "memory": memory, "stderr": stderr}
+    return answer | {"seconds": usage.ru_utime + usage.ru_stime}
+
+
+def _all_of(descriptor: int) -> bytes:
+    with os.fdopen(descriptor, "rb") as stream:
+        return stream.read()
+
+
+def _start(line: list[str], around: dict[str, Any], out: int, err: int, logged: int) -> None:
+    """Run a line in this process as if Python had been started in its surroundings."""
+    os.environ.update(around["variables"])
+    kinds = around["streams"]
+    for number, (kind, pipe) in enumerate(zip(kinds, (None, out, err), strict=True)):
+        source = "/dev/full" if kind == "full" else os.devnull
+        os.dup2(os.open(source, os.O_RDWR) if pipe is None or kind == "full" else pipe, number)
+    for number in range(3, 256):
+        if number != logged:
+            with contextlib.suppress(OSError):
+                os.close(number)
+    encoding, _, errors = os.environ.get("PYTHONIOENCODING", "utf-8").partition(":")
+    lax = os.environ.get("LC_ALL") in ("C", "POSIX")
+    errors = errors or ("surrogateescape" if lax else "strict")
+    for number, (kind, name) in enumerate(zip(kinds, ("stdin", "stdout", "stderr"), strict=True)):
+        how = {"encoding": encoding, "errors": "backslashreplace" if number == 2 else errors}
+        stream = open(number, "w" if number else "r", closefd=False, **how)  # noqa: SIM115
+        if kind == "closed":
+            os.close(number)
+            stream = None
+        setattr(sys, name, stream)
+        setattr(sys, f"__{name}__", stream)
+    tempfile.tempdir = None
+    # The warnings of libraries, which are not shown.
+    logging.getLogger("locplan").addHandler(logging.StreamHandler(os.fdopen(logged, "w")))
+    logging.getLogger("locplan.cli").setLevel(logging.DEBUG)
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if around["file_size"] is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (around["file_size"], resource.RLIM_INFINITY))
+    sys.argv = ["locplan", *line]
+    from locplan.__main__ import main
+
+    main()
 
 
 class Served:
@@ -490,6 +581,10 @@ class Served:
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+        (self.folder / "small").mkdir()
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={SMALL}", "tmpfs", str(self.folder / "small")]
+        with contextlib.suppress(OSError):  # elsewhere and by others it is no disk of its own
+            subprocess.run(mount, stderr=subprocess.DEVNULL, check=False)
         prepare(self.folder)
         ours, theirs = os.pipe()
         self._answers = os.fdopen(ours, "r")
@@ -498,6 +593,7 @@ class Served:
         self._process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
             pass_fds=[theirs],
             start_new_session=True,
@@ -514,11 +610,11 @@ class Served:
         )
         os.close(theirs)
 
-    def run(self, line: list[str]) -> dict[str, Any]:
+    def run(self, line: list[str], around: dict[str, Any]) -> dict[str, Any]:
         """The answer to a line; one with the key "ended" if the process is no more."""
         assert self._process.stdin
         try:
-            self._process.stdin.write(json.dumps(line) + "\n")
+            self._process.stdin.write(json.dumps([line, around]) + "\n")
             self._process.stdin.flush()
         except BrokenPipeError:
             pass
@@ -527,21 +623,25 @@ class Served:
         if text:
             return json.loads(text)
         why = "ended" if ready else "no answer"
-        with contextlib.suppress(OSError):
-            stderr = (self.folder / "tmp" / "stderr").read_text(errors="replace")[-3000:]
-        self.close()
+        stderr = self.close()
         code = self._process.returncode
         faults = [f"{why}: {code}"]
         return {"code": str(code), "faults": faults, "stderr": stderr, "ended": True, "memory": 0}
 
-    def close(self) -> None:
+    def close(self) -> str:
+        """End the process and remove its folder; return what it has said on standard error."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        for stream in (self._process.stdin, self._answers):
+        assert self._process.stderr
+        said = self._process.stderr.read()[-3000:]
+        for stream in (self._process.stdin, self._process.stderr, self._answers):
             with contextlib.suppress(OSError):
                 stream.close()
+        if os.path.ismount(self.folder / "small"):
+            subprocess.run(["umount", "-l", str(self.folder / "small")], check=False)
         shutil.rmtree(self.folder, ignore_errors=True)
+        return said
 
 
 def fuzz(
@@ -561,12 +661,13 @@ def fuzz(
     served, answers = None, []
     try:
         for number in range(count):
-            line = line_of(random.Random(f"{seed} {number}"), commands)
+            chance = random.Random(f"{seed} {number}")
+            line, around = line_of(chance, commands), surroundings_of(chance)
             if served is None or number % LINES_EACH == 0:
                 if served:
                     served.close()
                 served = Served()
-            answer = {"number": number, "line": line, **served.run(line)}
+            answer = {"number": number, "line": line, "around": around, **served.run(line, around)}
             answers.append(answer)
             if answer.get("ended"):
                 served = None
@@ -581,7 +682,8 @@ def fuzz(
 def shown(answer: dict[str, Any]) -> str:
     """A failure in a few lines."""
     line = shlex.join(answer["line"])
-    text = f"{answer['number']}: {'; '.join(answer['faults'])}\n  locplan {line[:600]!a}"
+    around = {name: value for name, value in answer["around"].items() if value}
+    text = f"{answer['number']}: {'; '.join(answer['faults'])}\n  locplan {line[:600]!a} {around!a}"
     return text + "\n  " + answer["stderr"].encode("utf-8", "replace").decode().strip()[-1200:]
 
 
@@ -605,5 +707,6 @@ def run(count: int = 1000, seed: int = 1, command: str = "") -> int:
 
 
 if __name__ == "__main__":
+    keep_kernels()
     given = sys.argv[1:]
     sys.exit(run(*map(int, given[:2]), *given[2:]))

@@ -52,7 +52,7 @@ from locplan.field import (
 from locplan.field._cache_table import cache_summary, cache_table
 from locplan.field._store import _Found, field_path
 from locplan.field._tiles import wanted_points
-from locplan.field._zarr import write
+from locplan.field._zarr import attributes, write
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, read_parameters, save_map
 from locplan.maps._files import files_of
 from locplan.planners import read_queries
@@ -132,6 +132,14 @@ TOKENS = (
     "<<: *a",
     "&a [1]"
     + "".join(f"\n{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefgh")),
+    *('"\\UFFFFFFFF"', '"\\U00110000"', '"\\U0001F9ED"', '"\\U12"', '"\\ud83d\\ude00"', '"\\u12"'),
+    *('"\\u0000"', '"\\x00"', '"\\xff"', '"\\x"', '"\\xg1"', '"\\N\\L\\P\\_"', '"\\q"', '"\\'),
+    *("&a", "&a &b x", "&a *a", "&\u00e9 x", "&a {<<: *a}", "&a {b: *a}", "*", "&", "&a [1]\n*a"),
+    *("{<<: 1}", "{<<: [1, {x: 1}]}", "{<<: {<<: {a: 1}}}", "{<<: &b {<<: *b}}", "<<: {image: x}"),
+    *("!", "!!", "!<", "!e!x", "!%", "!!float [1]", "!!str {a: 1}", "!!null x", "!!bool 5"),
+    *("!!omap [1]", "!!pairs [a]", "!!seq {}", "!!merge <<", "!!value =", "!<tag:yaml.org:> x"),
+    *("%YAML 9.9\n---\n", "%TAG ! tag:x,2000:\n---\n", "\n---\n", "\n...\n", "|\n  a", ">9\n"),
+    *("@", "`", "a: b: c", "{? }", "[a, b: c]", "0o17", "0b102", "1_0", "12:30:45.5", "=\n"),
     "../" * 50,
     "/dev/zero",
     "/",
@@ -240,6 +248,21 @@ def swap_lines(random: random.Random, data: bytes) -> bytes:
     return b"\n".join(lines)
 
 
+def change_yaml(random: random.Random, data: bytes) -> bytes:
+    """Another value of a key, or an anchor at one key and its alias at another."""
+    text = data.decode("utf-8", "surrogateescape")
+    values = list(re.finditer(r"(?<=:)( [^\n]*)?$", text, re.MULTILINE))
+    if not values:
+        return replace(random, data)
+    anchored, changed = random.choice(values), random.choice(values)
+    put = {changed: f" {random.choice(TOKENS)}"}
+    if random.random() < 0.4:
+        put = {anchored: f" &a{anchored[0]}", changed: random.choice((" *a", "\n  <<: *a"))}
+    for value in sorted(put, key=re.Match.start, reverse=True):
+        text = text[: value.start()] + put[value] + text[value.end() :]
+    return encoded(text)
+
+
 def change_json(random: random.Random, data: bytes) -> bytes:
     """Another value somewhere in a text of JSON, in which a checksum fits again."""
     try:
@@ -328,6 +351,7 @@ def places_in(node: Any) -> Iterator[tuple[Any, Any]]:
 Change = Callable[[random.Random, bytes], bytes]
 ANY: tuple[Change, ...] = (flip, cut, leave_out, repeat, insert, noise, replace)
 LINES: tuple[Change, ...] = (*ANY, replace, replace, replace, insert, swap_lines)
+YAML: tuple[Change, ...] = (*LINES, change_yaml, change_yaml, change_yaml, change_yaml)
 JSON: tuple[Change, ...] = (*ANY, change_json, change_json, change_json, change_json, change_json)
 PNG: tuple[Change, ...] = (*ANY, change_png, change_png, change_png, change_png)
 
@@ -498,7 +522,8 @@ def read_cache(folder: Path) -> None:
     json.dumps(cache_summary(found))
     assert cache_table(found, folder, 10**9).count("\n") >= 3
     wanted = wanted_points(GRID, SMALL)
-    known = _Found.at(field_path(GRID, SMALL, folder), GRID, SMALL, wanted, in_part=False)
+    about = attributes(GRID, SMALL)
+    known = _Found.at(field_path(GRID, SMALL, folder), about, GRID, SMALL, wanted)
     assert len(known.complaint) < MAX_LINE
     assert known.complaint.isprintable()
 
@@ -506,7 +531,7 @@ def read_cache(folder: Path) -> None:
 def read_nav2(folder: Path) -> None:
     robot = Robot(distribution("jazzy"), None, read_parameters(folder / "nav2.yaml"))
     merged = with_costmap(robot, "static")
-    yaml.safe_dump(merged, sort_keys=False, allow_unicode=True)
+    yaml.safe_dump(merged.content, sort_keys=False, allow_unicode=True)
     read_amcl(folder / "nav2.yaml")
 
 
@@ -591,9 +616,10 @@ READERS = {
         drive_folder,
         "drive_mcap/metadata.yaml",
         lambda folder: use_drive(read_drive(folder / "drive_mcap")),
-        share=6,
+        YAML,
+        6,
     ),
-    "map YAML": Reader(map_files, "map.yaml", read_map, share=20),
+    "map YAML": Reader(map_files, "map.yaml", read_map, YAML, 25),
     "image": Reader(pictures, "*.p*m", read_pictures, ANY, 15),
     "PNG": Reader(pictures, "*.png", read_pictures, PNG, 15),
     "BMP": Reader(pictures, "*.bmp", read_pictures, ANY, 5),
@@ -609,7 +635,7 @@ READERS = {
     "cached field": Reader(
         cache_files, "[1-9a-f]*.zarr/**/*", read_cache, JSON, 2, may_refuse=False
     ),
-    "Nav2 parameters": Reader(lines("nav2.yaml", NAV2), "nav2.yaml", read_nav2, share=8),
+    "Nav2 parameters": Reader(lines("nav2.yaml", NAV2), "nav2.yaml", read_nav2, YAML, 15),
     "MovingAI map": Reader(
         lines("a.map", MOVINGAI), "a.map", lambda folder: read_movingai_map(folder / "a.map")
     ),

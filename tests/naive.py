@@ -169,16 +169,18 @@ def visible_part(cells, row, col, radius, theta, beams, behind):
     return result
 
 
-def weighted_covariance(counts, weight_of_count, kept):
+def weighted_covariance(counts, weight_of_count, kept, places):
     """Covariance of (dx, dy, theta) in steps about the weighted mean, of the lines kept."""
-    offsets = len(counts)
-    half, half_angles = (offsets - 1) // 2, (counts.shape[1] - 1) // 2
+    half, half_angles = (len(places) - 1) // 2, (counts.shape[1] - 1) // 2
     poses, weights = [], []
-    for i in range(offsets):
+    for i, x in enumerate(places):
         for k in range(counts.shape[1]):
-            for j in range(offsets) if kept[k, i] else ():
+            sides = {math.floor(x): 1 - x % 1, math.ceil(x): x % 1 or 1.0}
+            for j, y in enumerate(places) if all(kept[k, side] for side in sides) else ():
+                ends = {math.floor(y): 1 - y % 1, math.ceil(y): y % 1 or 1.0}
+                terms = (p * q * counts[a, k, b] for a, p in sides.items() for b, q in ends.items())
                 poses.append((i - half, j - half, k - half_angles))
-                weights.append(weight_of_count[counts[i, k, j]])
+                weights.append(weight_of_count[math.floor(sum(terms) + 0.5)])
     poses, weights = np.array(poses, float), np.array(weights) / math.fsum(weights)
     mean = np.array([math.fsum(weights * axis) for axis in poses.T])
     result = np.zeros((3, 3))

@@ -121,7 +121,10 @@ class PlainSad(Sad):
 
 @pytest.mark.parametrize(
     ("resolution", "reach", "tau"),
-    [(0.1, 10.0, 0.57), (0.05, 10.0, 0.2), (0.02, 10.0, 0.57), (0.1, 12.0, 1e4)],
+    [
+        *((0.1, 10.0, 0.57), (0.05, 10.0, 0.2), (0.02, 10.0, 0.57), (0.1, 12.0, 1e4)),
+        (0.089, 10.0, 0.2),  # offsets lie between the lines that are counted
+    ],
 )
 def test_covariances_are_those_of_all_offsets(resolution, reach, tau):
     cells = random_rooms((400, 380), seed=int(tau), blocks=60)

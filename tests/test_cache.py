@@ -4,6 +4,7 @@ import time
 import pytest
 from conftest import random_rooms
 
+from locplan._util.leftovers import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import (
     FieldConfig,
@@ -89,14 +90,18 @@ def test_damaged_entries_can_be_seen_and_removed(three, tmp_path):
     assert cache.entries(tmp_path) == []
 
 
-def test_leftovers_of_killed_processes_are_swept_after_a_day(three, tmp_path):
-    old, new = (tmp_path / f".{letter * 32}-x.zarr" for letter in "ab")
-    for folder in (old, new):
-        (folder / "c").mkdir(parents=True)
-    os.utime(old, (0, 0))
-    cache.evict(tmp_path, 10**9, three[0])
-    assert not old.exists()
-    assert new.exists()
+def test_leftovers_of_killed_processes_are_removed_but_not_those_of_live_ones(three, tmp_path):
+    abandoned = tmp_path / ".locplan-tmp-a1b2c3d4"
+    (abandoned / "c").mkdir(parents=True)
+    others = [tmp_path / name for name in (".locplan-tmp-a1b2", ".locplan-settings")]
+    for other in others:
+        other.mkdir()
+    with temporary_folder(tmp_path) as held:
+        assert not abandoned.exists()
+        cache.remove_older(tmp_path, 2)
+        assert held.exists()
+    assert all(other.exists() for other in others)
+    assert not list(tmp_path.glob(".locplan-tmp-????????"))
 
 
 def test_nothing_of_anybody_elses_is_touched(three, tmp_path):

@@ -213,6 +213,8 @@ def test_another_way_lies_beside_each_other_for_a_fifth_of_its_points():
     assert 2.5 / (10 + 2) > LEAST_SHARE > 2.0 / (10 + 2)
     assert is_another_way(bulged(2.5), [straight])
     assert not is_another_way(bulged(1.75), [straight])
+    many_corners = [(x, 0.0) for x in np.linspace(2.5, 10, 500)]
+    assert is_another_way(Path([*bulged(2.5).xy[:-1], *many_corners]), [straight])
 
 
 def test_alternatives_are_dissimilar_and_not_much_longer(costs):

@@ -268,7 +268,7 @@ def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
     assert " range 4," in out
     run("field", room, "--lidar", "turtlebot4", "--headings", "2", "--stride", "0.5", *here)
     out = " ".join(run("cache", "list", *here)[1].split())
-    assert "room scan, turtlebot4, stride" in out
+    assert "room fused, turtlebot4, stride" in out
     assert "beams" not in out
     assert run("cache", "clear", *here)[1].startswith("removed 3")
     assert run("cache", "list", *here)[1].startswith("0 fields")
@@ -407,7 +407,7 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
 
 def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_path):
     _, out, _ = run("field", room, "--lidar", "utm-30lx")
-    assert "scan, utm-30lx, 30 m, 270°, 8 headings" in " ".join(out.split())
+    assert "fused, utm-30lx, 30 m, 270°, 8 headings" in " ".join(out.split())
     _, out, _ = run("field", room, "--lidar", "turtlebot3", "--estimator", "sad", "--range", "3")
     assert "sad, disc, exponential, turtlebot3, 3 m" in " ".join(out.split())
     _, out, _ = run("field", room)
@@ -449,7 +449,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     out = run("plan", room, *ends, "--lidar", "turtlebot4")[1]
     about = json.loads(run("plan", room, *ends, "--lidar", "turtlebot4", "--json")[1])
     lidar = locplan.Lidar.preset("turtlebot4")
-    field = locplan.load_or_compute(load_map(room), locplan.Scan(lidar))
+    field = locplan.load_or_compute(load_map(room), locplan.Fused.of(lidar))
     xy = locplan.Path(about["shortest"]["xy"]).resampled(0.05).xy
     std = np.array([scalar_of(field.at(x, y), "position_std") for x, y in xy])
     (mean,) = [line for line in out.splitlines() if "mean position std" in line]

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import refused
 from made_drives import LIDAR, recorded
 from small_drive import FILE, MAP
 
@@ -187,6 +188,16 @@ def test_jumps_of_odometry_are_left_out(few_resamples):
         assert value == pytest.approx(expected, rel=0.25, abs=2e-3), name
 
 
+@pytest.mark.parametrize("jumping", ["odometry", "poses"])
+def test_a_jump_counts_beside_the_lesser_of_the_two_ways(few_resamples, jumping):
+    """The way that jumps is long by its jump alone, which would excuse it."""
+    drive = Recording.load(FILE)
+    moved_on = getattr(drive, jumping).copy()
+    moved_on[150:, :2] += 0.6 * np.array([np.cos(moved_on[149, 2]), np.sin(moved_on[149, 2])])
+    found = odometry_noise(dataclasses.replace(drive, **{jumping: moved_on}), Amcl())
+    assert found.notes[-1].endswith("which are left out: 1")
+
+
 def test_walls_that_differ_from_the_map_are_no_objects():
     """The small drive has the usual disturbances, whose walls shadow others."""
     found = scan_noise(Recording.load(FILE), load_map(MAP))
@@ -294,7 +305,7 @@ def test_one_file_of_settings_goes_to_every_command(files, monkeypatch, capsys):
     )
     assert code in (0, 3)
     assert "robot_calibration.png" in err
-    for said in ("noise level k of scan", "outliers", "alpha1", "deg/√m", "95 %"):
+    for said in ("noise level k of fused", "outliers", "alpha1", "deg/√m", "95 %"):
         assert said in out
     about = json.loads(target.read_text())
     amcl, disturbances = read_robot(target)
@@ -350,3 +361,17 @@ def test_options_that_a_drive_has_no_use_for_are_refused(files, monkeypatch, cap
     code, _, err = run(monkeypatch, capsys, "calibrate", files / "map.yaml", *drive)
     assert code == 2
     assert said in err
+
+
+def test_only_with_force_files_in_the_way_are_replaced(run, files, calibrated, monkeypatch):
+    monkeypatch.setattr(
+        "locplan.recordings._calibration.calibrate_drive", lambda *_, **__: calibrated
+    )
+    target, picture = files / "robot.json", files / "robot_calibration.png"
+    target.write_text("mine")
+    picture.write_text("mine")
+    calibrate = ("calibrate", files / "map.yaml", "--drive", files / "drive.npz", "-o", target)
+    assert "robot.json: is there, and no calibration" in refused(run(*calibrate))
+    assert run(*calibrate, "--force")[0] in (0, 3)
+    assert load_config(target).estimator.lidar.beams == LIDAR.beams
+    assert picture.read_bytes() != b"mine"

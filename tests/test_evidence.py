@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ import locplan
 from locplan import FieldConfig, LocplanError, simulation
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, Scan, SearchWindow
-from locplan.field._at_points import covariances_at
+from locplan.field._at_points import covariances_along, covariances_at
+from locplan.field._tiles import field_shapes
 from locplan.maps import environments
 from locplan.simulation import (
     Amcl,
@@ -110,8 +112,8 @@ def test_predictions_are_what_the_fields_say(grid):
     assert found[Predictor("sad", "e")] == pytest.approx(field.e[tuple(points.T)])
     paper = locplan.load_or_compute(grid, FieldConfig(Sad.paper()))
     assert found[Predictor("paper", "e")] == pytest.approx(paper.e[tuple(points.T)])
-    both = found[Predictor("fisher", "e")] * found[Predictor("scan", "e")]
-    assert found[Predictor("fisher+scan", "e")] ** 2 == pytest.approx(both)
+    fused = locplan.load_or_compute(grid, locplan.Fused.of(SHORT_LIDAR))
+    assert found[Predictor("fused", "e")] == pytest.approx(fused.e[tuple(points.T)])
     cells = points * 2
     assert found[Predictor("clearance", "")].tolist() == grid.clearance[tuple(cells.T)].tolist()
     walls = np.argwhere(grid.cells == 0)
@@ -126,6 +128,28 @@ def test_a_sensor_that_does_not_see_all_round_is_predicted_over_headings(grid):
     field = locplan.covariance_field(grid, FieldConfig(Fisher(sensor)))
     expected = field.mean_covariance[tuple(points.T)]
     assert covariances_at(grid, field.config, points) == pytest.approx(expected)
+
+
+def test_covariances_along_poses_are_those_of_the_field(grid):
+    sensor = locplan.Lidar(range=6.0, field_of_view_deg=180.0, beams=60)
+    field = locplan.covariance_field(grid, FieldConfig(Fisher(sensor)))
+    poses = np.array([[3.03, 3.31, 0.4], [20.5, 3.0, -2.9], [500.0, 0.0, 0.0], [20.47, 3.12, 1.0]])
+    expected = [field.at(*pose) for pose in poses]
+    assert covariances_along(grid, field.config, poses) == pytest.approx(
+        np.array(expected), nan_ok=True
+    )
+    assert np.isfinite(expected).sum() == 27
+
+
+def test_covariances_along_poses_take_no_arrays_of_the_whole_map():
+    large = locplan.OccupancyGrid(np.full((400, 400), 254), 0.2)
+    config = FieldConfig(Fisher(locplan.Lidar(range=2.0, field_of_view_deg=180.0, beams=12)))
+    tracemalloc.start()
+    covariances_along(large, config, np.array([[40.0, 40.0, 0.0]]))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    field = 8 * np.prod(field_shapes(large, config)["covariance"])
+    assert peak < field / 3
 
 
 def test_predictions_that_take_too_much_memory_are_refused():
@@ -476,7 +500,7 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     few = ("--places", 10, "--drives", 2, "--set", "half_cell=false")
     code, table, _ = run("evaluate", map_file, *few, "--scans", 2, "-o", tmp_path / "out")
     assert code == 0
-    assert "fisher+scan, position" in table
+    assert "fused, position" in table
     assert (tmp_path / "out" / "evaluation.png").stat().st_size > 10_000
     target = tmp_path / "calibrated.json"
     code, table, _ = run("calibrate", map_file, *few, "-o", target)

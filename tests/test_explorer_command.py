@@ -167,7 +167,7 @@ def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
     monkeypatch.setattr(begun, lambda *_: None)
     lidar = locplan.Lidar(range=3.0, beams=20)
     with locplan.explore(room(), lidar=lidar) as page:
-        assert page._server.session.config.estimator == locplan.Scan(lidar)
+        assert page._server.session.config.estimator == locplan.Fused.of(lidar)
         assert page._server.session.lidar == lidar
         assert opened == [page.address]
     with locplan.explore(room(), open_browser=False) as page:

@@ -297,6 +297,15 @@ def test_coarse_drafts_join_the_same_stops(session, monkeypatch):
         assert not fine.draft
 
 
+def test_drafts_cost_what_they_would_at_the_weight_of_the_aware_path(session, monkeypatch):
+    monkeypatch.setattr("locplan.explorer._plans.DRAFT_CELLS", 50)
+    found = planned(session, free_places(session, 2, seed=14), 11.0, draft=True)
+    assert found.draft
+    for path in (found.shortest, found.aware):
+        assert path.degenerate > 0
+        assert path.cost == pytest.approx(path.length + 11.0 * path.degenerate)
+
+
 def test_positions_in_walls_move_to_the_nearest_cell_of_the_same_part():
     grid = drawn(
         "..........",
@@ -311,6 +320,7 @@ def test_positions_in_walls_move_to_the_nearest_cell_of_the_same_part():
     assert snapped(parts, [upper, in_wall]) == [upper, (5.5, 4.5)]
     assert snapped(parts, [lower, in_wall]) == [lower, (5.5, 1.5)]
     assert snapped(parts, [in_wall, lower], held=0) == [(5.5, 1.5), lower]
+    assert snapped(parts, [upper, in_wall, lower], held=0)[1] == (5.5, 1.5)
     assert snapped(parts, [in_wall, in_wall])[0] == (5.5, 4.5)
     assert snapped(parts, [lower, upper]) == [lower, upper]  # free ones stay, whatever joins them
 

@@ -754,7 +754,7 @@ def test_what_a_conversion_assumes_is_set(tmp_path, costs):
         "planner_server: {ros__parameters: {planner_plugins: GridBased}}",
         "global_costmap: {global_costmap: {ros__parameters: {filters: none}}}",
         "global_costmap: {global_costmap: {ros__parameters: {plugins: [3]}}}",
-        "robot1: {planner_server: {ros__parameters: {a: 1}}}",
+        "robot1: {map_server: {ros__parameters: {a: 1}}}",
     ],
 )
 def test_parameters_that_are_none_are_refused(tmp_path, costs, text):

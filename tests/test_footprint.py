@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import drawn, random_rooms
 
-from locplan.costs import Costmap, Footprint, Path
+from locplan.costs import Costmap, Footprint, Path, path_cost
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.planners import plan
@@ -114,6 +114,53 @@ def test_a_door_too_narrow_is_told():
     )
     assert result.status == "infeasible"
     assert "footprint" in result.note
+
+
+BOX = [(0.5, 0.3), (0.5, -0.3), (-0.5, -0.3), (-0.5, 0.3)]
+
+
+def corridor_of(width: int) -> OccupancyGrid:
+    """A corridor of so many cells of 0.1 m between walls."""
+    return drawn("#" * 30, *["." * 30] * width, "#" * 30, resolution=0.1)
+
+
+@pytest.mark.parametrize(
+    ("grid", "way", "note"),
+    [
+        (door(8), [(5.3, 6.0), (5.0, 4.0), (7.0, 4.0), (6.8, 6.0)], "meets a wall on that of the"),
+        (corridor_of(6), [(0.7, 0.4), (2.3, 0.4)], "not its headings: there may be another path"),
+    ],
+)
+def test_what_is_only_not_found_is_not_called_infeasible(grid, way, note):
+    assert Footprint(BOX).first_collision(grid, Path(way)) is None
+    result = plan(Costmap.blank(grid, robot_radius=0.0), way[0], way[-1], footprint=BOX)
+    assert result.status == "not found"
+    assert "inner and outer circle (radii 0.3 and 0.583 m) were searched" in result.note
+    assert note in result.note
+
+
+def test_a_way_that_the_inner_circle_cannot_pass_is_infeasible():
+    costs = Costmap.blank(corridor_of(4), robot_radius=0.0)
+    result = plan(costs, (0.7, 0.3), (2.3, 0.3), footprint=BOX)
+    assert result.status == "infeasible"
+    assert "not even the footprint's inner circle (radius 0.3 m) fits" in result.note
+    walled = Costmap.blank(door(0), robot_radius=0.0)
+    assert plan(walled, (2.0, 4.05), (10.0, 4.05), footprint=BOX).status == "unreachable"
+
+
+def test_no_way_that_is_known_is_called_infeasible():
+    ways = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        grid = OccupancyGrid(random_rooms((60, 60), seed), 0.2, (-1.0, 0.5, 0.3))
+        costs = Costmap.blank(grid, robot_radius=0.0)
+        path = Path(np.column_stack(grid.grid_to_world(*rng.uniform(12, 48, (2, 3)))))
+        known = np.isfinite(path_cost(costs, path))
+        if known and Footprint(LONG).first_collision(grid, path) is None:
+            found = plan(costs, *path.xy[[0, -1]], footprint=LONG)
+            assert found.status in ("solved", "not found"), seed
+            ways += 1
+    assert ways > 10
 
 
 def test_a_wide_room_needs_no_second_search():

@@ -1,4 +1,4 @@
-"""Command lines of all commands and options with valid and hostile values, see fuzz_commands."""
+"""Hostile command lines of all commands and options in hostile surroundings, see fuzz_commands."""
 
 from __future__ import annotations
 
@@ -29,10 +29,61 @@ def test_every_command_and_option_is_fuzzed():
                 assert (names[0], option.name) in seen, f"{names} {option.name}"
 
 
-def test_equal_seeds_make_equal_lines():
+def test_equal_seeds_make_equal_lines_and_surroundings():
     declared = fuzz_commands.declared()
-    one, other = (fuzz_commands.line_of(random.Random("7 1"), declared) for _ in range(2))
+    one, other = (
+        (fuzz_commands.line_of(chance, declared), fuzz_commands.surroundings_of(chance))
+        for chance in (random.Random("7 1"), random.Random("7 1"))
+    )
     assert one == other
+
+
+def test_all_surroundings_are_drawn():
+    drawn = [fuzz_commands.surroundings_of(random.Random(n)) for n in range(4000)]
+    for name, values in fuzz_commands.VARIABLES.items():
+        assert {each["variables"].get(name) for each in drawn} == {None, *values}
+    for number, kinds in enumerate(fuzz_commands.STREAMS):
+        assert {each["streams"][number] for each in drawn} == {None, *kinds}
+    assert {each["out"] for each in drawn} == {None, *fuzz_commands.OUT}
+    assert {each["file_size"] for each in drawn} == {None, *fuzz_commands.FILE_SIZES}
+
+
+def around(stdin=None, stdout=None, stderr=None, out=None, file_size=None, **variables):
+    streams = [stdin, stdout, stderr]
+    return {"variables": variables, "streams": streams, "out": out, "file_size": file_size}
+
+
+def test_lines_run_in_their_surroundings():
+    field = ["field", "in/room.yaml", "-o", "out/result.zarr", "--estimator", "sad"]
+    served = fuzz_commands.Served()
+    try:
+        for line, where, code, words in (
+            (["--version"], around(), "0", ""),
+            (["info", "in/room.yaml"], around(stdout="full"), "1", "No space left"),
+            (["info", "in/absent"], around(LC_ALL="C", COLUMNS="7"), "2", "in/absent"),
+            (["info", "in/absent"], around(stderr="full"), "2", ""),
+            (["maps"], around(file_size=0), "2", "File too large"),
+            (field, around(out="in/empty"), "2", "out"),
+        ):
+            answer = served.run(line, where)
+            assert (answer["code"], answer["faults"]) == (code, []), answer
+            assert words in answer["stderr"]
+    finally:
+        served.close()
+
+
+def test_what_a_line_leaves_or_changes_is_found(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in/map").write_text("a")
+    before = fuzz_commands.contents(tmp_path)
+    (tmp_path / "in/map").write_text("b")
+    for name in ("out.csv", "other", ".out-abcd1234.csv", "out.partial"):
+        (tmp_path / name).write_text("")
+    may = [str(tmp_path / "out"), str(tmp_path / "in/map")]
+    found = list(fuzz_commands.changes(before, fuzz_commands.contents(tmp_path), may))
+    expected = ["left '.out-abcd1234.csv'", "changed 'in/map'", "changed 'other'"]
+    assert found == [*expected, "left 'out.partial'"]
 
 
 @pytest.mark.parametrize(
@@ -46,14 +97,22 @@ def test_equal_seeds_make_equal_lines():
         (0, "", "RuntimeWarning: overflow\n", "", ["warning", "more on stderr"]),
         (0, "", "", "RuntimeWarning: overflow\n", ["hidden warning"]),
         (1, "", "Traceback (most\n", "", ["traceback", "no single line"]),
+        (1, None, None, "", []),
+        (120, None, None, "", ["exit code 120"]),
     ],
 )
 def test_faults_of_an_outcome_are_told(code, out, err, logged, found):
     assert list(fuzz_commands.faults(code, out, err, logged)) == found
 
 
+def test_a_line_may_end_without_a_word_where_nobody_reads_it():
+    assert not list(fuzz_commands.faults(1, None, "", "", broken=True))
+    assert list(fuzz_commands.faults(1, None, "", "")) == ["no single line"]
+    assert list(fuzz_commands.faults(1, None, "a\nb\n", "", broken=True)) == ["no single line"]
+
+
 def test_command_lines_end_in_a_result_or_in_one_line():
-    answers = fuzz_commands.fuzz(30, SEED, leave_out=("compare",))
+    answers = fuzz_commands.fuzz(20, SEED, leave_out=("compare",))
     faulty = [fuzz_commands.shown(each) for each in answers if each["faults"]]
     assert not faulty, "\n".join(faulty)
 

@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 import os
+import tracemalloc
 import warnings
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from locplan.field._lattice import _moves, standing_cells
 from locplan.field._store import CacheWarning, field_path
 from locplan.field._zarr import _checksum, write
 from locplan.maps import OccupancyGrid, load_map, name_of, read_parameters, save_map
+from locplan.recordings import read_drive
 from locplan.simulation import Amcl, read_amcl
 
 DEEP = "[" * 5000
@@ -83,7 +85,7 @@ def test_aliases_and_merged_keys_are_written_out(tmp_path):
         "base: &base {z_hit: 0.7, z_rand: 0.3}\namcl: {ros__parameters: {<<: *base, z_rand: 1}}\n"
     )
     file = nav2(tmp_path, text)
-    own = read_parameters(file)["amcl"]["ros__parameters"]
+    own = read_parameters(file).of("amcl")
     assert own == {"z_hit": 0.7, "z_rand": 1}
     assert read_amcl(file) == Amcl(z_hit=0.7, z_rand=1)
 
@@ -94,8 +96,8 @@ def test_keys_are_texts_and_so_is_what_ros_does_not_know(tmp_path):
         "    ~: 1\n    2020-01-01: 2\n    [1, 2]: 3\n    5: 4\n    d: ~\n    e: [1, 2.5, true]\n"
     )
     file = nav2(tmp_path, text)
-    own = read_parameters(file)["amcl"]["ros__parameters"]
-    odd = {"~": 1, "2020-01-01": 2, "...": 3, "5": 4, "d": None, "e": [1, 2.5, True]}
+    own = read_parameters(file).of("amcl")
+    odd = {"~": 1, "2020-01-01": 2, "?": 3, "5": 4, "d": None, "e": [1, 2.5, True]}
     assert own == {"a": "2001-12-14", "b": "2020-13-45", "c": "x", **odd}
     with pytest.warns(UserWarning, match="not simulated: .*2020-01-01"):
         read_amcl(file)
@@ -119,10 +121,11 @@ def test_deep_brackets_are_refused_before_they_are_parsed(tmp_path, monkeypatch,
 
 def test_whole_numbers_of_over_64_bits_are_texts_and_can_be_written(tmp_path):
     for value in ("0x" + "f" * 4000, str(2**63)):
-        read = read_parameters(nav2(tmp_path, f"amcl: {{a: {value}}}\n"))
-        assert read == {"amcl": {"a": value}}
-        yaml.safe_dump(read)
-    assert read_parameters(nav2(tmp_path, f"amcl: {{a: {-(2**63)}}}\n"))["amcl"]["a"] == -(2**63)
+        read = read_parameters(nav2(tmp_path, f"amcl: {{ros__parameters: {{a: {value}}}}}\n"))
+        assert read.of("amcl") == {"a": value}
+        yaml.safe_dump(read.content)
+    file = nav2(tmp_path, f"amcl: {{ros__parameters: {{a: {-(2**63)}}}}}\n")
+    assert read_parameters(file).of("amcl") == {"a": -(2**63)}
 
 
 def test_values_that_no_float_holds_are_out_of_range(tmp_path):
@@ -287,7 +290,7 @@ def test_a_map_that_is_larger_than_described_is_not_read(tmp_path):
     about = json.loads((tmp_path / "f.zarr/cells/zarr.json").read_text())
     about["shape"] = [10**6, 10**6]
     (tmp_path / "f.zarr/cells/zarr.json").write_text(json.dumps(about))
-    with pytest.raises(FieldError, match=r"its map is damaged .*another shape"):
+    with pytest.raises(FieldError, match=r"its map is damaged .*does not fit"):
         CovarianceField.load(tmp_path / "f.zarr")
 
 
@@ -397,3 +400,54 @@ def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():
     at = np.array([1]), np.array([5])
     rows, cols = standing_cells(free, *at, 10**15)
     assert (rows.tolist(), cols.tolist()) == ([1], [4])
+
+
+# --- pipes and sizes --------------------------------------------------------------------------
+
+
+READ = {
+    "lidar.sdf": Lidar.from_file,
+    "drive.csv": read_drive,
+    "drive.npz": read_drive,
+    "drive.log": read_drive,
+    "drive.log.gz": read_drive,
+    "drive.mcap": read_drive,
+    "map.yaml": load_map,
+    "nav2.yaml": read_parameters,
+    "journal": Journal,
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_pipes_are_refused_and_not_waited_for(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(LocplanError, match="no plain file, but a pipe"):
+        READ[name](tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["lidar.sdf", "map.yaml", "nav2.yaml", "journal"])
+def test_sizes_are_checked_before_reading(tmp_path, name):
+    with open(tmp_path / name, "wb") as file:
+        file.truncate(3 * 10**9)
+    tracemalloc.start()
+    with pytest.raises(LocplanError, match="MB, too much for such a file"):
+        READ[name](tmp_path / name)
+    assert tracemalloc.get_traced_memory()[1] < 10**7
+    tracemalloc.stop()
+
+
+def test_arrays_of_a_recording_are_measured_before_they_are_unpacked(tmp_path):
+    file = tmp_path / "drive.npz"
+    np.savez_compressed(file, ranges=np.zeros((2**14, 2**14 + 1), np.uint8))
+    tracemalloc.start()
+    with pytest.raises(LocplanError, match="its arrays take 268 MB"):
+        read_drive(file)
+    assert tracemalloc.get_traced_memory()[1] < 10**7
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("value", [r"\UFFFFFFFF", r"\U7FFFFFFF", r"\U00110000"])
+def test_escapes_of_no_character_are_no_yaml(tmp_path, value):
+    for read in (read_parameters, load_map):
+        with pytest.raises(MapError, match="is not YAML in UTF-8"):
+            read(nav2(tmp_path, f'amcl: {{ros__parameters: {{a: "{value}"}}}}\n'))

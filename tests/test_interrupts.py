@@ -133,17 +133,35 @@ with replacing_folder("kept", None, lambda _: True) as folder:
 
 def test_what_a_process_tells_may_come_in_pieces(tmp_path):
     names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"))]
-    for name in names:
-        name.touch()
-    told = b"".join(b"+\0" + os.fsencode(name) + b"\0\0" for name in names)
-    told += b"-\0" + os.fsencode(names[1]) + b"\0\0"
+    told = b"".join(b"+\0" + os.fsencode(name) + b"\0" for name in names)
+    told += b"-\0" + os.fsencode(names[1]) + b"\0"
     for size in (1, 2, 7, len(told)):
+        for name in names:
+            name.mkdir(exist_ok=True)
         heard = leftovers.Leftovers()
         for n in range(0, len(told), size):
             heard.hear(told[n : n + size])
-        names[0].touch()
         heard.remove()
         assert list(tmp_path.iterdir()) == [names[1]]
+
+
+def test_the_next_run_removes_what_is_left_if_nobody_outlives_the_process(tmp_path):
+    code = """
+from locplan._util.files import replacing
+from locplan._util.leftovers import temporary_folder
+with replacing("new.txt") as file, temporary_folder():
+    file.write_text("half")
+    stuck()
+"""
+    process = begun(tmp_path, supervised(code))
+    for folder in (tmp_path, tmp_path / "temporary"):
+        with leftovers.temporary_folder(folder) as own:
+            assert len(list(folder.glob(".locplan-tmp-*"))) == 2  # the process lives
+    process.kill()
+    process.communicate(timeout=GUARD)
+    for folder in (tmp_path, tmp_path / "temporary"):
+        with leftovers.temporary_folder(folder) as own:
+            assert list(folder.glob(".locplan-tmp-*")) == [own]
 
 
 @pytest.mark.parametrize(

@@ -19,14 +19,15 @@ from locplan._kernels.rays import empty_squares
 from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import key_features, key_features_figure, with_objects
-from locplan.landmarks._feature_drives import simulator_without, without_cells
+from locplan.landmarks._feature_drives import FeatureDrives, simulator_without, without_cells
 from locplan.landmarks._feature_reports import features_table, to_geojson
 from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._objects import Shape
+from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._pieces import CORNER, OBJECT, WALL, Pieces, pieces_of
 from locplan.landmarks._surroundings import hits_on, lines_along, step_of, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
+from locplan.simulation import Amcl, Disturbances, Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
 SHORT = Lidar(range=3.0)
@@ -604,3 +605,22 @@ def test_a_hall_is_lost_without_three_objects(real_maps, name):
     assert driven.before.lost_rate.value <= 0.05
     assert driven.without.lost_rate.value >= 0.5
     assert driven.random.lost_rate.value <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("number", "error", "said"),
+    [
+        (
+            4,
+            0.1,
+            "too few drives to tell (lost drives 0% to 49%, with 95 %): 0% of the",
+        ),
+        (40, 0.1, "their absence is not shown to hurt: 0% of the drives lost with all, 0% without"),
+        (4, 1.5, "their absence hurts: 0% of the drives lost with all, 100% without the 2"),
+    ],
+)
+def test_few_drives_without_a_difference_tell_nothing(number, error, said):
+    before, without = (
+        Outcome((Drives(np.zeros((5, 3)), np.full((number, 5, 3), each)),)) for each in (0.1, error)
+    )
+    assert FeatureDrives(before, without, {}, None, 2, {}, 1).verdict.startswith(said)

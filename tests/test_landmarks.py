@@ -161,10 +161,11 @@ def test_free_places_have_clearance_and_a_long_object_is_tried_both_ways():
     assert len(places) == 2 * len(free_standing(grid, Pole(0.2).shape)) > 50
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.8])
-def test_places_beside_routes_are_as_near_as_allowed(turn):
+@pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (0.8, 500)])
+def test_places_beside_routes_are_as_near_as_allowed(turn, corners):
     grid = dataclasses.replace(open_floor(), origin=(1.0, 2.0, turn))
-    line = np.column_stack(grid.grid_to_world([40.0, 40.0], [20.0, 100.0]))
+    cols = np.linspace(20.0, 100.0, corners)
+    line = np.column_stack(grid.grid_to_world(np.full(corners, 40.0), cols))
     shape = Box(0.8, 0.2).shape
     places = beside_routes(grid, shape, [Path(line)], 0.5, 0.4)
     assert len(places) == 4 * 21
@@ -669,6 +670,8 @@ def test_a_regular_row_is_noticed_and_an_irregular_one_not():
     assert regularity(straight * 3.2) is None
     assert regularity(np.array([[0, 0], [1.0, 0], [2.6, 0], [3.3, 0], [5.2, 0]])) is None
     assert regularity(row[:3]) is None
+    closing = np.column_stack([[0, 1.1, 2.02, 2.9], np.zeros(4)])  # 0.22 m from the first step
+    assert regularity(closing).period == pytest.approx(2.9 / 3)
 
 
 # A region
@@ -809,6 +812,13 @@ def test_a_wall_beside_an_existing_object_stays():
             left = without_objects(marked, Pole(0.3), pose).cells == OCCUPIED
             assert left[walls].all()
             assert (left & ~walls).sum() < 5  # what touches the wall may count as its own
+
+
+def test_an_existing_object_is_not_sought_where_more_is_drawn():
+    grid = with_objects(open_floor(), Box(0.4, 0.4), [(3.07, 2.32)])
+    marked = with_objects(grid, Pole(0.2), [(3.07, 2.02)])
+    cleared = without_objects(marked, Pole(0.2), np.array([[3.07, 2.02, 0.0]]))
+    assert (cleared.cells == grid.cells).all()
 
 
 def test_an_object_that_is_drawn_larger_goes_with_its_rim():

@@ -72,10 +72,19 @@ def test_fused_ranks_the_measured_deviation_of_positions(logs, fused):
     deviations = [scalar(each, "position_std") for each in fused]
     pooled, within = ranks(logs, "sd_major", deviations)
     assert pooled >= 0.89
-    assert within >= 0.86
+    assert within >= 0.87
     measured = np.concatenate([log.measured["sd_major"] for log in logs])
     ratio = np.exp(np.mean(np.log(np.concatenate(deviations) / measured)))
     assert 0.8 < ratio < 1.2  # in metres, too
+
+
+def test_fused_says_large_deviations_in_metres(logs, fused):
+    measured = np.concatenate([log.measured["sd_major"] for log in logs])
+    ratios = np.concatenate([scalar(each, "position_std") for each in fused]) / measured
+    large = np.abs(np.log(ratios[measured > lasers.LARGE]))
+    assert np.mean(large < math.log(1.5)) >= 0.75
+    for ratio in lasers.by_class(measured, ratios):
+        assert 0.67 < ratio < 1.5
 
 
 def test_scan_alone_ranks_it_within_a_site(logs, scan):

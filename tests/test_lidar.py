@@ -85,6 +85,16 @@ def test_the_middle_of_a_lopsided_scan_is_the_yaw_of_its_mount():
     np.testing.assert_allclose(lidar.mount_yaw + lidar.angles[[0, -1]], [0, math.pi / 2], atol=1e-9)
 
 
+@pytest.mark.parametrize(("first", "last"), [(0.0, 6.28), (-math.pi, math.pi), (0.0, 6.2657)])
+@pytest.mark.parametrize(("resolution", "beams"), [("1", 360), ("0.299", 107)])
+def test_a_described_lidar_has_a_beam_for_every_sample(tmp_path, first, last, resolution, beams):
+    text = described(tmp_path, samples=360, first=first, last=last).read_text()
+    text = text.replace("<resolution>1<", f"<resolution>{resolution}<")
+    lidar = Lidar.from_file(described(tmp_path, text=text))
+    assert lidar.sees_all_round
+    assert lidar.beams == beams
+
+
 def test_a_lidar_upside_down_has_as_many_beams():
     turned = scan(
         angle_min=math.radians(135),

@@ -250,7 +250,7 @@ def test_grey_is_not_warned_of_where_it_is_rare_raw_or_unknown(tmp_path):
         *(({"image": v}, "image must be the name") for v in ('"a\\0b"', '"\\ud800"')),
         *(({"image": v}, "image must be the name .* missing") for v in ("~", "null", "")),
         ({"image": "x" * 5000}, "cannot be read"),
-        ({"image": "."}, "no plain file"),
+        ({"image": "."}, "Is a directory"),
         *(({"resolution": v}, "resolution must be") for v in ("0", "-1", ".nan", ".inf", "true")),
         ({"resolution": "9" * 5000}, "resolution must be"),
         *(({"resolution": v}, "is it metres") for v in ("0.0009", "10.1", "50", "1e-8")),
@@ -292,6 +292,15 @@ def test_what_is_no_map_yaml_is_refused(tmp_path, content, phrase):
     message = refusal(file)
     assert message.startswith(f"{file}: ")
     assert phrase in message
+
+
+def test_half_as_many_pixels_are_read_of_images_with_several_bytes_each(tmp_path, monkeypatch):
+    monkeypatch.setattr("locplan.maps._files.MAX_PIXELS", 100)
+    for mode, size in (("L", (10, 10)), ("RGB", (10, 5))):
+        Image.new(mode, size).save(tmp_path / "a.png")
+        assert load_map(write_yaml(tmp_path, image="a.png")).shape == size[::-1]
+        Image.new(mode, (11, size[1])).save(tmp_path / "a.png")
+        assert "more pixels" in refusal(write_yaml(tmp_path, image="a.png"))
 
 
 def test_missing_files_folders_and_pipes_are_refused(tmp_path):

@@ -216,6 +216,23 @@ def test_mid_grey_and_transparent_pixels_are_no_walls(tmp_path):
     assert read_map(file)[1].dark_unknown == 0
 
 
+@pytest.mark.parametrize("courtyard", [slice(0), slice(14, 26)], ids=["outside", "courtyard"])
+def test_a_dark_grey_around_or_between_rooms_is_no_wall(tmp_path, courtyard):
+    """Rays of free cells cut thin pieces off the outside, as on maps that a robot made."""
+    pixels = np.pad(walled(254, size=40), 12, constant_values=150)
+    pixels[courtyard, 14:26] = 150
+    pixels[30, 40:] = pixels[33, 40:] = 254
+    assert not any(
+        "dark grey" in text for text in misleading(*read_map(image_map(tmp_path, pixels)))
+    )
+
+
+def test_dark_grey_walls_at_the_edge_of_the_image_are_walls(tmp_path):
+    pixels = walled(254, wall=107, size=40)
+    pixels[0, 5:10] = 0
+    assert "151 dark grey" in " ".join(misleading(*read_map(image_map(tmp_path, pixels))))
+
+
 def test_names_tell_masks_by_whole_words(tmp_path):
     mask = image_map(tmp_path, GREY_ROOM, name="lab_keepout")
     assert "its name has the word keepout" in misleading(*read_map(mask))[0]
@@ -279,14 +296,15 @@ def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     assert "16 x 16 cells, 8.00 x 8.00 m" in out
     assert "free_thresh 0.196, occupied_thresh 0.65" in out
     (command, *_) = [line.strip() for line in out.splitlines() if "locplan plan" in line]
-    assert command.endswith("--robot-radius 0.3")
+    assert command.endswith("--lidar turtlebot4 --robot-radius 0.3")
     code, out, _ = run("info", file, "--json")
     about = json.loads(out)
     assert about["pairs"][0]["distance_m"] > 7
     assert "--robot-radius" not in about["pairs"][0]["command"]
     code, out, _ = run(*shlex.split(command)[1:], "--range", "1")
     assert code == 0
-    assert "solved" in out
+    assert "fused, turtlebot4, 1 m" in out
+    assert "same path as the shortest" in out
 
 
 def test_what_misleads_is_told_once(run, tmp_path):

@@ -225,6 +225,13 @@ def test_a_folder_holds_graph_bag_and_table(tmp_path, costs, paths):
     assert "nav2_bringup has none in humble" in readme
 
 
+def test_a_querys_name_is_no_formula_in_the_table(tmp_path, costs, paths):
+    named = {"=HYPERLINK(1)": paths["dock to gate"]}
+    export.nav2_routes(tmp_path / "routes", costs, named, distro="jazzy")
+    with open(tmp_path / "routes" / "routes.csv", newline="") as file:
+        assert [row["query"] for row in csv.DictReader(file)] == ["'=HYPERLINK(1)"]
+
+
 @pytest.mark.parametrize(
     ("distro", "words"),
     [("jazzy", "starts a route server in jazzy"), ("rolling", "graph:=$PWD/graph.geojson")],

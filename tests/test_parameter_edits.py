@@ -9,17 +9,15 @@ from locplan.maps._ros_parameters import read_parameters
 VALUES = {"alpha1": 0.05, "max_beams": 120, "laser_model_type": "likelihood_field_prob"}
 
 
-def edited(folder, text: str, values=VALUES) -> str:
-    """The file with other values, which is read back to have them and nothing else changed."""
+def edited(folder, text: str, values=VALUES, robot: str = "") -> str:
+    """The file with other values, which is read back to have them."""
     file = folder / "params.yaml"
     file.write_bytes(text.encode())
-    made = edited_parameters(file, "amcl", values)
+    made = edited_parameters(f"{file}{robot}", "amcl", values)
     assert file.read_bytes() == text.encode()
-    before = read_parameters(file)
+    before = read_parameters(f"{file}{robot}")
     file.write_bytes(made)
-    after = read_parameters(file)
-    wanted = before["amcl"]["ros__parameters"] | values
-    assert after == {**before, "amcl": {**before["amcl"], "ros__parameters": wanted}}
+    assert read_parameters(f"{file}{robot}").of("amcl") == before.of("amcl") | values
     return made.decode()
 
 
@@ -101,7 +99,7 @@ def test_an_alias_gets_the_value_itself(tmp_path):
     [
         "amcl:\n  ros__parameters:\n    alpha1: &a 0.2\n    alpha2: *a\n",
         "other: &o {ros__parameters: {alpha1: 0.1}}\namcl: *o\n",
-        "other: &o {ros__parameters: {alpha1: 0.1}}\namcl: {<<: *o}\n",
+        "other: &o {ros__parameters: {alpha1: 0.1, z: 1}}\namcl: {<<: *o}\n",
         "amcl:\n  ros__parameters:\n    alpha1: 0.2\n    laser_model_type: |\n      a\n    z: 1\n",
     ],
 )

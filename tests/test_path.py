@@ -1,28 +1,54 @@
 import numpy as np
 import pytest
-from conftest import drawn
+from conftest import drawn, few_of
 
 from locplan._util.reading import MAX_BYTES
 from locplan.comparison._journal import Journal
-from locplan.costs import Costmap, Path, path_metrics
+from locplan.costs import Costmap, Path, path_cost, path_metrics
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField, load_config
 from locplan.maps import load_map
-from locplan.planners import read_queries
+from locplan.planners import plan, random_queries, read_queries
+
+ANGLED = Path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]])
 
 
-def test_resampling_keeps_the_line_and_its_ends():
-    path = Path(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.5]]))
-    fine = path.resampled(0.5)
-    assert len(fine.xy) == 8
-    np.testing.assert_allclose(np.diff(fine.distance), 0.5)
-    np.testing.assert_array_equal(fine.xy[[0, -1]], path.xy[[0, -1]])
+@pytest.mark.parametrize("spacing", [0.3, 0.5, 2.0])
+def test_resampling_keeps_the_line_and_its_corners(spacing):
+    fine = ANGLED.resampled(spacing)
+    assert np.diff(fine.distance).max() <= spacing + 1e-9
+    assert fine.length == pytest.approx(3.0, abs=1e-12)
+    assert {*ANGLED} <= {*fine}
+
+
+def test_positions_at_equal_distances_cut_corners():
+    xy = ANGLED.resampled(0.3, even=True).xy.round(9)
+    assert xy[2:6].tolist() == [[0.6, 0.0], [0.9, 0.0], [1.0, 0.2], [1.0, 0.5]]
+
+
+def test_resampling_keeps_turns_on_the_spot():
+    path = Path([[0, 0], [1, 0], [1, 0], [1, 1]], [3.0, 3.0, -3.0, -2.0])
+    fine = path.resampled(0.4)
+    assert fine.heading[:5] == pytest.approx([3.0, 3.0, 3.0, 3.0, 2 * np.pi - 3.0])
+    for one, other in zip(path.by_heading(64), fine.by_heading(64), strict=True):
+        assert one[0] == other[0]
+        assert Path(one[1]).length == pytest.approx(Path(other[1]).length)
+
+
+@pytest.mark.parametrize("name", few_of(["tb4_depot", "willow_full_stage", "tuw_cave"]))
+def test_resampled_paths_stay_free_and_cost_the_same(real_maps, name):
+    costs = Costmap.blank(load_map(real_maps / name), robot_radius=0.25)
+    for query in random_queries(costs, 15, 1, least_distance=5.0):
+        path = plan(costs, query.start, query.goal).path
+        for spacing in (0.1, 0.2, 0.3, 0.5):
+            fine = path.resampled(spacing)
+            assert path_cost(costs, fine) == pytest.approx(path_cost(costs, path), rel=1e-12)
 
 
 def test_a_single_position_has_no_length():
     path = Path(np.array([[1.0, 2.0]]))
     assert path.length == 0.0
-    assert path.resampled(1.0).xy.tolist() == [[1.0, 2.0], [1.0, 2.0]]
+    assert path.resampled(1.0).xy.tolist() == [[1.0, 2.0]]
 
 
 @pytest.mark.parametrize("xy", [np.zeros((0, 2)), np.zeros(3), np.full((2, 2), np.nan)])
@@ -77,5 +103,5 @@ def test_what_can_be_no_file_name_is_refused(name):
 def test_files_that_are_too_large_are_refused(tmp_path):
     with (tmp_path / "p.csv").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(LocplanError, match="over 67 MB"):
+    with pytest.raises(LocplanError, match=r"over 67\.1 MB"):
         Path.load(tmp_path / "p.csv")

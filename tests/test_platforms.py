@@ -37,6 +37,15 @@ def test_without_ompl_its_planners_are_one_line(monkeypatch, platform, message):
     assert "\n" not in str(caught.value)
 
 
+def test_python_without_wheels_of_ompl_is_named(monkeypatch):
+    bindings = "locplan.planners.ompl._bindings"
+    monkeypatch.delitem(sys.modules, bindings, raising=False)
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    monkeypatch.setattr("sys.version_info", (3, 14, 0, "final", 0))
+    with pytest.raises(LocplanError, match=r"3\.14 .*Python 3\.13"):
+        import_module(bindings)
+
+
 def test_without_ompl_and_posix_the_rest_works():
     code = """
 import sys
@@ -81,3 +90,49 @@ def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):
     assert run.status == "solved"
     with pytest.raises(LocplanError, match=r"pip install 'locplan\[functions\]'"):
         compare(given[0], [mine], given[1], weights=[0.0], workers=1)
+
+
+def command(folder, *arguments, env=(), before=None, **streams):
+    """Exit code, and what a command said on standard output and standard error."""
+    done = subprocess.run(
+        [sys.executable, "-m", "locplan", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path)), **dict(env)},
+        preexec_fn=before,
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **streams},
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("backend", ["module://matplotlib_inline.not_there", "nonsense"])
+def test_pictures_are_drawn_whatever_backend_the_environment_names(tmp_path, backend):
+    locplan.save_map(ROOM, tmp_path / "room.yaml")
+    env = {"MPLBACKEND": backend, "MPLCONFIGDIR": "/proc/nowhere"}
+    said = command(tmp_path, "plot", "room.yaml", "-o", "a.png", env=env)
+    assert said == (0, "", "wrote a.png\n")
+    assert (tmp_path / "a.png").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no limits of a process")
+@pytest.mark.parametrize("columns", ["0", "1"])
+def test_help_ends_however_narrow_the_terminal(tmp_path, columns):
+    def before():
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (30, 30))  # it went on for ever
+
+    code, out, err = command(tmp_path, "plan", "--help", env={"COLUMNS": columns}, before=before)
+    assert (code, err) == (0, "")
+    assert "--goal" in out
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell of Unix closes streams")
+@pytest.mark.parametrize("closed", [(1,), (0, 1, 2)])
+def test_closed_streams_lead_nowhere(tmp_path, closed):
+    locplan.save_map(ROOM, tmp_path / "room.yaml")
+
+    def before():
+        for number in closed:
+            os.close(number)
+
+    assert command(tmp_path, "info", "room.yaml", before=before) == (0, "", "")

@@ -18,6 +18,7 @@ from locplan.planners import (
     read_queries,
     read_stations,
 )
+from locplan.simulation._writing import write_rows
 
 BENCHMARKS = SHARED_DATA / "movingai"
 
@@ -66,6 +67,20 @@ def test_wrong_rows_are_named(tmp_path, text, complaint):
     with pytest.raises(LocplanError, match=complaint) as caught:
         read_queries(file)
     assert str(file) in str(caught.value)
+
+
+FORMULAS = ("=HYPERLINK(1)", "-dock", "+1", "-1e3", "@x", "'=a", "''-b", "'c", "plain")
+
+
+def test_names_are_read_as_they_were_written_and_are_no_formulas(tmp_path):
+    write_rows(tmp_path / "stations.csv", ("name", "x", "y"), [(n, -1.0, 2.0) for n in FORMULAS])
+    assert tuple(each.name for each in read_stations(tmp_path / "stations.csv")) == FORMULAS
+    columns = ("name", "start_x", "start_y", "goal_x", "goal_y")
+    write_rows(tmp_path / "queries.csv", columns, [(n, -1.0, 2.0, 3.0, 4.0) for n in FORMULAS])
+    assert tuple(each.name for each in read_queries(tmp_path / "queries.csv")) == FORMULAS
+    cells = [row.split(",")[:2] for row in (tmp_path / "stations.csv").read_text().split()[1:]]
+    names = ["'=HYPERLINK(1)", "'-dock", "+1", "-1e3", "'@x", "''=a", "'''-b", "'c", "plain"]
+    assert cells == [[name, "-1"] for name in names]
 
 
 def test_each_two_stations_are_a_query(tmp_path):

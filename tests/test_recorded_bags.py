@@ -46,6 +46,14 @@ def same(read: Recording, wanted: Recording, tolerance: float = 1e-9) -> None:
     np.testing.assert_allclose(read.ends(), wanted.ends(), rtol=0, atol=1e-4)
 
 
+def test_odd_metadata_is_read_without_warnings_of_a_library(tmp_path):
+    path = write_drive(tmp_path, drive(), "mcap")
+    about = path / "metadata.yaml"
+    first, second, rest = about.read_text().split(": ", 2)
+    about.write_text(f"{first}: &a {second}: &a {rest}")  # an anchor twice
+    same(read_drive(path), drive())
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("lidar", [LIDAR, CIRCLE], ids=["part", "circle"])
 def test_bags_of_all_kinds_give_back_the_drive(tmp_path, kind, lidar):

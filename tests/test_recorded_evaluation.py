@@ -129,7 +129,7 @@ def test_fields_predict_what_the_scans_of_a_drive_say(found):
         assert 0.5 < each.factor.value < 2.0
         assert each.aligned.value > 0.8
     first, second = found.verdict
-    assert first.startswith("On this drive `scan` says where the scans fix the pose badly")
+    assert first.startswith("On this drive `fused` says where the scans fix the pose badly")
     assert second.endswith(".")
 
 
@@ -196,12 +196,12 @@ def test_drives_that_cannot_be_compared_are_refused(office, drive):
 @pytest.mark.parametrize(
     ("blocks", "worst"),
     [
-        ([0, 0, 0, 1, 2, 2, 2], 2),  # one scan may be bad by chance
+        ([0, 0, 0, 1, 2, 2, 2], 1),  # of one scan
         ([0, 0, 0, 1, 2, 3, 4], 4),  # most stretches have but one
     ],
 )
-def test_the_worst_stretch_has_scans_enough(blocks, worst):
-    assert _worst_block(np.array(blocks), np.array([0, 1, 2, 5, 4, 5, 6.0])) == worst
+def test_no_stretch_is_left_out_of_the_worst(blocks, worst):
+    assert _worst_block(np.array(blocks), np.array([0, 1, 2, 5.5, 4, 5, 6.0])) == worst
 
 
 def test_an_axis_along_x_has_no_angle():
@@ -290,6 +290,18 @@ def test_a_field_that_hardly_ranks_the_scans_is_not_recommended(found):
     little = dataclasses.replace(found, predicted={"scan": mixed})
     assert little.agreements["scan"].rank.spearman.value < 0.5
     assert "says where" not in little.verdict[0]
+
+
+def test_stretches_without_a_scan_to_compare_are_counted(found):
+    matches = dataclasses.replace(found.matches, covariance=100 * found.matches.covariance)
+    vague = dataclasses.replace(found, matches=matches)
+    every = len(np.unique(found.blocks))
+    assert "scans fix the position to" in vague.verdict[1]
+    assert "to compare" not in vague.verdict[1]
+    unknown = found.predicted["sad"].copy()
+    unknown[np.isin(found.blocks, np.unique(found.blocks)[:2])] = np.nan
+    some = dataclasses.replace(vague, predicted=found.predicted | {"sad": unknown})
+    assert f"; 2 of {every} stretches of 10 m have no scan to compare" in some.verdict[1]
 
 
 def test_where_most_scans_do_not_fit_nothing_is_concluded(found):

@@ -298,6 +298,20 @@ def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):
     np.testing.assert_allclose(read_drive(tmp_path / "a.log", every=2).odometry, read.odometry[::2])
 
 
+def test_odometry_stands_still_between_scans_without_a_line_of_it(tmp_path):
+    lines, at = "", np.zeros(2)
+    for n in range(5):
+        scan = flaser((at[0] + 0.3, at[1] + 0.1 * n, 0.0))
+        lines += odom((*at, 0.0)) + scan * (2 if n == 2 else 1)
+        at += [0.3, 0.1 * n]
+        lines += odom((*at, 0.0))
+        at += [1.0, 0.0]
+    (tmp_path / "a.log").write_text(lines)
+    read = read_drive(tmp_path / "a.log")
+    ahead = [0, 1, 2, 2, 3, 4]
+    np.testing.assert_allclose(read.odometry[:, :2], [[n, 0.0] for n in ahead], atol=1e-12)
+
+
 def test_poses_of_carmen_are_the_robots_or_the_corrected_ones(tmp_path):
     path = tmp_path / "a.log"
     lidar = ((0.2, 0.0, 0.0), (1.0, 0.2, math.pi / 2))
@@ -406,3 +420,11 @@ def test_the_small_drive_is_what_the_simulator_makes():
     np.testing.assert_allclose(small.odometry, again.odometry, atol=2e-5)
     other = ~np.isclose(small.ranges, again.ranges, rtol=0, atol=2e-3)
     assert other.mean() < 0.001  # rounding may let a beam pass a corner
+
+
+def test_times_in_csv_lose_nothing(tmp_path):
+    """Stamps of today are 1.7e9 s, and scans may be half a microsecond apart."""
+    times = 1.7e9 + np.array([0.0, 5e-7, 0.1])
+    drive = Recording(np.ones((3, 2)), Lidar(range=4.0, beams=2), np.zeros((3, 3)), times)
+    drive.save(tmp_path / "drive.csv")
+    np.testing.assert_array_equal(Recording.load(tmp_path / "drive.csv").times, times)

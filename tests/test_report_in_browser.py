@@ -38,6 +38,8 @@ def row_of(planner: str, weight: float) -> Row:
         weight=weight,
         planner=planner,
         solved_share=1.0,
+        pairs=12,
+        baseline_cost=1.0,
         measures=measures,
         ratio=ratio,
         ratio_low=ratio,

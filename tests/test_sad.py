@@ -1,14 +1,16 @@
+import math
 from dataclasses import replace
 
+import cv2
 import naive
 import numpy as np
 import pytest
-from conftest import random_rooms
+from conftest import few_of, random_rooms
 
 from locplan._kernels import bitplanes, sad as kernel
 from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
 from locplan.field._estimator import MapPart
-from locplan.field._template import disc
+from locplan.field._template import cells_at, disc, local_map
 from locplan.field.estimators import _sad as sad
 from locplan.field.estimators._sad_tiles import Layout, template_radius
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
@@ -29,7 +31,8 @@ def mismatch_counts(layout, *, visible=False, kept=None):
             sees = layout.sight(group) if visible else None
             seen = sees and sees._replace(rows=sees.rows[n : n + 1], cols=sees.cols[n : n + 1])
             scratch = kernel.empty_scratch(offsets, headings, layout.disc, masked=visible)
-            kernel.tile_covariances(one, seen, kept[:, [cell]], weights, *scratch, *unused)
+            marks, places = kept[:, [cell]], layout.window.places
+            kernel.tile_covariances(one, seen, marks, weights, places, *scratch, *unused)
             found = scratch[0].reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
             result[cell] = np.where(kept[:, cell].T[:, None], found, -1)
     return result
@@ -109,34 +112,88 @@ def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
     compare(grid.cells, *chosen[:1].T, radius, window, visible=True)
 
 
-def weighted_covariance(counts, weight_of_count, kept):
+def weighted_covariance(counts, weight_of_count, kept, places):
     """Covariance of counts (dx, theta, dy rounded up) by the kernel."""
     result = np.empty((3, 3))
-    kernel.write_covariance(counts.reshape(-1), weight_of_count, len(counts), kept, result)
+    given = counts.reshape(-1), weight_of_count, np.array(places, float), len(counts), kept
+    kernel.write_covariance(*given, result)
     return result
 
 
-def test_weighted_covariance_equals_the_plain_loops():
+@pytest.mark.parametrize("places", [range(5), (0.25, 1.125, 2, 2.875, 3.75), (0.5, 2, 3.5)])
+def test_weighted_covariance_equals_the_plain_loops(places):
     rng = np.random.default_rng(4)
     counts = rng.integers(0, 50, (5, 3, 24))
     weights = np.exp(-np.arange(50) / 7.0)
     for kept in (np.ones((3, 5), bool), rng.random((3, 5)) < 0.6):
+        kept[1, 2] = True  # the zero lag's
         np.testing.assert_allclose(
-            weighted_covariance(counts, weights, kept),
-            naive.weighted_covariance(counts, weights, kept),
+            weighted_covariance(counts, weights, kept, places),
+            naive.weighted_covariance(counts, weights, kept, places),
             rtol=1e-12,
         )
+
+
+def turned_about_itself(cells, row, col, radius, theta):
+    """The template of the definition: turned about its own cell."""
+    cos, sin = math.cos(theta), math.sin(theta)
+    u = np.arange(-radius, radius + 1)
+    v = u[:, None]
+    rows = np.floor(row + cos * v - sin * u + 0.5).astype(int)
+    return cells_at(cells, rows, np.floor(col + sin * v + cos * u + 0.5).astype(int))
+
+
+def e_by_definition(estimator, cells, row, col, resolution):
+    """The scalar e of a cell, from templates turned about it, at offsets rounded one by one."""
+    window, radius = estimator.window, math.floor(estimator.range / resolution + 1e-9)
+    steps = round(window.half_width / window.step)
+    offsets = window.step * np.arange(-steps, steps + 1)
+    angles = np.radians(np.arange(-60.0, 61.0, 10.0))
+    shifts = np.rint(offsets / resolution).astype(int)
+    reach, size, mask = shifts[-1], 2 * radius + 1, disc(radius).astype(np.uint8)
+    around = local_map(cells, row, col, radius + reach)
+    sums = np.empty((len(offsets), len(offsets), len(angles)))
+    for k, angle in enumerate(angles):
+        template = turned_about_itself(cells, row, col, radius, angle)
+        for i, j in np.ndindex(sums.shape[:2]):
+            top, left = reach + shifts[j], reach + shifts[i]
+            there = around[top : top + size, left : left + size]
+            sums[i, j, k] = cv2.norm(template, there, cv2.NORM_L1, mask)
+    poses = np.meshgrid(offsets, offsets, angles, indexing="ij")
+    weights = estimator.offset_weights(sums, resolution).ravel()
+    covariance = np.cov(np.reshape(poses, (3, -1)), aweights=weights, ddof=0)
+    if estimator.quantisation:
+        covariance += np.diag([window.step**2, window.step**2, np.radians(10.0) ** 2]) / 12
+    return math.sqrt(np.linalg.det(covariance))
+
+
+@pytest.mark.parametrize(
+    "estimator", [Sad(range=3.0), Sad.paper(range=3.0)], ids=["default", "paper"]
+)
+@pytest.mark.parametrize("resolution", [0.089, 0.07, *few_of([0.0333, 0.05, 0.12], 0)])
+def test_e_is_that_of_the_definition_whatever_the_cells(resolution, estimator):
+    shape = round(14 / resolution), round(13 / resolution)
+    cells = random_rooms(shape, seed=3, blocks=14)
+    free = np.argwhere(cells == FREE)
+    rows, cols = free[np.random.default_rng(2).integers(len(free), size=9)].T
+    part = MapPart.whole(cells, rows, cols, resolution)
+    found = np.sqrt(np.linalg.det(estimator.covariances(part)["covariance"]))
+    places = zip(rows.tolist(), cols.tolist(), strict=True)
+    expected = [e_by_definition(estimator, cells, *place, resolution) for place in places]
+    off = np.log(found / expected)
+    assert np.median(np.abs(off)) < 0.02
+    assert abs(np.median(off)) < 0.02  # and with no sign
 
 
 def test_covariance_vanishes_where_all_weights_but_the_centre_do():
     counts, kept = np.ones((5, 3, 24), np.int64), np.ones((3, 5), bool)
     counts[2, 1, 2] = 0
-    covariance = weighted_covariance(counts, np.array([1.0, 0.0]), kept)
+    covariance = weighted_covariance(counts, np.array([1.0, 0.0]), kept, range(5))
     assert (covariance == 0).all()
     tiny = np.array([1.0, 1e-200])
     np.testing.assert_allclose(
-        weighted_covariance(counts, tiny, kept),
-        naive.weighted_covariance(counts, tiny, kept),
+        weighted_covariance(counts, tiny, kept, range(5)),
+        naive.weighted_covariance(counts, tiny, kept, range(5)),
         rtol=1e-12,
         atol=1e-300,
     )

@@ -547,6 +547,17 @@ def test_a_timeout_is_no_verdict_on_the_footprint():
     assert (found.status, found.note) == ("timeout", "no path found within 1 s")
 
 
+def test_no_more_is_said_than_was_searched():
+    costs, start, goal = two_ways(), (0.55, 0.55), (3.45, 3.55)
+    gave_up = plan(costs, start, goal, planner=lambda *_: Found())
+    assert (gave_up.status, gave_up.note) == ("not found", "")
+    via = plan(costs, start, goal, via=[(2.05, 3.55)], planner="RRT", iterations=1)
+    assert via.status == "timeout"
+    assert via.note.startswith("no path was found to waypoint 1: no path found within 1 iterations")
+    alone = sampling.grow_roadmap(sampling.Motions(costs), limits=Limits(iterations=1))
+    assert alone.plan(start, goal).status == "not found"
+
+
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])
 def test_any_heading_is_a_heading(heading):
     for planner, space in (("RRTstar", "SE2"), ("RRTConnect", "ReedsShepp"), ("RRT", "Dubins")):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import naive
 import numpy as np
@@ -24,7 +25,7 @@ from locplan.field import (
     SearchWindow,
 )
 from locplan.field._surfaces import walls
-from locplan.field.estimators._scan import likelihood_field, pattern
+from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 
 SIGMA_HIT, Z_RAND, TEMPERATURE = 0.1, 0.05, 0.1
@@ -344,14 +345,34 @@ def test_many_beams_do_not_overflow():
 
 
 def test_the_ends_noise_is_that_of_van_der_corputs_sequence():
-    quantiles = [naive.radical_inverse(b + 1) for b in range(180)]
+    quantiles = [naive.radical_inverse(b + 1) for b in range(90)]
     assert quantiles[:5] == [1 / 2, 1 / 4, 3 / 4, 1 / 8, 5 / 8]
-    halton = stats.qmc.Halton(1, scramble=False).random(181)[1:, 0]
+    halton = stats.qmc.Halton(1, scramble=False).random(91)[1:, 0]
     np.testing.assert_array_equal(halton, quantiles)
-    np.testing.assert_allclose(pattern(180), stats.norm.ppf(quantiles), rtol=1e-12, atol=1e-15)
-    np.testing.assert_array_equal(pattern(41), pattern(180)[:41])
-    many = stats.norm.cdf(pattern(1023))
+    ahead = Settings(range=5.0, field_of_view_deg=180.0, beams=180)
+    left = Scan(ahead).pattern[90:]
+    np.testing.assert_allclose(left, stats.norm.ppf(quantiles), rtol=1e-12, atol=1e-15)
+    odd = Scan(ahead, max_beams=41).pattern[20:]
+    np.testing.assert_array_equal(odd, left[:21])
+    many = stats.norm.cdf(Scan(replace(ahead, beams=2045), max_beams=2045).pattern[1022:])
     np.testing.assert_allclose(np.sort(many), np.arange(1, 1024) / 1024, rtol=1e-9)
+
+
+@pytest.mark.parametrize("beams", [180, 72, 44, 4, 3, 1])
+def test_beams_that_a_mirror_or_a_quarter_turn_exchanges_have_one_noise(beams):
+    ahead = Scan(Settings(range=5.0, field_of_view_deg=200.0, beams=beams)).pattern
+    np.testing.assert_array_equal(ahead, ahead[::-1])
+    around = Scan(Settings(range=5.0, beams=beams)).pattern
+    np.testing.assert_array_equal(around, around[::-1])
+    if beams % 4 == 0:
+        np.testing.assert_array_equal(around, np.roll(around, beams // 4))
+        assert len(np.unique(around)) == math.ceil(beams / 8)
+
+
+@pytest.mark.parametrize(("beams", "counted"), [(360, 180), (90, 88), (4, 4), (3, 3)])
+def test_of_a_lidar_that_sees_all_round_whole_quarters_count(beams, counted):
+    """Then a quarter turn takes each beam to another."""
+    assert Scan(Settings(range=5.0, beams=beams)).beams_compared == counted
 
 
 BEAMS = Settings(
@@ -363,11 +384,14 @@ BEAMS = Settings(
 def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
     """Sigma + Q, ambiguity and entropy of one pose."""
     beams, window = scan_.max_beams, scan_.lattice(resolution)
-    spacing = len(scan_.lidar.angles) / beams
-    angles = [scan_.lidar.angles[math.floor((b + 0.5) * spacing)] for b in range(beams)]
+    spacing = math.radians(scan_.lidar.field_of_view_deg) / (beams - 1)
     shift, growth = scan_.endpoint_noise
-    quantiles = [stats.norm.ppf(naive.radical_inverse(b + 1)) for b in range(beams)]
-    noise = [(shift * z, growth * z) for z in quantiles]
+    angles, noise = [], []
+    for b in range(beams):
+        angles.append((b - (beams - 1) / 2) * spacing)
+        from_middle = abs(b - (beams - 1) // 2)  # of an odd number of beams
+        z = stats.norm.ppf(naive.radical_inverse(from_middle + 1))
+        noise.append((shift * z, growth * z))
     pose, sigma = (row + 0.5, col + 0.5, heading), max(scan_.sigma_hit, resolution)
     ends = naive.moved_ends(levels, resolution, *pose, scan_.lidar, angles, noise)
     table = likelihood.costs_of_squared_distance(resolution, sigma, scan_.z_rand)
@@ -410,11 +434,14 @@ def test_a_scans_covariance_is_that_of_the_plain_loops(resolution, noise, half_r
 def test_the_beams_that_count_are_spread_over_the_lidars():
     for beams, most in ((7, 180), (180, 180), (360, 180), (1081, 180), (10, 3)):
         lidar = Settings(range=5.0, field_of_view_deg=200.0, beams=beams)
-        chosen = Scan(lidar, max_beams=most).beams().angles
-        assert len(chosen) == min(beams, most)
+        settings = Scan(lidar, max_beams=most)
+        count = min(beams, most)
+        simulated = np.radians(np.linspace(-100.0, 100.0, count))
+        np.testing.assert_allclose(settings.beams().angles, simulated, atol=1e-12)
+        chosen = lidar.angles[settings.beam_numbers]
+        assert len(chosen) == count
         ideal = lidar.angles[0] + (np.arange(len(chosen)) + 0.5) * (
             np.ptp(lidar.angles) + np.diff(lidar.angles)[0]
         ) / len(chosen)
         step = np.diff(lidar.angles)[0]
         assert (abs(chosen - (ideal - step / 2)) <= step / 2 + 1e-12).all()
-        assert np.isin(chosen, lidar.angles).all()

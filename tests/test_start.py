@@ -6,6 +6,7 @@ import pickle
 import subprocess
 import sys
 import threading
+import tracemalloc
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zarr
 from conftest import drawn
+from google_crc32c import value as crc32c
+from numcodecs.zstd import Zstd
 
 from locplan._kernels import compilation
 from locplan._util import lean, progress
@@ -47,40 +51,49 @@ def read(folder):
     return chunks.read_array(folder.path / "covariance", shape)
 
 
-def test_chunks_are_read_as_zarr_reads_them(folder, monkeypatch):
-    values = read(folder)
-    monkeypatch.setattr(field_files, "read_array", lambda *_: None)
-    by_zarr, damaged = field_files.read_values(folder.path, folder.grid, CONFIG)
-    np.testing.assert_array_equal(values, by_zarr["covariance"])
-    edge = field_files._edge(folder.grid, CONFIG)
-    assert chunks.edge_of(folder.path / "covariance") == edge
-    assert np.isfinite(values).any()
+def test_chunks_are_read_as_zarr_reads_them(folder):
+    values, damaged = read(folder)
     assert not damaged
+    assert np.isfinite(values).any()
+    np.testing.assert_array_equal(values, zarr.open_array(folder.path / "covariance", mode="r")[:])
+    cells, damaged = chunks.read_array(folder.path / "cells", folder.grid.shape, "uint8", "/")
+    np.testing.assert_array_equal(cells, folder.grid.cells)
+    edge = field_files._edge(folder.grid, CONFIG)
+    assert chunks.chunk_of(folder.path / "covariance", values.shape)[:2] == (edge, edge)
 
 
-def test_an_absent_chunk_is_nan_and_a_damaged_one_is_left_to_zarr(folder):
+def test_absent_and_damaged_chunks_are_nan_and_the_latter_counted(folder):
     (chunk, *_) = sorted(folder.path.glob("covariance/c.*"))
     content = chunk.read_bytes()
     chunk.unlink()
-    values = read(folder)
-    assert values is not None
+    values, damaged = read(folder)
     assert np.isnan(values).all()
-    for wrong in (content[:-1], content[:-1] + bytes([content[-1] ^ 1]), b""):
+    assert not damaged
+    body = Zstd().encode(bytes(10**8))  # zeros, much more than the chunk's
+    bomb = body + crc32c(body).to_bytes(4, "little")
+    for wrong in (content[:-1], content[:-1] + bytes([content[-1] ^ 1]), b"", bomb):
         chunk.write_bytes(wrong)
-        assert read(folder) is None
+        tracemalloc.start()
+        values, damaged = read(folder)
+        assert tracemalloc.get_traced_memory()[1] < 10**7
+        tracemalloc.stop()
+        assert damaged == 1
+        assert np.isnan(values).all()
     chunk.write_bytes(content)
-    assert read(folder) is not None
+    assert read(folder)[1] == 0
 
 
 @pytest.mark.parametrize(
     ("old", "new"),
     [('"float64"', '"float32"'), ('"little"', '"big"'), ('"zstd"', '"gzip"'), ('"NaN"', "0.0")],
 )
-def test_arrays_of_another_kind_are_left_to_zarr(folder, old, new):
+def test_arrays_of_another_kind_are_not_read(folder, old, new):
     about = folder.path / "covariance" / "zarr.json"
-    assert old in about.read_text()
-    about.write_text(about.read_text().replace(old, new))
-    assert read(folder) is None
+    text = about.read_text()
+    assert old in text
+    about.write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match="does not fit"):
+        read(folder)
 
 
 def test_a_cached_field_is_read_without_numba_and_zarr(folder):

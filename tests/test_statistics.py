@@ -16,6 +16,7 @@ from locplan.comparison._frames import to_frame, write_table
 from locplan.comparison._pairs import KINDS, contrasts
 from locplan.comparison._runs import MEASURES, Task
 from locplan.comparison._statistics import summaries
+from locplan.comparison._verdicts import comparison_table, contrast_json, rows_of
 from locplan.errors import LocplanError
 
 
@@ -86,6 +87,39 @@ def test_seeds_are_one_query_by_their_median():
     assert found.pairs == 6
     assert found.estimate == pytest.approx((0.95, 0.95, 0.95))
     assert found.sentence == "5 % cheaper than base [5, 5]"
+
+
+def test_a_bad_planner_changes_no_other_planners_row():
+    runs = made_up({"base": 1.0, "mine": 0.9, "bad": 2.0}, maps=("rooms",))
+    late = lambda run: run.task.planner == "bad" and run.task.query != "q3"  # noqa: E731
+    runs = [failed(run.task) if late(run) else run for run in runs]
+    without = [run for run in runs if run.task.planner != "bad"]
+    cases = [("rooms", "6 m")]
+    rows = {row["planner"]: row for row in rows_of(runs, "base", cases)}
+    assert [rows["mine"]] == [r for r in rows_of(without, "base", cases) if r["planner"] == "mine"]
+    costs = {(r.task.planner, r.task.query): r.measures["cost"] for r in runs if r.measures}
+    assert (rows["mine"]["pairs"], rows["bad"]["pairs"]) == (12, 1)
+    assert rows["bad"]["measures"]["cost"][0] == costs["bad", "q3"]
+    assert rows["bad"]["baseline_cost"] == costs["base", "q3"]
+
+
+def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
+    seeds = {"base": (10.0, 10.0, 10.0), "mine": (9.0, 9.5, 90.0)}
+    runs = [
+        solved(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), (query + 1) * cost)
+        for query in range(5)
+        for planner, costs in seeds.items()
+        for seed, cost in enumerate(costs)
+    ]
+    rows = rows_of(runs, "base", [("rooms", "6 m")])
+    assert "mine 100% 5 28.5 30 1.425 0.03" in " ".join(comparison_table(rows, "base").split())
+    row = rows[1]
+    assert (row["planner"], row["pairs"]) == ("mine", 5)
+    assert (row["measures"]["cost"][0], row["baseline_cost"]) == (28.5, 30.0)
+    cost = the(contrasts(runs, "base"), planner="mine", measure="cost")
+    found = contrast_json(cost)
+    assert (found["pairs"], found["median"], found["baseline_median"]) == (5, 28.5, 30.0)
+    assert row["ratio"] == found["value"] == pytest.approx(0.95)
 
 
 def test_only_queries_that_both_solved_are_compared():
@@ -273,6 +307,10 @@ def test_tables(tmp_path):
         read = list(csv.DictReader(file))
     assert [float(row["cost"]) for row in read[:-1]] == [run.measures["cost"] for run in runs[:-1]]
     assert (read[-1]["map"], read[-1]["cost"]) == ("ü, ß", "")
+    (run,) = made_up({"=1+1": -1.0}, queries=1, maps=("@x",))
+    row = write_table([run], tmp_path / "formulas.csv").read_text().splitlines()[1]
+    assert row.startswith("'@x,6 m,q0,4.0,'=1+1,")
+    assert ",-1" in row
     assert write_table([], tmp_path / "none.csv").read_text().startswith("map,config,query")
     with pytest.raises(LocplanError, match="must end in"):
         write_table(runs, tmp_path / "runs.txt")

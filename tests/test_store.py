@@ -261,6 +261,34 @@ def test_damage_is_computed_anew_with_a_warning(grid, tmp_path, computed, file):
     assert not computed
 
 
+def unknown_codec(field):
+    about = field / "covariance" / "zarr.json"
+    about.write_text(about.read_text().replace('"zstd"', '"none"'))
+
+
+def folder_for_a_chunk(field):
+    (field / "covariance" / "c.0.0.0.0").unlink()
+    (field / "covariance" / "c.0.0.0.0").mkdir()
+
+
+def pipe_for_a_chunk(field):
+    (field / "covariance" / "c.0.0.0.0").unlink()
+    os.mkfifo(field / "covariance" / "c.0.0.0.0")
+
+
+@pytest.mark.parametrize("damage", [unknown_codec, folder_for_a_chunk, pipe_for_a_chunk])
+def test_whatever_stands_in_place_of_a_cached_field_it_heals(grid, tmp_path, computed, damage):
+    whole = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    damage(store.field_path(grid, QUICK, tmp_path))
+    with pytest.warns(store.CacheWarning, match="computed anew") as warned:
+        again = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert len(warned) == 1
+    np.testing.assert_array_equal(again.covariance, whole.covariance)
+    computed.clear()
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert not computed
+
+
 def test_a_folder_that_is_another_fields_is_not_believed(grid, tmp_path, computed):
     other = dataclasses.replace(grid, cells=np.where(grid.cells == UNKNOWN, 0, grid.cells))
     store.load_or_compute(other, QUICK, cache_dir=tmp_path)

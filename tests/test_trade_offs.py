@@ -356,6 +356,15 @@ def test_cells_above_max_e_are_never_entered(seed, planner):
     assert below.feasible_from == least
 
 
+def test_curves_may_need_a_greater_max_e_than_the_grid():
+    costs = random_costs(0, (30, 30), blocked=0.05)
+    ends = (0.5, 0.5, 0.0), (*far_corner(costs), 0.0)
+    curved = {"planner": "RRT", "space": "Dubins", "turning_radius": 1.0, "iterations": 5}
+    refused = plan(costs, *ends, max_e=0.6, **curved)
+    assert refused.status == "infeasible"
+    assert refused.note.endswith("is needed at least")
+
+
 def test_a_limit_does_not_join_what_is_apart():
     costs = costs_of(np.ones((1, 3)), np.array([[True, False, True]]))
     assert plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=0.1).status == "unreachable"

@@ -15,6 +15,7 @@ from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.simulation import Amcl, Disturbances, Simulator, read_amcl, tune, tuning_figure
 from locplan.simulation._motion import poses_along
 from locplan.simulation._settings import OMNIDIRECTIONAL
+from locplan.simulation.tuning import _bench
 from locplan.simulation.tuning._bench import LONGEST, Bench, random_paths, updates_along
 from locplan.simulation.tuning._files import check_written, tuned_file
 from locplan.simulation.tuning._reports import TUNING, conclusion, tuning_table, write_tuning
@@ -164,6 +165,18 @@ def test_a_bench_remembers_what_was_driven():
         bit_by_bit.drive([GOOD, GOOD], paths, drives, levels, lambda *step: calls.append(step))
     assert [done for done, total in calls if done == total] == [2, 4, 6, 24]
     np.testing.assert_array_equal(once.driven[GOOD].squares, bit_by_bit.driven[GOOD].squares)
+
+
+def test_a_bench_keeps_the_scores_of_few_settings(monkeypatch):
+    """Each may be as large as the map."""
+    monkeypatch.setattr(_bench, "AT_ONCE", 2)
+    bench = bench_of(paths=1, drives=2)
+    settings = [Amcl(**FEW, sigma_hit=0.1 + 0.02 * n) for n in range(5)]
+    done = []
+    bench.drive(settings, 1, 2, progress=lambda *counts: done.append(counts))
+    assert set(bench.driven) == set(settings)
+    assert len(bench._scores) == 2
+    assert done[-1] == (30, 30)
 
 
 def test_updates_are_those_of_the_settings():
@@ -367,6 +380,15 @@ def test_the_users_file_is_copied_with_what_gains(tuning, tmp_path):
     assert "do_beamskip: false\n" in text  # it has an effect with this model only
     assert "unknown_to_us: [1, 2]\n" in text
     assert file.read_text() == PARAMS
+
+
+def test_one_of_several_robots_in_a_file_is_tuned(tuning, tmp_path):
+    file = tmp_path / "fleet.yaml"
+    file.write_text("robot1:\n  amcl:\n    ros__parameters:\n      alpha1: 0.2\n" + PARAMS)
+    write_tuning(TUNING.into(tmp_path / "out"), tuning, tmp_path / "fleet.yaml:robot1")
+    made = tmp_path / "out" / "nav2_params.yaml"
+    assert made.read_text().endswith(PARAMS)
+    check_written(made, tuning.winner, tmp_path / "fleet.yaml:robot1")
 
 
 def test_a_file_that_was_set_otherwise_for_the_run_gets_these_settings_too(tuning, tmp_path):

@@ -11,6 +11,7 @@ import naive
 import numpy as np
 import pytest
 from conftest import corridor, refused
+from scipy.ndimage import affine_transform
 
 import locplan
 from locplan import Lidar, LocplanError, ScanDatabase, find_twins
@@ -103,6 +104,26 @@ def test_a_map_that_repeats_under_turns_has_three_symmetries():
         assert each.share > 0.9
         assert each.distance < 0.3
     assert all(each.share < 0.3 for each in found.symmetries[3:])
+
+
+def turned(cells: np.ndarray, angle: float) -> np.ndarray:
+    """A room in the middle of unknown space, turned by an angle [rad]."""
+    size = np.array([64, 64])
+    cos, sin = math.cos(angle), math.sin(angle)
+    back = np.array([[cos, sin], [-sin, cos]])
+    first = (np.array(cells.shape) - 1) / 2 - back @ ((size - 1) / 2)
+    return affine_transform(cells, back, first, output_shape=size, order=0, cval=UNKNOWN)
+
+
+def test_a_move_takes_no_place_to_a_twin_that_is_turned_otherwise():
+    pairs = []
+    for boxes, angle in (((), 0.0), (((5, 18, 20, 25), (30, 42, 3, 9), (28, 34, 30, 44)), 0.3)):
+        alone = room(*boxes)
+        alone[:2] = alone[-2:] = alone[:, :2] = alone[:, -2:] = OCCUPIED  # no gap when turned
+        pairs.append(np.concatenate([turned(alone, 0.0), turned(alone, angle)], axis=1))
+    found = find_twins(OccupancyGrid(np.concatenate(pairs), 0.1), lidar=LIDAR)
+    assert [each.turn_deg for each in found.symmetries] == [0, 0, 17, -17]
+    assert max(each.share for each in found.symmetries) < 0.3
 
 
 def test_twins_turn_with_the_map(equal_rooms):

@@ -59,32 +59,52 @@ class Tile(NamedTuple):
 def write_covariance(
     counts: NDArray[np.int64],
     weight_of_count: NDArray[np.float64],
+    places: NDArray[np.float64],
     offsets: int,
     kept: NDArray[np.bool_],
     covariance: NDArray[np.float64],
 ) -> None:
-    """Write the covariance of (dx, dy, theta) about the weighted mean, (3, 3) [lattice steps].
+    """Write the covariance of (dx, dy, theta) about the weighted mean, (3, 3) [steps].
 
-    `counts` are (dx, theta, dy rounded up), flat; lines that are not `kept` weigh nothing.
+    `counts` are (dx, theta, dy rounded up), flat, of `offsets` in x and y; the poses are one step
+    apart, at `places` among these. Counts between offsets are interpolated. What lies at or beside
+    a line that is not `kept` weighs nothing.
 
     Moments are taken about the zero lag, which no offset outweighs: its sums are exact where all
     weights are equal, and nothing cancels where all others vanish.
     """
-    headings = len(kept)
-    half_steps, half_angles = (offsets - 1) // 2, (headings - 1) // 2
+    headings, poses = len(kept), places.size
+    half_steps, half_angles = (poses - 1) // 2, (headings - 1) // 2
     line_size = counts.size // (offsets * headings)
+    low = np.empty(poses, np.int64)
+    part = np.empty(poses)
+    whole = True
+    for v in range(poses):
+        low[v] = int(places[v])
+        part[v] = places[v] - low[v]
+        whole = whole and part[v] == 0.0
     total = sum_x = sum_y = sum_t = 0.0
     sum_xx = sum_xy = sum_xt = sum_yy = sum_yt = sum_tt = 0.0
-    for i in range(offsets):
-        x = float(i - half_steps)
+    for i in range(poses):
+        x, first, across = float(i - half_steps), low[i], part[i]
+        second = first + 1 if across > 0.0 else first
         for k in range(headings):
-            if not kept[k, i]:
+            if not (kept[k, first] and kept[k, second]):
                 continue
             t = float(k - half_angles)
-            line = (i * headings + k) * line_size
+            line, beside = (first * headings + k) * line_size, (second * headings + k) * line_size
             weight = weight_y = weight_yy = 0.0
-            for v in range(offsets):
-                w = weight_of_count[counts[line + v]]
+            for v in range(poses):
+                here = line + low[v]
+                count = counts[here]
+                if not whole:
+                    there = beside + low[v]
+                    along = part[v]
+                    more = 1 if along > 0.0 else 0
+                    near = count + along * (counts[here + more] - count)
+                    far = counts[there] + along * (counts[there + more] - counts[there])
+                    count = int(near + across * (far - near) + 0.5)
+                w = weight_of_count[count]
                 y = float(v - half_steps)
                 weight += w
                 weight_y += w * y
@@ -114,6 +134,7 @@ def tile_covariances(
     sight: Sight | None,
     kept: NDArray[np.bool_],
     weight_of_count: NDArray[np.float64],
+    offset_places: NDArray[np.float64],
     counts: NDArray[np.int64],
     template: Template,
     masks: NDArray[np.uint64],
@@ -121,9 +142,10 @@ def tile_covariances(
     due: int,
     result: NDArray[np.float64],
 ) -> None:
-    """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [lattice steps].
+    """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [steps].
 
     `kept` (theta, n, dx) marks the lines that count; a single cell's marks are those of all.
+    `offset_places` are the places of the poses among the offsets, see `write_covariance`.
     `counts`, `template` and `masks` are scratch space: S / 127 (dx, theta, dy rounded up) of the
     kept lines, flat, and what is compared at the last cell. Without a `sight` there are no masks,
     and the whole disc counts. ``control[DONE]`` grows by `due` on the way; once another thread
@@ -192,7 +214,7 @@ def tile_covariances(
                     differing = free_sign * disc_sums[free + v] + total
                     differing += occupied_sign * disc_sums[occupied + v]
                     counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
-        write_covariance(counts, weight_of_count, offsets, lines, result[cell])
+        write_covariance(counts, weight_of_count, offset_places, offsets, lines, result[cell])
         if control.size > DONE:
             control[DONE] = done + due * (cell + 1) // cells
 

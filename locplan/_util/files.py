@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
 from locplan._util.checks import file_path
-from locplan._util.leftovers import ASIDE, removed_at_last
+from locplan._util.leftovers import ASIDE, temporary_folder
 from locplan.errors import LocplanError
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -38,41 +37,39 @@ def keep_input(path: Path) -> None:
 
 @contextmanager
 def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary file beside `target` that replaces it when the block succeeds.
+    """Yield a temporary file that replaces `target` when the block succeeds.
 
-    The temporary name keeps the target's suffix, since writers choose the format by it. On an
-    exception the temporary file is removed and `target` stays as it was.
+    It has the target's name, since writers choose the format by its suffix. On an exception it is
+    removed and `target` stays as it was.
     """
     path = file_path("a file to write", target)
     check_no_input(path)
-    with errors_in_one_line(path):
-        handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}-", path.parent)
-        os.close(handle)
-        with removed_at_last(name):
-            yield Path(name)
-            os.chmod(name, 0o666 & ~_umask())
-            os.replace(name, path)
+    with errors_in_one_line(path), temporary_folder(path.parent) as folder:
+        new = folder / path.name
+        new.touch()
+        yield new
+        os.replace(new, path)
 
 
 @contextmanager
 def replacing_folder(
     target: str | os.PathLike[str], suffix: str | None, ours: Callable[[Path], bool]
 ) -> Iterator[Path]:
-    """Yield a new folder beside `target` that replaces it when the block succeeds.
+    """Yield a new folder that replaces `target` when the block succeeds.
 
     On an exception the new folder is removed and `target` stays as it was. A folder that is
     replaced is moved aside first and removed last.
     """
     check_folder_target(file_path("a folder to write", target), suffix, ours)
     path = Path(os.path.realpath(target))
-    with errors_in_one_line(path):
-        temporary = Path(tempfile.mkdtemp(path.suffix, f".{path.stem}-", path.parent))
-        with removed_at_last(temporary, path):
-            temporary.chmod(0o777 & ~_umask())
-            yield temporary
-            if path.exists():
-                path.rename(temporary.with_name(temporary.name + ASIDE))
-            temporary.rename(path)
+    with errors_in_one_line(path), temporary_folder(path.parent) as folder:
+        new, aside = folder / path.name, folder / ASIDE
+        new.mkdir()
+        yield new
+        if path.exists():
+            aside.mkdir()
+            path.rename(aside / path.name)
+        new.rename(path)
 
 
 def check_target(path: Path, *suffixes: str) -> None:
@@ -152,9 +149,3 @@ def errors_in_one_line(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise LocplanError(f"{path}: cannot be written ({error.strerror or error})") from None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -16,8 +16,8 @@ from typing import Any
 
 from locplan._util.checks import is_file_name
 from locplan._util.files import check_folder, check_no_input, errors_in_one_line
-from locplan._util.leftovers import temporary_folder
-from locplan._util.reading import parsed_json, read_text
+from locplan._util.leftovers import remove_abandoned, temporary_folder
+from locplan._util.reading import opened, parsed_json, read_text
 from locplan.errors import LocplanError
 
 MANIFEST = ".locplan.json"
@@ -63,9 +63,10 @@ class ResultFolder:
             If a file cannot be written, or would replace one that locplan did not write.
         """
         check_folder(self.folder)
+        remove_abandoned(self.folder.parent)  # where one was that made the folder
         with (
             errors_in_one_line(self.folder),
-            temporary_folder(_nearest(self.folder), prefix=".locplan-") as temporary,
+            temporary_folder(_nearest(self.folder)) as temporary,
         ):
             new = temporary / "new"
             new.mkdir()
@@ -262,6 +263,7 @@ def _digests(folder: Path) -> dict[str, str]:
 def digest_of(file: Path) -> str | None:
     """SHA-256 of a file, or None if there is none that can be read."""
     try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
+        with opened(file) as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()
     except (OSError, ValueError):  # the latter for names that no file can have
         return None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import re
 import shutil
 import textwrap
 import time
@@ -19,12 +21,34 @@ T = TypeVar("T")
 
 TEXT_WIDTH = 105
 """Greatest width of text beside tables [characters]."""
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""Beginning of a text that a spreadsheet takes for a formula, or that `csv_cell` has guarded."""
 
 
 def write_csv(target: Path, values: NDArray[np.float64], header: str, number: str = "%.6f") -> None:
     """Write columns of numbers with a header as CSV, whole or not at all."""
     with replacing(target) as temporary:
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
+
+
+def csv_cell(value: Any) -> Any:
+    """A value for a CSV file: nothing for NaN, and no text that a spreadsheet would compute.
+
+    Such a text gets an apostrophe, as OWASP advises; one that is a number stays as it is.
+    """
+    if value != value:
+        return ""
+    if isinstance(value, str) and _FORMULA.match(value):
+        with contextlib.suppress(ValueError):
+            float(value)
+            return value
+        return f"'{value}"
+    return value
+
+
+def from_csv_cell(text: str) -> str:
+    """The text that `csv_cell` has written."""
+    return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
 def finite(values: T) -> T:

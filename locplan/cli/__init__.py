@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import shutil
 import sys
 import warnings
 from collections.abc import Iterator
@@ -29,6 +30,8 @@ from locplan.cli._groups import OUTPUT
 from locplan.errors import CalibrationError, LocplanError, one_line
 
 LOG = logging.getLogger("locplan.cli")
+MIN_COLUMNS = 20
+"""Width that a narrower terminal counts as [characters]: tables vanish, and help never ends."""
 
 
 def main() -> None:
@@ -36,6 +39,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
+    _mend_environment()
     try:
         with _warnings_as_lines(), inputs_are_kept():
             _check_none_is_empty(sys.argv[1:])
@@ -57,9 +61,18 @@ def main() -> None:
         where = "the output" if error.filename is None else os.fsdecode(error.filename)
         code = _complain(f"error: {where}: {error.strerror or error}", SYSTEM_ERROR)
         sys.stdout = None
+        end_if_supervised(code)  # no thread in the background outlives the output
     except MemoryError:
         code = _complain("error: the memory does not suffice; give less at a time", WRONG_INPUT)
     sys.exit(code or 0)
+
+
+def _mend_environment() -> None:
+    """Replace what the environment asks for and no command can do."""
+    os.environ["MPLBACKEND"] = "agg"  # a notebook names its own, which may not be installed here
+    columns = shutil.get_terminal_size().columns
+    if "COLUMNS" in os.environ or columns < MIN_COLUMNS:
+        os.environ["COLUMNS"] = str(max(MIN_COLUMNS, columns))
 
 
 def _check_none_is_empty(tokens: list[str]) -> None:
@@ -99,16 +112,18 @@ def _launched(tokens: list[str]) -> int | None:
 
 @contextmanager
 def _log_on_stderr(wanted: bool) -> Iterator[None]:
-    log, handler = logging.getLogger("locplan"), logging.StreamHandler()
+    log, libraries = logging.getLogger("locplan"), logging.getLogger()
+    # Without any handler Python itself shows what libraries warn of.
+    handler = logging.StreamHandler() if wanted else logging.NullHandler()
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
     before = log.level
+    libraries.addHandler(handler)
     if wanted:
-        log.addHandler(handler)
         log.setLevel(logging.DEBUG)
     try:
         yield
     finally:
-        log.removeHandler(handler)
+        libraries.removeHandler(handler)
         log.setLevel(before)
 
 
@@ -150,5 +165,8 @@ def _short(word: str) -> str:
 
 
 def _complain(line: str, code: int) -> int:
-    print(f"locplan: {one_line(line)}", file=sys.stderr)
+    try:
+        print(f"locplan: {one_line(line)}", file=sys.stderr, flush=True)
+    except OSError:  # a full disk: the exit code alone says it
+        sys.stderr = None
     return code

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from locplan.cli._drive_options import DriveOptions
 from locplan.cli._exit_codes import NOT_IN_METRES
-from locplan.cli._groups import Json, MapFiles, command, results
+from locplan.cli._groups import Force, Json, MapFiles, command, results
 from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, SimulationOptions
@@ -49,6 +49,7 @@ def calibrate(
             " NAME_calibration.png beside it; calibrated.json by default."
         ),
     ] = Path("calibrated.json"),
+    force: Force = False,
     json: Json = False,
 ) -> int:
     """Fit the noise level k (and tau), so that the field's deviations are errors in metres.
@@ -64,25 +65,26 @@ def calibrate(
     from locplan.simulation import _calibration as calibration, _calibration_reports as reports
     from locplan.simulation._places import places_of
 
-    reports.check_calibration(output)
+    reports.check_calibration(output, force=force)
     recorded.check()
     if recorded.drive:
         unread: dict[str, object] = {"error": error, "fit_tau": fit_tau or None}
         unread |= {"places": None if at.places == AtPlaces.places else at.places}
         given = {name: value for name, value in vars(at).items() if name != "places"}
         refuse("with --drive", **unread, **given, robot_radius=robot_radius)
-        return _from_drive(maps, recorded, simulation, options, threads, output, json)
+        return _from_drive(maps, recorded, simulation, options, threads, output, force, json)
     error = error or "tracking"
     unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
     refuse(f"with --error {error}", **unread)
     config = options.to_config()
     simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
+    radius = radius_of(robot_radius, simulation.params)
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],
             **simulated,
             **given_of(at) | ({"scans": 0} if error == "tracking" else {"drives": 0}),
-            robot_radius=radius_of(robot_radius),
+            robot_radius=radius,
             threads=threads,
             progress=progress,
         )
@@ -91,7 +93,7 @@ def calibrate(
             measured, config, error=error, fit_tau=fit_tau, threads=threads, progress=progress
         )
     with working("writing the results"):
-        written = reports.write_calibration(output, result)
+        written = reports.write_calibration(output, result, force=force)
     show(json, result.summary(), reports.calibration_table(result), *written)
     return 0 if result.in_metres else NOT_IN_METRES
 
@@ -103,6 +105,7 @@ def _from_drive(
     options: FieldOptions,
     threads: int | None,
     output: Path,
+    force: bool,
     json: bool,
 ) -> int:
     """Fit the settings to a recorded drive."""
@@ -118,6 +121,6 @@ def _from_drive(
             recording, grid, config, **robot, threads=threads, progress=progress
         )
     with working("writing the results"):
-        written = reports.write_drive_calibration(output, result)
+        written = reports.write_drive_calibration(output, result, force=force)
     show(json, result.summary(), reports.drive_calibration_table(result), *written)
     return 0 if result.field and result.field.in_metres else NOT_IN_METRES

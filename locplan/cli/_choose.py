@@ -80,7 +80,7 @@ def choose(
     """Drive a handful of paths with your own filter in simulation, and take the best.
 
     The shortest path stays unless another is clearly better. Where no lidar is named, one of 6 m
-    is assumed, and the estimator is scan.
+    is assumed, and the estimator is fused.
     """
     from locplan import planners
     from locplan._util.progress import progress_bar
@@ -93,11 +93,12 @@ def choose(
     asked = choosing.minimise, choosing.price, choosing.drives
     core.check_request(choosing.longest, *asked, choosing.time_limit)
     if options.estimator is None and options.config is None:
-        options = dataclasses.replace(options, estimator="scan")  # as in Python
+        options = dataclasses.replace(options, estimator="fused")  # as in Python
     config = options.to_config()
     costs.check(config)
     lidar = options.named_lidar() or lidar_of(config)
     robot, not_simulated = simulation.robot(lidar, config=options.config)
+    costs = costs.sized(simulation.params)
     grid = load(map_file)
     blank = costs.blank(grid)
     core.check_way(blank, start, goal)

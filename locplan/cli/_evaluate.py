@@ -85,6 +85,7 @@ def evaluate(
     options = FieldOptions(lidar=lidar, range=range, field_of_view=field_of_view, config=config)
     field = options.to_config()
     simulated = simulation.simulated(field, options.named_lidar(), file=config)
+    radius = radius_of(robot_radius, simulation.params)
     folder = reports.EVALUATION.into(output, force=force) if output else None
     with progress_bar("driving", "drives") as progress:
         result = evaluation.evaluate(
@@ -92,7 +93,7 @@ def evaluate(
             **simulated,
             **given_of(at),
             disc=min(field.estimator.reach, evaluation.LARGEST_DISC),
-            robot_radius=radius_of(robot_radius),
+            robot_radius=radius,
             threads=threads,
             progress=progress,
         )

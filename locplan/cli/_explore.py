@@ -108,7 +108,7 @@ def explore(
     opening = Opening(
         config,
         lidar=lidar,
-        robot_radius=radius_of(costs.robot_radius),
+        robot_radius=radius_of(costs.robot_radius, simulation.params),
         criterion=costs.criterion,
         weight=costs.weight,
         start=ends[0] or None,

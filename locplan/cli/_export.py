@@ -86,6 +86,7 @@ def export(
     chosen = options_of(OPTIONS, to, "--to", own)
     config = options.to_config()
     costs.check(config)
+    costs = costs.sized(own.params)
     grid = load(map_file)
     target = output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=force)

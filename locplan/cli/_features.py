@@ -80,6 +80,7 @@ def features(
     check_drives_or_none(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
+    radius = radius_of(robot_radius, simulation.params)
     grid = load(map_file)
     folder = reports.FEATURES.into(output, force=force) if output else None
     with progress_bar("taking features away", "features") as progress:
@@ -88,7 +89,7 @@ def features(
             **ways,
             lidar=lidar,
             **robot,
-            robot_radius=radius_of(robot_radius),
+            robot_radius=radius,
             count=taking.count,
             piece=taking.piece,
             largest=taking.largest,

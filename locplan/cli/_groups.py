@@ -37,6 +37,12 @@ def _keep_maps(_: object, maps: Path | Sequence[Path]) -> None:
         _keep(None, files_of(path))
 
 
+def _keep_params(_: object, params: Path | None) -> None:
+    from locplan.maps._ros_parameters import file_and_robot
+
+    _keep(None, params and file_and_robot(params)[0])
+
+
 INPUT, MAP_INPUT = Parameter(validator=_keep), Parameter(name="MAP", validator=_keep_maps)
 """Of a file that is read: no result is written over it."""
 
@@ -48,6 +54,8 @@ MapFiles = Annotated[
     MAP_INPUT,
     Parameter(help="The maps are map_server YAML files, or folders of them."),
 ]
+Params = Annotated[Path | None, Parameter(validator=_keep_params, metavar="FILE[:NAMESPACE]")]
+"""A parameter file of Nav2, and the namespace of the robot where it has several."""
 Text = Annotated[str, Parameter(allow_leading_hyphen=True)]
 """A text that may begin with a minus sign, such as -2,3."""
 MAX_COUNT = 100_000

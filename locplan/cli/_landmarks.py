@@ -106,6 +106,7 @@ def landmarks(
     check_drives_or_none(drives)
     lidar = lidar_options.named()
     robot, not_simulated = simulation.robot(lidar)
+    radius = radius_of(robot_radius, simulation.params)
     existing = [position("existing", text) for text in placing.existing]
     keep_out = [numbers("keep-out", text, 4) for text in placing.keep_out]
     region = [numbers("region", text, 4) for text in placing.region if text != "all"]
@@ -121,7 +122,7 @@ def landmarks(
             **driven,
             lidar=lidar,
             **robot,
-            robot_radius=radius_of(robot_radius),
+            robot_radius=radius,
             margin=placing.margin,
             where=placing.where,
             spacing=placing.spacing,

@@ -17,8 +17,8 @@ from cyclopts import Parameter
 
 from locplan.cli._groups import COMPUTING, COSTS, FIELD, INPUT, option_group
 from locplan.cli._kinds import check_has, field_names, given_of
-from locplan.cli._values import numbers, refuse
-from locplan.errors import ConfigError
+from locplan.cli._values import numbers, refuse, size_in
+from locplan.errors import ConfigError, FieldError
 from locplan.field import ESTIMATORS
 from locplan.field._lidar_presets import PRESETS
 
@@ -91,7 +91,7 @@ class FieldOptions:
     """This file has all settings, as calibrate wrote them, and those of simulated robots if they
     are of a recorded drive; only a lidar may be given beside it."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
-    """The estimator is scan by default where a lidar is named, and else the paper's sad."""
+    """The estimator is fused by default where a lidar is named, and else the paper's sad."""
     preset: Literal["default", "paper"] | None = None
     """The settings of sad are the default ones, or Eq. 8-10 of the paper as printed."""
     headings: int | None = None
@@ -146,7 +146,7 @@ class FieldOptions:
             headings = 0 if own else config.headings
             return dataclasses.replace(config, estimator=estimator, headings=headings)
         kinds = [estimator_class(name) for name in ESTIMATORS]
-        kind: Any = estimator_class(given.pop("estimator", "scan" if lidar else "sad"))
+        kind: Any = estimator_class(given.pop("estimator", "fused" if lidar else "sad"))
         for name in given:
             check_has(
                 _flag(name), "--estimator", kind.name, [k.name for k in kinds if _takes(k, name)]
@@ -162,14 +162,14 @@ class FieldOptions:
     def of_drive(self, lidar: Lidar) -> FieldConfig:
         """The settings of a field for a recorded drive: its lidar takes the place of a named one.
 
-        Without an estimator it is scan.
+        Without an estimator it is fused.
         """
-        from locplan.field import FieldConfig, Scan
+        from locplan.field import FieldConfig, Fused
 
         refuse("with --drive, whose lidar is taken", lidar=self.lidar, range=self.range)
         refuse("with --drive, whose lidar is taken", field_of_view=self.field_of_view)
         if set(given_of(self)) <= {"stride", "headings"}:
-            return FieldConfig(Scan(lidar), **given_of(self))
+            return FieldConfig(Fused.of(lidar), **given_of(self))
         config = self.to_config()
         if not config.estimator.casts_rays:
             return config
@@ -289,7 +289,10 @@ class Computing:
         """Whether the cache has a part of a field, with `in_part` of one of some points."""
         from locplan.field._store import field_path
 
-        return field_path(grid, config, self.cache_dir, in_part=in_part).exists()
+        try:
+            return field_path(grid, config, self.cache_dir, in_part=in_part).exists()
+        except FieldError:  # it is not cached, as will be said
+            return False
 
     def field(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """The field of one map."""
@@ -306,6 +309,10 @@ class CostOptions:
     4 for sad and 8 for the others."""
     criterion: Criterion = None
     robot_radius: RobotRadius = None
+
+    def sized(self, params: Path | None) -> CostOptions:
+        """The costs of a robot whose radius is that of its parameters, unless one was given."""
+        return dataclasses.replace(self, robot_radius=radius_of(self.robot_radius, params))
 
     def check(self, config: FieldConfig) -> None:
         """Raise a ConfigError if an option is out of range; to be called before long work."""
@@ -330,8 +337,10 @@ class CostOptions:
         return Costmap.blank(grid, robot_radius=radius_of(self.robot_radius))
 
 
-def radius_of(robot_radius: float | None) -> float:
-    """The robot's radius that was given, or the library's own [m]."""
+def radius_of(robot_radius: float | None, params: Path | None = None) -> float:
+    """The robot's radius that was given, or that of its parameters, or the library's own [m]."""
     from locplan.costs import ROBOT_RADIUS
 
-    return ROBOT_RADIUS if robot_radius is None else robot_radius
+    size = size_in(params) if robot_radius is None else None
+    given = size.radius if size else robot_radius
+    return ROBOT_RADIUS if given is None else given

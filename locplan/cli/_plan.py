@@ -15,7 +15,7 @@ from locplan.cli._groups import Force, Json, MapFile, Seed, Text, option_group, 
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._simulation_options import FilterOptions
-from locplan.cli._values import load, outline_of, position, refuse, settings_of, show
+from locplan.cli._values import load, outline_of, position, refuse, settings_of, show, size_in
 from locplan.planners import names
 
 if TYPE_CHECKING:
@@ -125,8 +125,12 @@ def plan(
     start, goal = position("start", query.start), position("goal", query.goal)
     stops = [position("via", xy) for xy in query.via]
     outline = outline_of(query.footprint)
-    if outline and costs.robot_radius is None:
-        costs = dataclasses.replace(costs, robot_radius=outline.inscribed_radius)
+    size = None if outline or costs.robot_radius is not None else size_in(simulation.params)
+    if size and query.budget is None:  # which cannot be kept with an outline
+        outline = size.footprint
+    radius = size.radius if size else outline.inscribed_radius if outline else None
+    if costs.robot_radius is None:
+        costs = dataclasses.replace(costs, robot_radius=radius)
     limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget, "via": stops}
     limits["footprint"] = outline
     given = planning.given()
@@ -136,7 +140,7 @@ def plan(
     if lidar is None or no_verdict:
         why_not = "the paths are not driven" if lidar else "name the lidar (--lidar) to drive them"
         why = "with --no-verdict" if lidar else "unless the lidar is named (--lidar)"
-        refuse(why, params=simulation.params, set=simulation.set or None)
+        refuse(why, params=None if size else simulation.params, set=simulation.set or None)
         lidar = None
     elif not planners.takes(planners.planner_for(planning.planner, **limits), "seed"):
         given.pop("seed", None)  # it is that of the drives alone

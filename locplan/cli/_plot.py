@@ -101,7 +101,7 @@ def plot(
             lines = along_axis(grid, *place, axis, estimator)
             drawn = paper.models_figure(*lines, axis, title)
         else:
-            window = estimator.window.on(grid.resolution)
+            window = estimator.lattice(grid.resolution)
             drawn = paper.distribution_figure({title: mismatch(grid, *place, estimator)}, window)
     else:
         fields = {f"{grid.name}: {how(c)}": computing.field(grid, c) for c in configs}

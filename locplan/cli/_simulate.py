@@ -108,6 +108,8 @@ def simulate(
     config = options.to_config()
     costs.check(config)
     simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
+    if not driven.path:
+        costs = costs.sized(simulation.params)
     drives, threads = driven.drives or DRIVES, computing.threads
     files = find_maps(*maps)
     if driven.random is None and len(files) > 1:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import INPUT, SIMULATION, Count, Pair, Seed, option_group, results
+from locplan.cli._groups import SIMULATION, Count, Pair, Params, Seed, option_group, results
 from locplan.cli._values import settings_of
 from locplan.errors import ConfigError
 
@@ -48,8 +48,9 @@ class Robot(TypedDict):
 class FilterOptions:
     """The robot's filter, and the disturbances of it and of the lidar."""
 
-    params: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
-    """The settings of amcl in this parameter file of Nav2 are simulated."""
+    params: Params = None
+    """The settings of amcl in this parameter file of Nav2 are simulated, and the robot has the
+    robot_radius or the footprint of its costmaps; of several robots that of a namespace."""
     set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """A setting of AMCL (alpha1, max_particles, laser_model_type, ...) or a disturbance
     (boundary_noise, outliers, heading_bias_deg, ...) is changed; repeatable;

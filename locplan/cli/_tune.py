@@ -108,6 +108,7 @@ def tune(
     simulated = simulation.simulated(
         options.to_config(), options.named_lidar(), file=seen.config, lints=False
     )
+    radius = radius_of(robot_radius, simulation.params)
     grid = load(map_file)
     folder = reports.TUNING.into(output, force=force) if output else None
     if output:
@@ -118,7 +119,7 @@ def tune(
             **simulated,
             paths=amount.paths or PATHS,
             drives=amount.drives,
-            robot_radius=radius_of(robot_radius),
+            robot_radius=radius,
             others=other_parameters(simulation.params),
             threads=threads,
             progress=progress,

@@ -122,6 +122,7 @@ def _orders(
 ) -> Iterator[Order]:
     """All orders; their costmaps are written into the folder."""
     labels: set[tuple[str, str]] = set()
+    identities = [spec.identity() for spec in specs]
     for number, job in enumerate(jobs):
         if (job.map, job.config) in labels:
             raise ConfigError(
@@ -140,7 +141,7 @@ def _orders(
                     for seed in spec.seeds(seeds):
                         task = Task(job.map, job.config, query.name, weight, spec.label, int(seed))
                         ends = query.start, query.goal
-                        about = [*decisive, weight, *ends, spec.identity(), int(seed)]
+                        about = [*decisive, weight, *ends, identities[n], int(seed)]
                         text = json.dumps(about, sort_keys=True, default=repr)
                         digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
                         yield Order(task, home, *ends, n, digest)

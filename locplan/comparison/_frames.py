@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._util.extras import needed
 from locplan._util.files import check_target, replacing
+from locplan._util.tables import csv_cell
 from locplan.comparison._runs import Run, Task
 
 if TYPE_CHECKING:
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 def write_table(runs: Iterable[Run], target: str | os.PathLike[str]) -> Path:
     """Write one row for every run to a .csv file, or to a .parquet file if pyarrow is installed.
 
-    In CSV, numbers are written so that they read back the same, and unknown ones are empty.
+    In CSV, numbers are written so that they read back the same, and unknown ones are empty; a text
+    that a spreadsheet would take for a formula gets an apostrophe.
     """
     path = Path(target)
     check_target(path, ".csv", ".parquet")
@@ -49,12 +51,7 @@ def _write_csv(records: list[dict[str, Any]], path: Path) -> None:
     ):
         table = csv.DictWriter(file, _columns(), lineterminator="\n")
         table.writeheader()
-        table.writerows({key: _cell(value) for key, value in row.items()} for row in records)
-
-
-def _cell(value: Any) -> Any:
-    """The value, or nothing instead of NaN, the one value that differs from itself."""
-    return "" if value != value else value
+        table.writerows({key: csv_cell(value) for key, value in row.items()} for row in records)
 
 
 def _write_parquet(records: list[dict[str, Any]], path: Path) -> None:

@@ -12,12 +12,13 @@ from typing import Any
 
 from locplan._util.checks import file_path, is_number, is_whole
 from locplan._util.files import make_folder
-from locplan._util.reading import parsed_json
+from locplan._util.reading import opened, parsed_json
 from locplan._util.tables import finite
 from locplan.comparison._runs import STATUSES, Run, Task
 from locplan.errors import LocplanError
 
 FORMAT = "locplan comparison 1"
+MAX_BYTES = 2**28
 Key = tuple[Task, str]
 """A task, and the digest of everything that decides its result."""
 
@@ -37,6 +38,8 @@ class Journal:
         self._made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
         try:
+            if self.path.exists():
+                opened(self.path, MAX_BYTES).close()
             self._file = self.path.open("a+", encoding="ascii")
         except OSError as error:
             raise self._unwritten(error) from None
@@ -121,7 +124,7 @@ class Journal:
             raise self._unwritten(error) from None
 
     def _unwritten(self, error: OSError) -> LocplanError:
-        return LocplanError(f"{self.path}: cannot be written ({error.strerror})")
+        return LocplanError(f"{self.path}: cannot be written ({error.strerror or error})")
 
     def _lock(self) -> None:
         try:

@@ -32,13 +32,14 @@ STATUS_NUMBERS: Mapping[str, int] = {
     "error": 11,
     "hung": 12,
     "out of memory": 13,
+    "not found": 14,
 }
 """Numbers of the statuses; below 10 they are OMPL's own, so that its logs may join the database."""
 
 STATUS_NAMES = (
     "Unknown status|Invalid start|Invalid goal|Unrecognized goal type|Timeout"
     "|Approximate solution|Exact solution|Crash|Aborted|Infeasible"
-    "|Unreachable|Error|Hung|Out of memory"
+    "|Unreachable|Error|Hung|Out of memory|Not found"
 )
 
 SAMPLES = 100

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from locplan._util.intervals import Interval
 from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, Setting, query_medians
+from locplan.comparison._statistics import Array, Quartiles, Setting, quartiles, query_medians
 from locplan.costs import DEGENERATE
 from locplan.errors import LocplanError
 
@@ -72,8 +72,16 @@ class Contrast:
     or minus the baseline's; ratios have no unit, a difference has the measure's."""
     estimate: Interval
     """The ratio or difference with its 95 % interval."""
-    pairs: int
-    """Number of queries that both planners solved."""
+    ours: Quartiles
+    """Median and quartiles of the planner's measure over these queries, each by its median over
+    seeds."""
+    theirs: Quartiles
+    """The same of the baseline's measure."""
+
+    @property
+    def pairs(self) -> int:
+        """Number of queries that both planners solved."""
+        return self.ours.known
 
     @property
     def sentence(self) -> str:
@@ -131,9 +139,9 @@ def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[
             known = np.isfinite(own) & np.isfinite(other)
             if kind == RATIO:
                 known &= (own > 0) & (other > 0)
-            estimate = _estimate(kind, own[known], other[known], maps[known])
-            count = int(known.sum())
-            found.append(Contrast(setting, planner, baseline, measure, kind, estimate, count))
+            both = own[known], other[known]
+            estimate, middles = _estimate(kind, *both, maps[known]), map(quartiles, both)
+            found.append(Contrast(setting, planner, baseline, measure, kind, estimate, *middles))
     return found
 
 

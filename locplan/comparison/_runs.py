@@ -13,12 +13,13 @@ STATUSES = (
     "unreachable",
     "infeasible",
     "timeout",
+    "not found",
     "error",
     "crashed",
     "hung",
     "out of memory",
 )
-"""Outcomes of a run: the first four are the planner's own, the others are failures."""
+"""Outcomes of a run: the first five are the planner's own, the others are failures."""
 
 MEASURES: Mapping[str, tuple[str, str]] = {
     "length": ("length", "m"),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import inspect
+import secrets
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from locplan._util.checks import shown
+from locplan._util.code_digest import code_digest
 from locplan._util.extras import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
@@ -31,6 +31,7 @@ from locplan.planners import (
     takes,
     with_options,
 )
+from locplan.planners._protocol import Wrapper
 from locplan.planners._registry import PLANNERS, Entry, named
 
 FURTHER = {
@@ -104,7 +105,15 @@ class PlannerSpec:
     @property
     def guarded(self) -> bool:
         """Whether the planner is a user's own."""
-        return isinstance(self.planner, Guarded)
+        return self._own is not None
+
+    @property
+    def _own(self) -> Planner | None:
+        """The planner of the user's own, without limits."""
+        planner = self.planner
+        while isinstance(planner, Wrapper) and not isinstance(planner, Guarded):
+            planner = planner.planner
+        return planner.planner if isinstance(planner, Guarded) else None
 
     @property
     def time_limit(self) -> float | None:
@@ -131,29 +140,24 @@ class PlannerSpec:
     def identity(self) -> list[Any]:
         """Everything that decides the planner's paths, fit for JSON.
 
-        For a user's planner that includes a digest of the object, with all that it has closed
-        over, and of its whole source file.
+        For a user's planner that is a digest of its code and options. One whose code cannot be
+        digested is never the same again.
         """
-        options = options_of(self.planner)
-        if not isinstance(self.planner, Guarded):
+        options, own = options_of(self.planner), self._own
+        if own is None:
             return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
-        self.check_library()
-        import cloudpickle
-
-        own: Any = innermost(self.planner)
-        own = own.function if isinstance(own, FunctionPlanner) else own
-        code = own if inspect.isroutine(own) else type(own)
+        code: Any = own.function if isinstance(own, FunctionPlanner) else own
+        code = code if inspect.isroutine(code) else type(code)
         try:
-            source = Path(inspect.getfile(code)).read_bytes()
-        except (OSError, TypeError):  # it was written in a notebook
-            source = b""
-        content = hashlib.blake2b(cloudpickle.dumps(own) + source, digest_size=16)
-        texts = {name: repr(value) for name, value in options.items()}
-        return [getattr(code, "__qualname__", ""), content.hexdigest(), texts]
+            digest = code_digest(self.planner, [code])
+        except LocplanError:
+            digest = secrets.token_hex(16)
+        texts = {name: shown(value) for name, value in options.items()}
+        return [getattr(code, "__qualname__", ""), digest, texts]
 
     def check_library(self) -> None:
         """Raise a LocplanError if a user's planner lacks the library that sends it to workers."""
-        if isinstance(self.planner, Guarded):
+        if self.guarded:
             needed("cloudpickle", "functions", f"planner {shown(self.label)}, one of your own,")
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:

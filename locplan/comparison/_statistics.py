@@ -121,11 +121,12 @@ def _summary(setting: Setting, planner: str, runs: Sequence[Run]) -> Summary:
         by_query.setdefault((run.task.map, run.task.query), []).append(run.status == "solved")
     success = wilson(float(np.mean([np.mean(each) for each in by_query.values()])), len(by_query))
     columns = _finite([_values(run) for run in solved]).T
-    measures = {name: _quartiles(column) for name, column in zip(MEASURES, columns, strict=True)}
+    measures = {name: quartiles(column) for name, column in zip(MEASURES, columns, strict=True)}
     return Summary(setting, planner, len(runs), len(solved), success, measures)
 
 
-def _quartiles(values: Array) -> Quartiles:
+def quartiles(values: Array) -> Quartiles:
+    """Median and quartiles of the known values."""
     known = values[~np.isnan(values)]
     if not known.size:
         return Quartiles(np.nan, np.nan, np.nan, 0)

@@ -7,53 +7,43 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from locplan._util.intervals import Interval
 from locplan._util.tables import finite, table
 from locplan.comparison._pairs import Contrast, contrasts
 from locplan.comparison._runs import Run
-from locplan.comparison._statistics import Query, Setting, Summary, query_of, setting_of, summaries
+from locplan.comparison._statistics import Setting, Summary, summaries
 from locplan.comparison.report._data import Case, Row
 
 
 def rows_of(runs: Sequence[Run], baseline: str, cases: Iterable[Case]) -> list[Row]:
     """Each planner's statistics, with its J compared with the baseline's, in order of the cases.
 
-    Medians are over the queries that all planners have solved: otherwise a planner that fails at
-    hard queries would look better than it is.
+    Medians are over the queries that the planner and the baseline have both solved, as the ratio
+    is: otherwise a planner that fails at hard queries would look better than it is.
     """
-    costs = {(c.setting, c.planner): c for c in contrasts(runs, baseline) if c.measure == "cost"}
-    order = {case: n for n, case in enumerate(cases)}
-    shared = {(s.setting, s.planner): s.measures for s in summaries(_solved_by_all(runs))}
+    found: dict[tuple[Setting, str], dict[str, Contrast]] = {}
+    for each in contrasts(runs, baseline):
+        found.setdefault((each.setting, each.planner), {})[each.measure] = each
     rows = []
     for summary in summaries(runs):
-        key = summary.setting, summary.planner
-        contrast = costs.get(key)
-        ratio = contrast.estimate if contrast else Interval(math.nan, math.nan, math.nan)
+        measures = found[summary.setting, summary.planner]
+        cost = measures["cost"]
         row = Row(
             map=summary.setting.map or "all maps",
             config=summary.setting.config,
             weight=summary.setting.weight,
             planner=summary.planner,
             solved_share=summary.success.value,
-            measures={name: quartiles[:3] for name, quartiles in shared.get(key, {}).items()},
-            ratio=ratio.value,
-            ratio_low=ratio.low,
-            ratio_high=ratio.high,
-            sentence=contrast.sentence if contrast else "",
+            pairs=cost.pairs,
+            measures={name: each.ours[:3] for name, each in measures.items()},
+            baseline_cost=cost.theirs.median,
+            ratio=cost.estimate.value,
+            ratio_low=cost.estimate.low,
+            ratio_high=cost.estimate.high,
+            sentence=cost.sentence,
         )
         rows.append(row)
+    order = {case: n for n, case in enumerate(cases)}
     return sorted(rows, key=lambda row: (order[row["map"], row["config"]], row["weight"]))
-
-
-def _solved_by_all(runs: Sequence[Run]) -> list[Run]:
-    """The runs of those queries that every planner has solved with any of its seeds."""
-    solved: dict[Query, set[str]] = {}
-    planners: dict[Setting, set[str]] = {}
-    for run in runs:
-        planners.setdefault(setting_of(run), set()).add(run.task.planner)
-        if run.status == "solved":
-            solved.setdefault(query_of(run), set()).add(run.task.planner)
-    return [run for run in runs if solved.get(query_of(run)) == planners[setting_of(run)]]
 
 
 def answers(rows: Sequence[Row], baseline: str) -> dict[str, str]:
@@ -74,18 +64,20 @@ def comparison_table(rows: Sequence[Row], baseline: str) -> str:
     groups = itertools.groupby(rows, lambda row: (row["map"], row["config"], row["weight"]))
     for (name, config, weight), group in groups:
         parts.append(f"{name}, {config}, weight {weight:g}")
-        heads = ("planner", "solved", "J [m]", "degenerate [m]", "time [s]")
-        cells = [_cells(row, baseline) for row in group]
-        parts.append(table([*heads, "J beside the baseline's"], cells))
+        medians = "J\n[m]", "base-\nline's", "degen.\n[m]", "time\n[s]"
+        heads = ("planner", "solved", "n", *medians, "verdict on J")
+        parts.append(table(heads, [_cells(row, baseline) for row in group]))
+    parts.append("n: queries that planner and baseline both solved. Medians over these: J and the")
+    parts.append("baseline's, degenerate metres, time.")
     return "\n".join(parts)
 
 
 def _cells(row: Row, baseline: str) -> list[str]:
-    names = ("cost", "integrated_u", "seconds")
-    medians = [row["measures"].get(name, (math.nan,))[0] for name in names]
+    own, *others = (row["measures"][name][0] for name in ("cost", "integrated_u", "seconds"))
+    medians = own, row["baseline_cost"], *others
     numbers = ["–" if math.isnan(value) else f"{value:.4g}" for value in medians]
-    verdict = "the baseline" if row["planner"] == baseline else row["sentence"]
-    return [row["planner"], f"{row['solved_share']:.0%}", *numbers, verdict]
+    verdict = "baseline" if row["planner"] == baseline else row["sentence"]
+    return [row["planner"], f"{row['solved_share']:.0%}", str(row["pairs"]), *numbers, verdict]
 
 
 def _answer(row: Row, baseline: str) -> str:
@@ -101,9 +93,7 @@ def summary_json(summary: Summary) -> dict[str, Any]:
         **summary.setting._asdict(),
         **{name: getattr(summary, name) for name in ("planner", "runs", "solved")},
         "success": finite(summary.success._asdict()),
-        "measures": {
-            name: finite(quartiles._asdict()) for name, quartiles in summary.measures.items()
-        },
+        "measures": {name: finite(each._asdict()) for name, each in summary.measures.items()},
     }
 
 
@@ -111,4 +101,5 @@ def contrast_json(contrast: Contrast) -> dict[str, Any]:
     """A comparison with the baseline, fit for JSON."""
     names = ("planner", "measure", "kind", "pairs", "sentence")
     about = contrast.setting._asdict() | {name: getattr(contrast, name) for name in names}
-    return about | finite(contrast.estimate._asdict())
+    medians = {"median": contrast.ours.median, "baseline_median": contrast.theirs.median}
+    return about | finite(contrast.estimate._asdict() | medians)

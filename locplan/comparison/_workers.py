@@ -76,7 +76,7 @@ class Workers:
         remedy = "put it into a module"
         try:
             from cloudpickle import dumps
-        except ModuleNotFoundError:  # then all are locplan's, see PlannerSpec.identity
+        except ModuleNotFoundError:  # then all are locplan's, see PlannerSpec.check_library
             from pickle import dumps
 
             remedy = "pip install 'locplan[functions]'"

@@ -12,3 +12,4 @@ from ._metrics import (
     profile as profile,
 )
 from ._path import Path as Path
+from ._robot_size import RobotSize as RobotSize, read_robot_size as read_robot_size

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._util.checks import shown
 from locplan.costs._path import Path
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 
+EXAMPLE = "[[0.3,0.2],[0.3,-0.2],[-0.3,0]]"
 TURN = math.radians(2.0)
 """Step in which turns are checked, with the outline grown to cover the angles between [rad]."""
 
@@ -46,6 +49,31 @@ class Footprint:
         if len(hull) < 3 or not inside.all():
             raise ConfigError("footprint must be a polygon around the robot's centre (0, 0)")
         object.__setattr__(self, "vertices", hull)
+
+    @classmethod
+    def from_text(cls, text: str) -> Footprint:
+        """Footprint of a text as Nav2's parameter files have it.
+
+        Parameters
+        ----------
+        text : str
+            The corners, such as "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]" [m].
+
+        Raises
+        ------
+        ConfigError
+            If it is no such text, or no polygon around the robot's centre.
+        """
+        plain = "".join(part.strip() for part in re.split(r"([\[\],])", text))
+        pairs = [pair.split(",") for pair in plain[2:-2].split("],[")]
+        try:
+            if not (plain.startswith("[[") and plain.endswith("]]")):
+                raise ValueError
+            return cls(np.array([[float(value) for value in pair] for pair in pairs]))
+        except ValueError:
+            raise ConfigError(
+                f"footprint must be corners such as {EXAMPLE}, not {shown(text)}"
+            ) from None
 
     def __repr__(self) -> str:
         radii = f"radii {self.inscribed_radius:g} and {self.circumscribed_radius:.3g} m"

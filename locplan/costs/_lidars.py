@@ -12,7 +12,7 @@ from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.tables import table
 from locplan.costs._costmap import ROBOT_RADIUS, Costmap
 from locplan.costs._metrics import DEGENERATE
-from locplan.field import FieldConfig, Lidar, Scan, load_or_compute
+from locplan.field import FieldConfig, Fused, Lidar, load_or_compute
 from locplan.maps import OccupancyGrid
 
 STRIDE = 0.4
@@ -42,7 +42,7 @@ def compare_lidars(
     robot_radius: float = ROBOT_RADIUS,
     progress: ProgressCallback | None = None,
 ) -> list[LidarShare]:
-    """Tell for each lidar how much of a map is degenerate by `Scan`.
+    """Tell for each lidar how much of a map is degenerate by `Fused`.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def compare_lidars(
     """
     shares, told = [], in_turn(progress, len(lidars)) if progress else None
     for lidar in lidars:
-        field = load_or_compute(grid, FieldConfig(Scan(lidar), stride=STRIDE), progress=told)
+        field = load_or_compute(grid, FieldConfig(Fused.of(lidar), stride=STRIDE), progress=told)
         costs = Costmap.from_field(grid, field, robot_radius=robot_radius)
         u = costs.u[np.isfinite(costs.density)]
         shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))

@@ -1,4 +1,4 @@
-"""A path in the plane: its poses, its length, and positions at equal distances."""
+"""A path in the plane: its poses, its length, and further positions along it."""
 
 from __future__ import annotations
 
@@ -163,13 +163,16 @@ class Path:
         x, y = steps[moving[np.minimum(ahead, len(moving) - 1)]].T
         return np.asarray(np.arctan2(y, x))
 
-    def resampled(self, spacing: float) -> Path:
-        """Path along the same line with positions at equal distances.
+    def resampled(self, spacing: float, *, even: bool = False) -> Path:
+        """Path with positions at most a spacing apart: the same line, whose corners are kept.
 
         Parameters
         ----------
         spacing : float
             Greatest distance from one position to the next, along the path [m], above 0.
+        even : bool, default False
+            True puts the positions at equal distances, as statistics along a path need them. The
+            lines between them then cut corners, and may meet what the path avoids.
 
         Raises
         ------
@@ -182,12 +185,16 @@ class Path:
                 f"a path of {self.length:.3g} m cannot have a position every {spacing:g} m; take a"
                 " greater spacing"
             )
-        count = max(1, int(np.ceil(self.length / spacing - 1e-9)))
-        at = np.linspace(0.0, self.length, count + 1)
-        xy = np.stack([np.interp(at, self.distance, v) for v in self.xy.T], axis=1)
-        if self.heading is None:
-            return Path(xy)
-        return Path(xy, np.interp(at, self.distance, np.unwrap(self.heading)))
+        poses = self.xy
+        if self.heading is not None:
+            poses = np.column_stack([self.xy, np.unwrap(self.heading)])
+        if even:
+            count = max(1, int(np.ceil(self.length / spacing - 1e-9)))
+            at = np.linspace(0.0, self.length, count + 1)
+            poses = np.column_stack([np.interp(at, self.distance, v) for v in poses.T])
+        else:
+            poses = divided(poses, np.diff(self.distance) / spacing - 1e-9)
+        return Path(poses[:, :2], None if self.heading is None else poses[:, 2])
 
     def by_heading(self, count: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
         """Split a path with headings into stretches by the nearest of several even headings.
@@ -230,6 +237,14 @@ def _numbers(values: object, fault: str) -> NDArray[np.float64]:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise LocplanError(fault) from None
+
+
+def divided(poses: NDArray[np.float64], parts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses (n, k) with further ones between: each step (n - 1,) in at least so many parts."""
+    steps = np.maximum(1, np.ceil(parts))
+    at = np.concatenate([[0.0], np.cumsum(steps)])
+    every = np.arange(at[-1] + 1)
+    return np.column_stack([np.interp(every, at, v) for v in poses.T])
 
 
 def joined(paths: Sequence[Path]) -> Path:

@@ -17,7 +17,7 @@ from locplan._util.extras import needed
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._notebook import frame_html, in_notebook
-from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar, Sad, Scan
+from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Lidar, Sad
 from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -112,7 +112,7 @@ def explore(
     lidar : Lidar, optional
         The robot's lidar; by default the field's, if it has one.
     estimator : FieldConfig or Estimator, optional
-        Settings of the field; by default `Scan` of the lidar, or `Sad` without one.
+        Settings of the field; by default `Fused` of the lidar, or `Sad` without one.
     robot_radius : float, default 0.25
         Radius of the robot [m], >= 0.
     port : int, default 0
@@ -149,7 +149,7 @@ def explore(
     if field is not None and estimator is None:
         config = field.config
     elif estimator is None:
-        config = FieldConfig(Sad() if lidar is None else Scan(lidar))
+        config = FieldConfig(Sad() if lidar is None else Fused.of(lidar))
     else:
         config = config_of(estimator)
     opening = Opening(

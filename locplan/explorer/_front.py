@@ -7,7 +7,7 @@ import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.explorer._view import View, given, rounded
 from locplan.planners import ParetoFront, pareto_front
+from locplan.planners._protocol import Status
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -61,7 +62,7 @@ class Front:
     """Number of paths of the whole front."""
     epsilon: float
     """No path is shorter and less degenerate than by this share; 0 where the front is exact."""
-    status: Literal["solved", "unreachable", "infeasible", "timeout"]
+    status: Status
     """The status is "solved", or says why there is no path."""
 
     @property

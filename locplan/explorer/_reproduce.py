@@ -129,7 +129,7 @@ def reproduced(
     for each in view.via:
         words += ["--via", _place(each)]
     if driven and not {"--estimator", "--lidar", "--config"} & set(options):
-        options = ["--estimator", view.field.config.estimator.name, *options]  # scan without it
+        options = ["--estimator", view.field.config.estimator.name, *options]  # fused without it
     words += [*options, "--weight", _number(view.costs.weight)]
     if view.costs.robot_radius != ROBOT_RADIUS:
         words += ["--robot-radius", _number(view.costs.robot_radius)]
@@ -173,7 +173,7 @@ def options_for(config: FieldConfig) -> list[str] | None:
     view = own.field_of_view_deg if own else lidar.field_of_view_deg
     if view != lidar.field_of_view_deg:
         words += ["--field-of-view", _number(view)]
-    if estimator.name != ("scan" if named else "sad"):
+    if estimator.name != ("fused" if named else "sad"):
         words += ["--estimator", estimator.name]
     lidar = dataclasses.replace(lidar, range=reach, field_of_view_deg=view)
     if own and own != lidar:

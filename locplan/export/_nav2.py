@@ -39,7 +39,7 @@ from locplan.export._servers import (
     write_yaml,
 )
 from locplan.export._travel_costs import Conversion, planner_named, values_for
-from locplan.maps._ros_parameters import Parameters
+from locplan.maps._ros_parameters import Nav2Parameters, Parameters
 from locplan.plotting._captions import made_of
 
 PARAMS = "nav2.yaml"
@@ -279,13 +279,14 @@ def _write(
     costs: Costmap,
     values: NDArray[np.int8],
     robot: Robot,
-    merged: Parameters,
+    merged: Nav2Parameters,
     about: Parameters,
     needs: Sequence[str],
 ) -> None:
     """Write the folder of a mask; `needs` says what the mask needs besides itself."""
-    changed = list(changed_parameters(robot.parameters, merged))
-    added = list(added_parameters(robot.parameters, merged))
+    theirs = robot.parameters.content
+    changed = list(changed_parameters(theirs, merged.content))
+    added = list(added_parameters(theirs, merged.content))
     if robot.file and changed:
         text = f"{PARAMS} has other values than {robot.file.name}: {'; '.join(changed)}"
         warnings.warn(ParametersChanged(text), stacklevel=4)
@@ -304,7 +305,7 @@ def _write(
     about = {"kind": f"nav2-{kind}"} | about_costs(costs) | about
     grid = value_maps.without_yaw(costs.grid)
     with export_folder(Path(folder), title, about, readme) as temporary:
-        write_yaml(temporary / PARAMS, merged)
+        write_yaml(temporary / PARAMS, merged.content)
         value_maps.write_values(temporary / MASK, values, grid)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path as FilePath
 
+from locplan._util.tables import csv_cell
 from locplan.costs import Costmap, Path, about_costs
 from locplan.export._bags import bag
 from locplan.export._distros import distribution
@@ -118,4 +119,5 @@ def _write_table(target: FilePath, ways: RecommendedWays, topics: Mapping[str, s
         for name, way in ways.ways.items():
             cost = sum(matrix[one, other] for one, other in pairwise(way))
             followed = name in ways.followed
-            writer.writerow((name, way[0] + 1, way[-1] + 1, f"{cost:.3f}", followed, topics[name]))
+            row = name, way[0] + 1, way[-1] + 1, f"{cost:.3f}", followed, topics[name]
+            writer.writerow(map(csv_cell, row))

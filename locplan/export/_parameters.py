@@ -9,9 +9,11 @@ from locplan.export._robots import SPEED_TOPIC, Robot
 from locplan.export._travel_costs import Conversion
 from locplan.maps._parameter_edits import scalar_text
 from locplan.maps._ros_parameters import (
+    GLOBAL_COSTMAP,
+    PLANNER_SERVER,
+    Nav2Parameters,
     Parameters,
     listed_names,
-    node_parameters,
 )
 
 OWN_PLANNER = "Localizability"
@@ -22,7 +24,7 @@ QUADRATIC = "use_quadratic_cost_penalty"
 """A parameter of SmacPlannerHybrid from jazzy on."""
 INSCRIBED = {"inscribed_obstacle_cost_value": 99}
 """A further one from lyrical on; layers hold less than this."""
-FIRST_LAYERS = {
+FIRST_LAYERS: dict[str, Parameters] = {
     "static_layer": {
         "plugin": "nav2_costmap_2d::StaticLayer",
         "map_subscribe_transient_local": True,
@@ -32,10 +34,9 @@ FIRST_LAYERS = {
 """Layers of a costmap that names none itself; obstacles are left to the robot's own layers."""
 
 
-def with_costmap(robot: Robot, kind: str) -> Parameters:
+def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
     """Parameters with our filter or static layer in the global costmap, and in its list of them."""
-    theirs = robot.parameters
-    costmap = node_parameters(theirs, "global_costmap")
+    costmap = robot.parameters.of(GLOBAL_COSTMAP)
     base = f"localizability_{kind}"  # topics are absolute: Kilted is the first to resolve others
     if kind == "static":
         plugin = f"{base}_layer"
@@ -45,9 +46,11 @@ def with_costmap(robot: Robot, kind: str) -> Parameters:
             names.insert(at, plugin)
         own: Parameters = {"plugin": "nav2_costmap_2d::StaticLayer", "enabled": True}
         own |= {"map_topic": f"/{base}_mask", "map_subscribe_transient_local": True}
-        first = {} if costmap.get("plugins") else FIRST_LAYERS
+        layers = {plugin: own} | ({} if costmap.get("plugins") else FIRST_LAYERS)
         shared = STATIC_LAYERS | (INSCRIBED if robot.distribution.inscribed_value else {})
-        merged = {**costmap, **shared, plugin: own, **first, "plugins": names}
+        changes = {**shared, "plugins": names}
+        for layer, settings in layers.items():
+            changes |= _settings(layer, settings)
     else:
         plugin = f"{base}_filter"
         names = listed_names(costmap, "filters", [])
@@ -56,22 +59,20 @@ def with_costmap(robot: Robot, kind: str) -> Parameters:
         if kind == "speed":
             own |= {"speed_limit_topic": SPEED_TOPIC}
         names = names if plugin in names else [*names, plugin]
-        merged = {**costmap, "filters": names, plugin: own}
-    namespace = theirs.get("global_costmap", {})
-    node = {**namespace.get("global_costmap", {}), "ros__parameters": merged}
-    return {**theirs, "global_costmap": {**namespace, "global_costmap": node}}
+        changes = {"filters": names, **_settings(plugin, own)}
+    return robot.parameters.changed(GLOBAL_COSTMAP, changes)
 
 
 def with_planner(
-    robot: Robot, merged: Parameters, conversion: Conversion
-) -> tuple[Parameters, str]:
+    robot: Robot, merged: Nav2Parameters, conversion: Conversion
+) -> tuple[Nav2Parameters, str]:
     """Parameters with the planner that a conversion is for, and the planner's name.
 
     A planner of the same kind that is there keeps its name and its other settings, also a longer
     time for planning; besides others ours gets a name of its own.
     """
     planner, runs = conversion.planner, robot.distribution
-    server, names = node_parameters(merged, "planner_server"), list(robot.planners)
+    server, names = merged.of(PLANNER_SERVER), list(robot.planners)
     alike = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     name = alike[0] if alike else OWN_PLANNER if names else "GridBased"
     plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
@@ -83,15 +84,18 @@ def with_planner(
     if planner.planning_time is not None:
         own["max_planning_time"] = planner.planning_time
     if alike:
-        theirs_time = server[name].get("max_planning_time")
+        theirs_time = server.get(f"{name}.max_planning_time")
         if isinstance(theirs_time, (int, float)) and planner.planning_time is not None:
             own["max_planning_time"] = max(float(theirs_time), planner.planning_time)
-        own["plugin"] = server[name]["plugin"]
-        own = {**server[name], **own}
+        del own["plugin"]
     listed = names if name in names else [*names, name]
-    parameters = {**server, "planner_plugins": listed, name: own}
-    node = {**merged.get("planner_server", {}), "ros__parameters": parameters}
-    return {**merged, "planner_server": node}, name
+    changes = {"planner_plugins": listed, **_settings(name, own)}
+    return merged.changed(PLANNER_SERVER, changes), name
+
+
+def _settings(name: str, own: Parameters) -> Parameters:
+    """The settings of a plugin by their names in ROS."""
+    return {f"{name}.{key}": value for key, value in own.items()}
 
 
 def changed_parameters(theirs: Any, merged: Any, name: str = "") -> Iterator[str]:

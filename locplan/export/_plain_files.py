@@ -38,8 +38,8 @@ def path(
     frame : str, default "map"
         Frame of the coordinates.
     step : float, optional
-        Greatest distance of the positions [m], above 0, as a controller may want them; by default
-        they are the path's corners.
+        Greatest distance of the positions [m], above 0, as a controller may want them: further
+        ones between the path's corners, which are all there is by default.
 
     Raises
     ------

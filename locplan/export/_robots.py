@@ -7,14 +7,15 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from locplan.export._distros import Distribution, distribution
 from locplan.export._travel_costs import PLANNERS
 from locplan.maps._ros_parameters import (
-    Parameters,
+    GLOBAL_COSTMAP,
+    LOCAL_COSTMAP,
+    PLANNER_SERVER,
+    Nav2Parameters,
     listed_names,
-    node_parameters,
     read_parameters,
 )
 
@@ -36,7 +37,7 @@ class Robot:
     """The distribution of ROS 2 that it runs."""
     file: Path | None
     """The file of its parameters, if there is one."""
-    parameters: Parameters
+    parameters: Nav2Parameters
     """The parameters in the file; none without a file."""
 
     @classmethod
@@ -50,9 +51,7 @@ class Robot:
     @property
     def planners(self) -> dict[str, str]:
         """The plugin of each of its planners by name, as it is written from Jazzy on."""
-        server = node_parameters(self.parameters, "planner_server")
-        names = listed_names(server, "planner_plugins", [])
-        return {name: plugin_of(server.get(name)).replace("/", "::") for name in names}
+        return {name: plugin.replace("/", "::") for name, plugin in self._plugins().items()}
 
     @property
     def planner(self) -> str:
@@ -77,21 +76,19 @@ class Robot:
 
     def of_speed(self, own: str) -> Iterator[str]:
         """That another speed filter limits the same robot."""
-        for costmap in ("global_costmap", "local_costmap"):
-            node = self.parameters.get(costmap)
-            node = node.get(costmap) if isinstance(node, dict) else None
-            settings = node.get("ros__parameters") if isinstance(node, dict) else None
-            for name, each in settings.items() if isinstance(settings, dict) else ():
-                if name != own and plugin_of(each).endswith("SpeedFilter"):
+        for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
+            for name, value in self.parameters.of(costmap).items():
+                layer, _, last = name.rpartition(".")
+                if last == "plugin" and layer != own and str(value).endswith("SpeedFilter"):
                     yield (
-                        f"{costmap} has a speed filter, {name}; both publish limits, and the one"
-                        " that came last counts: merge the masks, or leave one out"
+                        f"{costmap.partition('/')[0]} has a speed filter, {layer}; both publish"
+                        " limits, and the one that came last counts: merge the masks, or leave one"
+                        " out"
                     )
 
     def of_radius(self, radius: float) -> Iterator[str]:
         """That it is larger than the robot that lanes were made for."""
-        settings = node_parameters(self.parameters, "global_costmap")
-        own = settings.get("robot_radius")
+        own = self.parameters.of(GLOBAL_COSTMAP).get("robot_radius")
         if isinstance(own, (int, float)) and own > radius + 1e-9 and math.isfinite(own):
             yield (
                 f"its robot_radius is {own:g} m, but the ways are for {radius:g} m; give"
@@ -100,15 +97,14 @@ class Robot:
 
     def _misspelt(self) -> Iterator[str]:
         """That its planners are written as in another distribution."""
-        server = node_parameters(self.parameters, "planner_server")
-        for name in self.planners:
-            plugin = plugin_of(server.get(name))
+        for name, plugin in self._plugins().items():
             if "/" in plugin and not self.distribution.slashes:
                 yield f"{name} is {plugin}, as in humble; give --distro humble if that runs there"
             elif "::" in plugin and self.distribution.slashes:
                 yield f"{name} is {plugin}, as from jazzy on, but humble has / for ::"
 
-
-def plugin_of(own: Any) -> str:
-    """The plugin that parameters name, or an empty text."""
-    return str(own.get("plugin", "")) if isinstance(own, dict) else ""
+    def _plugins(self) -> dict[str, str]:
+        """The plugin of each of its planners by name, as the file has it."""
+        server = self.parameters.of(PLANNER_SERVER)
+        names = listed_names(server, "planner_plugins", [])
+        return {name: str(server.get(f"{name}.plugin", "")) for name in names}

@@ -1,4 +1,4 @@
-"""Covariances at a few lattice points, without the arrays of a whole field."""
+"""Covariances at a few lattice points or poses, without the arrays of a whole field."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import mean_information
+from locplan.field._lattice import stride_cells
+from locplan.field._reading import interpolated, weights_at
 from locplan.maps import OccupancyGrid
 
 
@@ -38,16 +40,59 @@ def covariances_at(
     ConfigError
         If the computation takes too much memory.
     """
+    found = _computed_at(grid, config, points, threads)
+    return mean_information(found) if found.ndim == 4 else found
+
+
+def covariances_along(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    poses: NDArray[np.float64],
+    *,
+    threads: int | None = None,
+) -> NDArray[np.float64]:
+    """Covariances at poses in the world, (n, d, d), as `CovarianceField.at` reads them.
+
+    Parameters
+    ----------
+    grid, config
+        The map, and the field's settings.
+    poses : (n, 3) array
+        Poses x, y, heading [m, m, rad].
+    threads : int, optional
+        Number of threads; all cores by default.
+
+    Raises
+    ------
+    ConfigError
+        If the computation takes too much memory.
+    """
+    known, stride = tiles.wanted_points(grid, config), stride_cells(config.stride, grid.resolution)
+    lacking = np.zeros_like(known)
+    weights = [weights_at(grid, stride, known, lacking, (x, y)) for x, y, _ in poses.tolist()]
+    points = np.array([point for each in weights for point in each], np.int64).reshape(-1, 2)
+    found = np.split(
+        _computed_at(grid, config, points, threads), np.cumsum([len(each) for each in weights])[:-1]
+    )
+    return np.array(
+        [
+            interpolated(some, each.values(), heading)
+            for some, each, heading in zip(found, weights, poses[:, 2].tolist(), strict=True)
+        ]
+    )
+
+
+def _computed_at(
+    grid: OccupancyGrid, config: FieldConfig, points: NDArray[np.int64], threads: int | None
+) -> NDArray[np.float64]:
+    """Covariances at points (n, 2) of the lattice, (n, d, d), or (n, headings, d, d) of several."""
     tiles.check_tiles(grid, config)
-    lattice = tiles.field_shapes(grid, config)["covariance"][:2]
-    number = np.full(lattice, -1)
+    shape = tiles.field_shapes(grid, config)["covariance"]
+    number = np.full(shape[:2], -1)
     number[tuple(points.T)] = np.arange(len(points))
-    dimension = config.estimator.lattice(grid.resolution).dimension
-    found = np.full((len(points), dimension, dimension), np.nan)
+    found = np.full((len(points), *shape[2:]), np.nan)
     chunks = tiles.computed_chunks(number >= 0, grid, config, threads, None, None)
     with closing(chunks):
         for _, some, computed in chunks:
-            covariance = computed["covariance"]
-            merged = mean_information(covariance) if covariance.ndim == 4 else covariance
-            found[number[some]] = merged
+            found[number[some]] = computed["covariance"]
     return np.asarray(found[number[tuple(points.T)]])

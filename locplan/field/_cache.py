@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, shown
+from locplan._util.leftovers import remove_abandoned, temporary_folder
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field import _zarr as field_files
 
@@ -23,7 +23,7 @@ LIMIT = "5 GB"
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 _DAY = 86400.0
-_KEY = "[0-9a-f]{32}"
+_FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.SUFFIX))
 """Pattern of the names of cached fields; nothing else in the folder is touched."""
 
 
@@ -98,7 +98,11 @@ def entries(folder: Path) -> list[CacheEntry]:
 
 def fields(folder: Path) -> list[Path]:
     """Paths of the cached fields in the folder, the last used first."""
-    found = _named(folder, _KEY + re.escape(field_files.SUFFIX))
+    try:
+        names = os.listdir(folder)
+    except OSError:
+        return []  # the folder does not exist
+    found = [folder / name for name in names if _FIELD.fullmatch(name)]
     return sorted(found, key=lambda path: _status(path / "zarr.json")[1], reverse=True)
 
 
@@ -120,11 +124,8 @@ def remove(field: Path) -> bool:
     from filelock import Timeout
 
     try:
-        with lock_of(field).acquire(blocking=False):
-            aside = field.with_name(f".{field.stem}.old")
-            shutil.rmtree(aside, ignore_errors=True)
-            field.rename(aside)
-            shutil.rmtree(aside)
+        with lock_of(field).acquire(blocking=False), temporary_folder(field.parent) as aside:
+            field.rename(aside / field.name)
     except Timeout:
         return False
     except FileNotFoundError:
@@ -141,7 +142,7 @@ def remove_older(folder: Path, days: float) -> tuple[list[CacheEntry], list[Cach
     for entry in entries(folder):
         if time.time() - entry.used >= days * _DAY:
             (removed if remove(entry.folder) else busy).append(entry)
-    _sweep(folder)
+    remove_abandoned(folder)
     return removed, busy
 
 
@@ -153,27 +154,12 @@ def evict(folder: Path, limit: int, keep: Path) -> None:
         if total > limit and entry.folder != keep:
             with suppress(LocplanError):  # one that cannot be removed is skipped
                 total -= entry.size if remove(entry.folder) else 0
-    _sweep(folder)
 
 
 def mark_used(field: Path) -> None:
     """Note that a field was used just now, if the folder can be written."""
     with suppress(OSError):  # a read-only cache works without this note
         os.utime(field / "zarr.json")
-
-
-def _sweep(folder: Path) -> None:
-    """Remove the unfinished folders that killed processes have left, after one day."""
-    for path in _named(folder, rf"\.{_KEY}.*"):
-        if time.time() - _status(path)[1] > _DAY:
-            shutil.rmtree(path, ignore_errors=True)
-
-
-def _named(folder: Path, pattern: str) -> list[Path]:
-    try:
-        return [folder / name for name in os.listdir(folder) if re.fullmatch(pattern, name)]
-    except OSError:
-        return []  # the folder does not exist
 
 
 def _status(path: Path) -> tuple[int, float]:

@@ -1,12 +1,13 @@
-"""Reading the arrays of a field without zarr, whose import takes longer than the reading.
+"""Reading the arrays of a field without zarr, which takes longer to import than they to read.
 
-Only arrays just as `locplan.field._zarr` writes them, without damage, are read so.
+Only arrays just as `locplan.field._zarr` writes them are read; the memory that they take is known
+from their shape, whatever their chunks say.
 """
 
 from __future__ import annotations
 
 import json
-import os
+import math
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,72 +15,78 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.reading import MAX_JSON_BYTES
+from locplan._util.reading import MAX_JSON_BYTES, read_bytes
 
 CHECKSUM_BYTES = 4
+MAX_CHUNK_BYTES = 2**28
 CODECS = ("bytes", "zstd", "crc32c")
 """Codecs of an array's chunks, in the order in which they were applied."""
 
 
-def edge_of(folder: Path) -> int | None:
-    """Edge length of an array's square chunks [lattice points]; None if it is not as written."""
-    try:
-        (rows, cols, *_) = _description(folder)["chunk_grid"]["configuration"]["chunk_shape"]
-        return rows if rows == cols and type(rows) is int and rows > 0 else None
-    except Exception:  # zarr then says what is wrong
-        return None
+def chunk_of(
+    folder: Path, shape: tuple[int, ...], kind: str = "float64", separator: str = "."
+) -> tuple[int, ...]:
+    """Shape of an array's chunks; one of several errors if it is not as written."""
+    about = json.loads(read_bytes(folder / "zarr.json", MAX_JSON_BYTES))
+    chunk = tuple(about["chunk_grid"]["configuration"]["chunk_shape"])
+    size = math.prod(chunk) * np.dtype(kind).itemsize
+    whole = len(chunk) == len(shape) and all(type(each) is int and each > 0 for each in chunk)
+    if not whole or size > MAX_CHUNK_BYTES or not _as_written(about, shape, kind, separator):
+        raise ValueError(f"its {folder.name} does not fit its own map and config")
+    return chunk
 
 
-def read_array(folder: Path, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Read a whole array of float64, NaN where a chunk is absent; None if it is not as written."""
-    try:
-        from google_crc32c import value as crc32c
-        from numcodecs.zstd import Zstd  # type: ignore[import-untyped]
+def read_array(
+    folder: Path, shape: tuple[int, ...], kind: str = "float64", separator: str = "."
+) -> tuple[NDArray[Any], int]:
+    """Read a whole array, and count its damaged chunks, which are as the absent ones: NaN or 0.
 
-        if (edge := edge_of(folder)) is None:
-            return None
-        chunk = (edge, edge, *shape[2:])
-        if not _as_written(_description(folder), shape, chunk):
-            return None
-        values, codec = np.full(shape, np.nan), Zstd()
-        counts = [-(-size // each) for size, each in zip(shape, chunk, strict=True)]
-        there = set(os.listdir(folder))
-        for index in product(*map(range, counts)):
-            name = "c." + ".".join(map(str, index))
-            if name not in there:
-                continue
-            content = (folder / name).read_bytes()
-            body, checksum = content[:-CHECKSUM_BYTES], content[-CHECKSUM_BYTES:]
-            if crc32c(body) != int.from_bytes(checksum, "little"):
-                return None
-            decoded = np.frombuffer(codec.decode(body), "<f8").reshape(chunk)
-            at = [slice(i * each, (i + 1) * each) for i, each in zip(index, chunk, strict=True)]
-            part = values[tuple(at)]
+    One of several errors is raised if it is not as written.
+    """
+    chunk = chunk_of(folder, shape, kind, separator)
+    values = np.full(shape, np.nan if kind == "float64" else 0, kind)
+    damaged = 0
+    counts = [-(-size // each) for size, each in zip(shape, chunk, strict=True)]
+    for index in product(*map(range, counts)):
+        at = [slice(i * each, (i + 1) * each) for i, each in zip(index, chunk, strict=True)]
+        part = values[tuple(at)]
+        try:
+            decoded = _decoded(folder / separator.join(map(str, ("c", *index))), chunk, kind)
             part[...] = decoded[tuple(slice(size) for size in part.shape)]
-        return values
-    except Exception:  # zarr then says what is wrong
-        return None
+        except FileNotFoundError:
+            continue
+        except Exception:  # whatever it holds, it is computed anew
+            damaged += 1
+    return values, damaged
 
 
-def _description(folder: Path) -> Any:
-    with (folder / "zarr.json").open("rb") as opened:
-        return json.loads(opened.read(MAX_JSON_BYTES))
+def _decoded(file: Path, chunk: tuple[int, ...], kind: str) -> NDArray[Any]:
+    """The values of a chunk; one of several errors if it is damaged."""
+    from google_crc32c import value as crc32c
+    from numcodecs.zstd import Zstd  # type: ignore[import-untyped]
+
+    values = np.empty(chunk, np.dtype(kind).newbyteorder("<"))
+    content = read_bytes(file, 2 * values.nbytes + MAX_JSON_BYTES)
+    body, checksum = content[:-CHECKSUM_BYTES], content[-CHECKSUM_BYTES:]
+    if crc32c(body) != int.from_bytes(checksum, "little"):
+        raise ValueError("its checksum is another one")
+    Zstd().decode(body, out=values)  # no byte beyond them, whatever it declares
+    return values
 
 
-def _as_written(about: Any, shape: tuple[int, ...], chunk: tuple[int, ...]) -> bool:
+def _as_written(about: Any, shape: tuple[int, ...], kind: str, separator: str) -> bool:
     """True if an array's description is that of `locplan.field._zarr.create`."""
     codecs = about["codecs"]
     return bool(
         about["zarr_format"] == 3
         and about["node_type"] == "array"
-        and about["data_type"] == "float64"
+        and about["data_type"] == kind
         and about["shape"] == list(shape)
         and about["chunk_grid"]["name"] == "regular"
-        and about["chunk_grid"]["configuration"]["chunk_shape"] == list(chunk)
         and about["chunk_key_encoding"]["name"] == "default"
-        and about["chunk_key_encoding"]["configuration"]["separator"] == "."
-        and about["fill_value"] == "NaN"
+        and about["chunk_key_encoding"]["configuration"]["separator"] == separator
+        and about["fill_value"] == ("NaN" if kind == "float64" else 0)
         and not about["storage_transformers"]
         and tuple(each["name"] for each in codecs) == CODECS
-        and codecs[0]["configuration"]["endian"] == "little"
+        and codecs[0].get("configuration", {}).get("endian", "little") == "little"
     )

@@ -52,7 +52,8 @@ def covariance_field(
         If the config does not fit the map's resolution, `points` is no mask of the lattice, or
         `threads` is below 1.
     FieldError
-        If the executor fails.
+        If the executor fails, or the estimator's values are no covariances or change with the map
+        beyond its halo, see `locplan.field.Estimator.covariances`.
 
     Examples
     --------

@@ -122,12 +122,16 @@ def log_euclidean_mean(
 
 
 def log_euclidean_means(
-    some: NDArray[np.float64], others: NDArray[np.float64]
+    some: NDArray[np.float64], others: NDArray[np.float64], shares: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is."""
+    """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is.
+
+    The others have the shares (...), from 0 to 1, and the first the rest.
+    """
     means = np.full(np.broadcast_shapes(some.shape, others.shape), np.nan)
     known = ~np.isnan(some + others).any(axis=(-2, -1))
-    means[known] = _exp((_log(some[known]) + _log(others[known])) / 2)
+    share = shares[known][:, None, None]
+    means[known] = _exp((1 - share) * _log(some[known]) + share * _log(others[known]))
     return means
 
 

@@ -199,7 +199,9 @@ class Estimator(Settings, ABC):
         dict of arrays
             "covariance", (n, d, d), or (n, k, d, d) for several headings, with d = 3 for (x, y,
             theta) [m, m, rad], or d = 2 without turns; each of `layers`, (n,) or (n, k).
-            NaN where the computation was stopped early.
+            All finite, and the covariances symmetric, without negative eigenvalues; NaN only where
+            the computation was stopped early. A cell's values depend on the map within `halo` and
+            on nothing else, which is checked on a few cells.
         """
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> object:

@@ -28,7 +28,7 @@ from locplan.field._lattice import (
     read_on_map,
     stride_cells,
 )
-from locplan.field._reading import covariance_at, merged
+from locplan.field._reading import interpolated, merged, weights_at
 from locplan.field._scales import anchors_of, quantity_of
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
@@ -263,9 +263,10 @@ class CovarianceField(Pictured):
         PoseError
             If the position is not two finite numbers.
         """
-        known, lacking = self.evaluated, self.lacking
         xy = position(x, y)
-        return covariance_at(self.covariance, self.grid, self.stride, known, lacking, xy, heading)
+        weights = weights_at(self.grid, self.stride, self.evaluated, self.lacking, xy)
+        points = np.array([*weights], np.intp).reshape(-1, 2)
+        return interpolated(self.covariance[tuple(points.T)], weights.values(), heading)
 
     def to_xarray(self) -> Dataset:
         """All arrays with their coordinates as an xarray.Dataset.
@@ -323,8 +324,9 @@ class CovarianceField(Pictured):
         Raises
         ------
         LocplanError
-            If only some points were evaluated, or the folder cannot be written or replaced.
+            If points are lacking, the estimator is not registered, or the folder is in the way.
         """
+        field_files.check_readable(self.values, self.grid, self.config)
         if self.lacking.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")
         ours = partial(field_files.may_be_replaced, force=force)

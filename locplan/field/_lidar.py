@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +201,9 @@ class Lidar(Settings):
         """
         from locplan.field._lidar_files import read_sensor
 
-        return cls.from_scan(**read_sensor(file_path("a robot's description", path))._asdict())
+        sensor = read_sensor(file_path("a robot's description", path))
+        # Gazebo casts all samples, also where the last one of a full circle meets the first.
+        return replace(cls.from_scan(**sensor._asdict()), beams=sensor.beams)
 
     @property
     def title(self) -> str:

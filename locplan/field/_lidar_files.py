@@ -8,6 +8,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from locplan._util.checks import shown
+from locplan._util.reading import read_bytes
 from locplan.errors import ConfigError
 
 KINDS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
@@ -28,6 +29,11 @@ class Sensor(NamedTuple):
     mount: tuple[float, float, float]
     range_sigma: float | None
     model: str
+
+    @property
+    def beams(self) -> int:
+        """The number of beams, those at both ends included."""
+        return round((self.angle_max - self.angle_min) / self.angle_increment) + 1
 
 
 def read_sensor(file: Path) -> Sensor:
@@ -50,7 +56,7 @@ def _described(sensor: ElementTree.Element, file: Path) -> Sensor:
     first = _number(sensor, ".//horizontal/min_angle", None, file)
     last = _number(sensor, ".//horizontal/max_angle", None, file)
     samples = _number(sensor, ".//horizontal/samples", None, file)
-    beams = round(samples * _number(sensor, ".//horizontal/resolution", 1.0, file))
+    beams = int(samples * _number(sensor, ".//horizontal/resolution", 1.0, file))
     if beams < 2:
         raise ConfigError(f"{file}: its lidar has {beams} beams; there must be 2 at least")
     x, y, _, roll, pitch, yaw = _pose(sensor, file)
@@ -77,10 +83,10 @@ def _described(sensor: ElementTree.Element, file: Path) -> Sensor:
 
 def _root(file: Path) -> ElementTree.Element:
     try:
-        content = file.read_bytes()
+        content = read_bytes(file, MAX_BYTES)
     except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror})") from None
-    if len(content) > MAX_BYTES or b"<!ENTITY" in content:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror or error})") from None
+    if b"<!ENTITY" in content:
         raise ConfigError(f"{file}: is no robot's description; name a URDF or SDF file")
     try:
         return ElementTree.fromstring(content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -13,21 +14,19 @@ from locplan.field._lattice import corners_of
 from locplan.maps import OccupancyGrid
 
 
-def covariance_at(
-    covariance: NDArray[np.float64],
+def weights_at(
     grid: OccupancyGrid,
     stride: int,
     known: NDArray[np.bool_],
     lacking: NDArray[np.bool_],
     xy: tuple[float, float],
-    heading: float | None,
-) -> NDArray[np.float64]:
-    """Covariance at a world position [m], (d, d), see `CovarianceField.at`.
+) -> dict[tuple[int, int], float]:
+    """Lattice points that a world position [m] is read from, with their weights.
+
+    There are none in cells that are not free, and outside the map.
 
     Parameters
     ----------
-    covariance : (h, w, d, d) or (h, w, n, d, d) array
-        Covariances on the lattice.
     grid : OccupancyGrid
         The map.
     stride : int
@@ -36,19 +35,32 @@ def covariance_at(
         Lattice points that hold a covariance, and those that are read from their neighbours.
     xy : (x, y)
         The position [m].
+    """
+    cell = grid.world_to_cell(xy)
+    if not (grid.contains(*cell) and grid.free[cell]):
+        return {}
+    row, col = ((float(v) - 0.5) / stride for v in grid.world_to_grid(*xy))
+    return corners_of(row, col, known, lacking)
+
+
+def interpolated(
+    covariances: NDArray[np.float64], weights: Iterable[float], heading: float | None
+) -> NDArray[np.float64]:
+    """Weighted mean of the covariances of some lattice points, (d, d); NaN without any.
+
+    Parameters
+    ----------
+    covariances : (k, d, d) or (k, n, d, d) array
+        Covariances of k points, for n headings.
+    weights : iterable of k floats
+        Their weights.
     heading : float or None
         Heading of the robot [rad]; None takes all headings together.
     """
-    nowhere = np.full(covariance.shape[-2:], np.nan)
-    cell = grid.world_to_cell(xy)
-    if not (grid.contains(*cell) and grid.free[cell]):
-        return nowhere
-    row, col = ((float(v) - 0.5) / stride for v in grid.world_to_grid(*xy))
-    corners = corners_of(row, col, known, lacking)
-    if not corners:
-        return nowhere
-    covariances = [_towards(covariance[point], heading) for point in corners]
-    return log_euclidean_mean(np.array(covariances), np.array(list(corners.values())))
+    if not len(covariances):
+        return np.full(covariances.shape[-2:], np.nan)
+    own = [_towards(each, heading) for each in covariances]
+    return log_euclidean_mean(np.array(own), np.array([*weights]))
 
 
 def _towards(covariance: NDArray[Any], heading: float | None) -> NDArray[np.float64]:

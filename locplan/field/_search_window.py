@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ MAX_STEPS = 1000
 """Greatest number of steps from the centre of the search window to its edge."""
 MAX_OFFSETS = 10**7
 """Greatest number of offsets of a window on a map, of which each takes memory in each thread."""
+SAME_STEP = 1e-6
+"""Share by which a step may differ from whole cells and still be the same."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -38,7 +40,7 @@ class SearchWindow(Settings):
     A larger one finds look-alike places farther away, in a time that grows with its square.
     """
     step: float = 0.2
-    """Spacing of the offsets [m], above 0; it is rounded to whole cells, at least one.
+    """Spacing of the offsets [m], above 0; the lidar's estimators round it to whole cells.
 
     Half of it resolves smaller deviations, in four times the time.
     """
@@ -64,13 +66,16 @@ class SearchWindow(Settings):
                 f" half_rotation_deg ({self.half_rotation_deg}); 0 compares positions only"
             )
 
-    def on(self, resolution: float) -> OffsetLattice:
+    def on(self, resolution: float, *, exact: bool = False) -> OffsetLattice:
         """Lattice of the window's offsets on a map.
 
         Parameters
         ----------
         resolution : float
             Edge of a cell of the map [m].
+        exact : bool, default False
+            Whether the step stays as it is, and each offset is rounded to whole cells; else the
+            step is. Cells larger than the step are the step in any case.
 
         Raises
         ------
@@ -78,7 +83,9 @@ class SearchWindow(Settings):
             If the cells are so large that zero is the window's only offset, or it has too many.
         """
         step_cells = max(1, round(self.step / resolution))
-        half_steps = round(self.half_width / (step_cells * resolution))
+        step = step_cells * resolution
+        exact &= resolution <= self.step and abs(step - self.step) > SAME_STEP * step
+        half_steps = round(self.half_width / (self.step if exact else step))
         if half_steps < 1:
             raise ConfigError(
                 f"cells of {resolution:g} m do not resolve a search window of"
@@ -90,6 +97,7 @@ class SearchWindow(Settings):
             half_steps=half_steps,
             rotation_step=math.radians(self.rotation_step_deg),
             half_rotations=math.floor(self.half_rotation_deg / self.rotation_step_deg + 1e-9),
+            exact_step=self.step if exact else None,
         )
         if lattice.size > MAX_OFFSETS:
             raise ConfigError(
@@ -102,8 +110,8 @@ class SearchWindow(Settings):
 class OffsetLattice:
     """A search window on a map: offsets of ``-half_steps..half_steps`` steps, and turns.
 
-    Along x and y the lattice has ``2 * half_steps + 1`` offsets of ``step_cells`` whole cells.
-    With a single turn the poses have two dimensions (x, y), otherwise three (x, y, theta).
+    Along x and y the lattice has ``2 * half_steps + 1`` offsets, `step` apart. With a single turn
+    the poses have two dimensions (x, y), otherwise three (x, y, theta).
     """
 
     resolution: float
@@ -116,16 +124,36 @@ class OffsetLattice:
     """Spacing of the turns [rad]."""
     half_rotations: int
     """Number of turns on either side of zero."""
+    exact_step: float | None = None
+    """Spacing of the offsets where it is no whole number of cells, near `step_cells` [m]."""
 
     @property
     def step(self) -> float:
         """Spacing of the offsets [m]."""
-        return self.step_cells * self.resolution
+        whole = self.step_cells * self.resolution
+        return whole if self.exact_step is None else self.exact_step
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Offsets along x, and likewise along y, each rounded to whole cells."""
+        return np.rint(self.offsets / self.resolution).astype(np.int64)
 
     @property
     def reach(self) -> int:
         """Greatest offset in x and in y [cells]."""
-        return self.half_steps * self.step_cells
+        return int(self.cells[-1])
+
+    @property
+    def counted(self) -> OffsetLattice:
+        """Lattice in steps of whole cells that encloses this one."""
+        if self.exact_step is None:
+            return self
+        return replace(self, half_steps=-(-self.reach // self.step_cells), exact_step=None)
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Places of the rounded offsets among those of `counted`, from 0 on [its steps]."""
+        return self.cells / self.step_cells + self.counted.half_steps
 
     @property
     def steps(self) -> NDArray[np.float64]:

@@ -23,6 +23,18 @@ def settings_of(owner: Any) -> dict[str, object]:
     return settings
 
 
+def kinds_of(owner: Any) -> list[type]:
+    """The class of settings, and those of the settings in them."""
+    values = [getattr(owner, each.name) for each in fields(owner)]
+    inner = [kind for value in values if is_dataclass(value) for kind in kinds_of(value)]
+    return [type(owner), *inner]
+
+
+def is_ours(owner: Any) -> bool:
+    """Return whether settings, and all settings in them, are of locplan's own classes."""
+    return all(kind.__module__.startswith("locplan.") for kind in kinds_of(owner))
+
+
 def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
     """Make an object of a class from what `settings_of` returned; missing settings get defaults."""
     given = {name: value for name, value in settings.items() if name != "name"}

@@ -21,13 +21,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import shown
+from locplan._util.code_digest import code_digest
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
-from locplan.errors import FieldError
+from locplan.errors import FieldError, LocplanError
 from locplan.field import _cache as cache, _tiles as tiles, _zarr as field_files
+from locplan.field._compute import covariance_field
 from locplan.field._config import FieldConfig, config_of
 from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
+from locplan.field._settings import is_ours, kinds_of
 from locplan.maps import OccupancyGrid, check_grid
 
 DECISIVE = ("format", "engine", "map_digest", "identity")
@@ -58,6 +62,11 @@ def load_or_compute(
     another state of the same map was cached, all values that the edit cannot have changed. While
     another process computes the same field, this one waits.
 
+    An estimator of your own is cached, too, whether or not it is registered. Its field is found by
+    the settings and a digest of the code: its classes, and the functions and values that they name,
+    but not the files that they read, nor what they take from installed libraries. Where there is no
+    such digest, as of a lock or an open file, the field is computed and not cached.
+
     Parameters
     ----------
     grid : OccupancyGrid
@@ -80,26 +89,36 @@ def load_or_compute(
     Warns
     -----
     CacheWarning
-        If the cache cannot be written, or holds damaged chunks (which are computed anew).
+        If the cache cannot be written, holds damaged chunks (which are computed anew), or cannot
+        know an estimator of your own again.
     """
     check_grid(grid)
     config = config_of(config)
     limit = cache.cache_limit()
     wanted, in_part = tiles.wanted_points(grid, config, points), points is not None
-    path = field_path(grid, config, cache_dir, in_part=in_part)
-    found = _Found.at(path, grid, config, wanted, in_part)
+    about = None
+    try:
+        about = _about(grid, config, in_part)
+    except FieldError as error:
+        _warn(f"the field is not cached: {error}")
+    if about is None:
+        return covariance_field(
+            grid, config, points=points, threads=threads, executor=executor, progress=progress
+        )
+    path = _path(about, cache_dir)
+    found = _Found.at(path, about, grid, config, wanted)
     if lacking := int(found.lacking.sum()):
         del found  # saves memory on a large map
         with _alone(path, lacking, progress) as writable:
-            found = _Found.at(path, grid, config, wanted, in_part)
+            found = _Found.at(path, about, grid, config, wanted)
             if found.complaint:
                 _warn(f"{found.complaint}; computed anew")
-            _carry_over(found, path, grid, config)
+            _carry_over(found, path, about, grid, config)
             chunks = tiles.finished_chunks(
                 found.values, grid, config, threads, executor, progress, wanted
             )
             with closing(chunks):
-                cached = writable and _attempt(_open, path, found, grid, config)
+                cached = writable and _attempt(_open, path, about, found, grid, config)
                 for chunk in chunks:
                     cached = cached and _attempt(
                         field_files.write_chunks, path, found.values, [chunk]
@@ -120,8 +139,30 @@ def field_path(
     *,
     in_part: bool = False,
 ) -> Path:
-    """Path of a field, or of some of its points, in the cache, whether or not it is there."""
-    about = field_files.attributes(grid, config, in_part=in_part)
+    """Path of a field, or of some of its points, in the cache, whether or not it is there.
+
+    Raises
+    ------
+    FieldError
+        If the field cannot be cached; see `load_or_compute`.
+    """
+    return _path(_about(grid, config, in_part), cache_dir)
+
+
+def _about(grid: OccupancyGrid, config: FieldConfig, in_part: bool) -> dict[str, Any]:
+    """Attributes of a cached field; a FieldError if nothing can say what decides its values."""
+    identity, estimator = {"points": "some"} if in_part else {}, config.estimator
+    try:
+        if not is_ours(estimator):
+            identity["code"] = code_digest(estimator, kinds_of(estimator))
+        about = field_files.attributes(grid, config, **identity)
+        json.dumps(about)
+    except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
+        raise FieldError(f"estimator {shown(estimator.name)}: {error}") from None
+    return about
+
+
+def _path(about: dict[str, Any], cache_dir: str | os.PathLike[str] | None) -> Path:
     decisive = [about[name] for name in DECISIVE]
     key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
     return cache.cache_folder(cache_dir) / (key + field_files.SUFFIX)
@@ -139,27 +180,26 @@ class _Found:
     """True if there is a group that chunks can be written to."""
     complaint: str
     """Damage that was found, or an empty text."""
-    in_part: bool
-    """True if only some points of the field are wanted."""
 
     @classmethod
     def at(
         cls,
         path: Path,
+        expected: dict[str, Any],
         grid: OccupancyGrid,
         config: FieldConfig,
         wanted: NDArray[np.bool_],
-        in_part: bool,
     ) -> _Found:
+        """Read what a path holds, if it is the field of the attributes expected."""
         values, complaint, sound = None, "", False
         if os.path.exists(path):  # False, too, where the folder cannot be searched
             try:
                 about = field_files.read_attributes(path)
-                expected = field_files.attributes(grid, config, in_part=in_part)
                 if any(about.get(name) != expected[name] for name in DECISIVE):
                     raise FieldError(f"{path}: holds another field")
                 values, damaged = field_files.read_values(path, grid, config)
-                sound = field_files.has_todays_chunks(path, grid, config)
+                # Whatever stands in place of a damaged chunk goes with the group.
+                sound = not damaged and field_files.has_todays_chunks(path, grid, config)
                 if damaged:
                     complaint = f"{path}: damaged chunks: {damaged}"
             except FieldError as error:
@@ -167,7 +207,7 @@ class _Found:
         if values is None:
             values = tiles.nothing_known(grid, config)
         lacking = wanted & ~tiles.known_points(values)
-        return cls(values, lacking, sound, complaint, in_part)
+        return cls(values, lacking, sound, complaint)
 
 
 @contextmanager
@@ -194,20 +234,22 @@ def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Itera
             lock.release()
 
 
-def _carry_over(found: _Found, path: Path, grid: OccupancyGrid, config: FieldConfig) -> None:
+def _carry_over(
+    found: _Found, path: Path, about: dict[str, Any], grid: OccupancyGrid, config: FieldConfig
+) -> None:
     """Fill in the values that other cached fields of this map, or of another state of it, share."""
-    expected = _kind(field_files.attributes(grid, config))
+    expected = _kind(about)
     looked_at = 0
     for folder in cache.fields(path.parent):
         lacking = found.lacking & ~tiles.known_points(found.values)
         if looked_at == RELATIVES or not lacking.any():
             break
         with suppress(FieldError):  # damaged ones are skipped: this is only a shortcut
-            about = field_files.read_attributes(folder)
-            if folder == path or _kind(about) != expected:
+            other = field_files.read_attributes(folder)
+            if folder == path or _kind(other) != expected:
                 continue
             looked_at += 1
-            before = field_files.read_grid(folder, about)
+            before = field_files.read_grid(folder, other)
             useful = lacking & tiles.untouched_points(before, grid, config)
             if useful.any():
                 known, _ = field_files.read_values(folder, grid, config)
@@ -222,12 +264,14 @@ def _kind(about: dict[str, Any]) -> dict[str, Any]:
     return {**{name: about.get(name) for name in names}, "identity": identity}
 
 
-def _open(path: Path, found: _Found, grid: OccupancyGrid, config: FieldConfig) -> None:
+def _open(
+    path: Path, about: dict[str, Any], found: _Found, grid: OccupancyGrid, config: FieldConfig
+) -> None:
     """Make the field's group if there is no sound one, and write the chunks carried over."""
     known, edge = tiles.known_points(found.values), tiles.chunk_edge(config, grid.resolution)
     if not found.sound:
         with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
-            field_files.create(temporary, grid, config, in_part=found.in_part)
+            field_files.create(temporary, grid, config, about)
             # All that is known goes along, since the group that held it may be replaced.
             field_files.write_chunks(temporary, found.values, [*tiles.chunks_of(known, edge)])
         return

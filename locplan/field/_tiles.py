@@ -17,12 +17,14 @@ from locplan._util.machine import check_memory, check_threads, usable_memory
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, FieldError, LocplanError
 from locplan.field._config import FieldConfig
+from locplan.field._contract import check_halo, check_values, halo_of
 from locplan.field._covariance import rotated
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._lattice import evaluated_points, standing_cells, stride_cells
+from locplan.field._settings import is_ours
 from locplan.maps import OccupancyGrid
 
-ENGINE = 3
+ENGINE = 4
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
 """Greatest edge length of a tile, which is computed and stored as a whole [lattice points]."""
@@ -178,7 +180,7 @@ def computed_chunks(
     estimator = config.estimator
     if not total:
         return
-    running: dict[_Tile, tuple[Chunk, _Points, NDArray[np.int64]]] = {}
+    running: dict[_Tile, tuple[Chunk, _Points, MapPart]] = {}
     done: SimpleQueue[_Tile] = SimpleQueue()
     waiting = tiles_of(missing, chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
@@ -192,25 +194,29 @@ def computed_chunks(
                 part = part_of(grid, config, points, prepared)
                 with _one_line_errors(executor):
                     tile = pool.submit(compute, ENGINE, estimator, part)
-                running[tile] = chunk, points, part.control
+                running[tile] = chunk, points, part
                 tile.add_done_callback(done.put)
             if not running:
                 break
             ready = _next(done)
             if ready:
-                chunk, points, _ = running.pop(ready)
+                chunk, points, part = running.pop(ready)
                 with _one_line_errors(executor):
                     computed = ready.result()
+                check_values(computed, estimator, part)
+                if not finished and not is_ours(estimator):
+                    check_halo(estimator, part, computed, grid.cells)
                 if yaw:
                     computed["covariance"] = rotated(computed["covariance"], yaw)
                 finished += len(points[0])
                 yield chunk, points, computed
             if progress:
-                progress(finished + sum(int(c[1]) for *_, c in running.values()), total)
+                begun = sum(int(part.control[1]) for *_, part in running.values())
+                progress(finished + begun, total)
     finally:
-        for tile, (*_, control) in running.items():
+        for tile, (*_, part) in running.items():
             tile.cancel()
-            control[0] = 1
+            part.control[0] = 1
         if executor is None:
             pool.shutdown(cancel_futures=True)
 
@@ -260,7 +266,7 @@ def untouched_points(
     stride = stride_cells(config.stride, after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
     # A lidar that would stand in a wall is moved by up to one stride.
-    reach = stride + config.estimator.halo(after.resolution, after.shape)
+    reach = stride + halo_of(config.estimator, after.resolution, after.shape)
     box = [2 * min(reach, max(after.shape)) + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
@@ -291,7 +297,7 @@ def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared:
         rows, cols = standing_cells(grid.free, rows, cols, stride)
     levels, top, left = grid.cells, 0, 0
     if prepared is None:
-        reach = config.estimator.halo(grid.resolution, grid.shape)
+        reach = halo_of(config.estimator, grid.resolution, grid.shape)
         top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
         levels = levels[top : int(rows.max()) + reach + 1, left : int(cols.max()) + reach + 1]
     headings, at = config.heading_angles - grid.origin[2], (top, left)

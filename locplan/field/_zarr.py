@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan._util.checks import shown
-from locplan._util.reading import MAX_JSON_BYTES, parsed_json
+from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_bytes
 from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
-from locplan.field._chunks import edge_of, read_array
+from locplan.field._chunks import chunk_of, read_array
 from locplan.field._config import FieldConfig
-from locplan.field._estimator import Values
+from locplan.field._contract import check_values
+from locplan.field._estimator import MapPart, Values
 from locplan.field._lattice import evaluated_points, stride_cells
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -56,11 +57,8 @@ COVARIANCE: dict[str, Any] = {
 """Attributes of the array of covariances."""
 
 
-def attributes(
-    grid: OccupancyGrid, config: FieldConfig, *, in_part: bool = False
-) -> dict[str, Any]:
-    """Attributes of a field's group, which describe the field, all of it or some of its points."""
-    part = {"points": "some"} if in_part else {}
+def attributes(grid: OccupancyGrid, config: FieldConfig, **identity: str) -> dict[str, Any]:
+    """Attributes of a field's group, which describe the field; `identity` is put to its own."""
     return {
         "format": FORMAT,
         "engine": tiles.ENGINE,
@@ -74,7 +72,7 @@ def attributes(
             "estimator": config.estimator.identity(),
             "stride_cells": stride_cells(config.stride, grid.resolution),
             "headings": config.headings,
-            **part,
+            **identity,
         },
         "config": config.to_json(),
     }
@@ -100,11 +98,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 
 def _description(folder: Path) -> str:
-    with (folder / "zarr.json").open("rb") as opened:
-        content = opened.read(MAX_JSON_BYTES + 1)
-    if len(content) > MAX_JSON_BYTES:
-        raise ValueError("its zarr.json is too long")
-    return content.decode("utf-8")
+    return read_bytes(folder / "zarr.json", MAX_JSON_BYTES).decode("utf-8")
 
 
 def may_be_replaced(folder: Path, *, force: bool = False) -> bool:
@@ -133,17 +127,18 @@ def may_be_replaced(folder: Path, *, force: bool = False) -> bool:
     return True
 
 
-def create(
-    folder: Path, grid: OccupancyGrid, config: FieldConfig, *, in_part: bool = False
-) -> None:
-    """Create a field's group with the map, the coordinates and arrays without values."""
+def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[str, Any]) -> None:
+    """Create a field's group with the map, the coordinates and arrays without values.
+
+    `about` are the `attributes` of the field.
+    """
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
     edge, stride = _edge(grid, config), stride_cells(config.stride, grid.resolution)
     chunks = sum(1 for _ in tiles.chunks_of(evaluated_points(grid.free, stride), edge))
-    about = attributes(grid, config, in_part=in_part) | {"chunks": chunks}
+    about = about | {"chunks": chunks}
     about["checksum"] = _checksum(about)
     group = zarr.create_group(folder, zarr_format=3, attributes=about)
     described = {"covariance": COVARIANCE}
@@ -207,8 +202,35 @@ def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) ->
 
 def write(folder: Path, values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Write a whole field."""
-    create(folder, grid, config)
+    create(folder, grid, config, attributes(grid, config))
     write_chunks(folder, values, tiles.chunks_of(tiles.known_points(values), _edge(grid, config)))
+
+
+def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Raise a FieldError if `read` could not read these values again, once they are written."""
+    estimator = config.estimator
+    kind = type(estimator)
+    try:
+        again = FieldConfig.from_json(json.loads(json.dumps(config.to_json())))
+        readable = type(again.estimator).__qualname__ == kind.__qualname__
+    except Exception:  # settings of a user's own fail in as many ways as they are written
+        readable = False
+    if not readable:
+        raise FieldError(
+            f"a field of estimator {shown(estimator.name)} could not be read again; give the class"
+            " a name of its own and settings fit for JSON, and register it:"
+            f" locplan.field.ESTIMATORS[{estimator.name!r}] ="
+            f" {f'{kind.__module__}:{kind.__qualname__}'!r}"
+        )
+    for name, shape in tiles.field_shapes(grid, config).items():
+        if name not in values or values[name].shape != shape:
+            raise FieldError(f"the field's {name} must be an array of shape {shape}")
+    known, stride = tiles.known_points(values), stride_cells(config.stride, grid.resolution)
+    rows, cols = (index * stride for index in np.nonzero(known))
+    part = MapPart(
+        grid.cells, rows, cols, grid.resolution, grid.shape, headings=config.heading_angles
+    )
+    check_values({name: array[known] for name, array in values.items()}, estimator, part)
 
 
 def count_chunks(folder: Path) -> int:
@@ -235,52 +257,26 @@ def read_values(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> tuple
 
 def has_todays_chunks(folder: Path, grid: OccupancyGrid, config: FieldConfig) -> bool:
     """Return whether a field's chunks are as large as they would be if it were computed now."""
-    edge = edge_of(folder / "covariance") or _opened(folder, "covariance").chunks[0]
-    return bool(edge == _edge(grid, config))
-
-
-def _opened(folder: Path, name: str) -> Any:
-    import zarr
-
-    try:
-        array: Any = zarr.open_array(folder / name, mode="r")
-        rows, cols = array.chunks[:2]
-    except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
-        raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
-    if rows != cols or array.dtype != np.float64:
-        raise FieldError(f"{folder}: does not fit its own map and config")
-    return array
+    shapes, edge = tiles.field_shapes(grid, config), _edge(grid, config)
+    return all(chunk_of(folder / name, shapes[name])[:2] == (edge, edge) for name in shapes)
 
 
 def _read_array(folder: Path, name: str, shape: tuple[int, ...]) -> tuple[NDArray[np.float64], int]:
-    if (read := read_array(folder / name, shape)) is not None:
-        return read, 0
-    array = _opened(folder, name)
-    if array.shape != shape:
-        raise FieldError(f"{folder}: does not fit its own map and config")
     try:
-        return np.asarray(array[:]), 0
-    except Exception:  # find out which chunks are damaged
-        values, damaged = np.full(shape, np.nan), 0
-        for chunk in tiles.chunks_of(np.ones(shape[:2], bool), array.chunks[0]):
-            try:
-                values[chunk.at] = array[chunk.at]
-            except Exception:
-                damaged += 1
-        return values, damaged
+        return read_array(folder / name, shape)
+    except Exception as error:  # a damaged description fails in as many ways as JSON can be cut
+        raise FieldError(f"{folder}: not a covariance field ({_in_short(error)})") from None
 
 
 def read_grid(folder: Path, about: dict[str, Any]) -> OccupancyGrid:
     """Read the map that a field belongs to; `about` is what `read_attributes` returned."""
-    import zarr
-
     try:
-        array: Any = zarr.open_array(folder / "cells", mode="r")
-        if list(array.shape) != about["map_shape"] or array.dtype != np.uint8:
-            raise ValueError("it has another shape than the description says")
-        if array.size > MAX_CELLS:
+        rows, cols = about["map_shape"]
+        if rows * cols > MAX_CELLS:
             raise ValueError("it has over 2^28 cells")
-        cells: Any = array[:]
+        cells, damaged = read_array(folder / "cells", (rows, cols), "uint8", "/")
+        if damaged:
+            raise ValueError(f"damaged chunks: {damaged}")
         grid = OccupancyGrid(cells, about["resolution"], tuple(about["origin"]), about["map_name"])
     except Exception as error:  # a damaged description fails in many ways
         raise FieldError(f"{folder}: its map is damaged ({_in_short(error)})") from None
@@ -296,7 +292,7 @@ def read(folder: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     try:
         config = FieldConfig.from_json(about["config"])
     except (KeyError, TypeError, LocplanError) as error:
-        raise FieldError(f"{folder}: its config is damaged ({_in_short(error)})") from None
+        raise FieldError(f"{folder}: its config cannot be used ({_in_short(error)})") from None
     values, damaged = read_values(folder, grid, config)
     left = int(tiles.missing_points(values, grid, config).sum())
     if damaged or left:

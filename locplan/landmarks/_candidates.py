@@ -140,7 +140,7 @@ def beside_routes(
     long = shape.half_length != shape.half_width
     found = [np.empty((0, 3))]
     for path in routes:
-        fine = path.resampled(spacing)
+        fine = path.resampled(spacing, even=True)
         ahead = np.arctan2(*np.gradient(fine.xy, axis=0).T[::-1]) - grid.origin[2]
         row, col = grid.world_to_grid(*fine.xy.T)
         for turn in (0.0, math.pi / 2) if long else (0.0,):

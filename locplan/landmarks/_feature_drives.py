@@ -20,6 +20,8 @@ from locplan.simulation._drives import check_drives
 from locplan.simulation._simulate import drive_paths
 from locplan.simulation._simulator import random_of
 
+SURE = 0.3
+"""Width of the lost drives' intervals up to which drives without a difference tell something."""
 RANDOM_FEATURES = 103
 """Stream of random numbers of features at random, beside those of places."""
 
@@ -72,7 +74,11 @@ class FeatureDrives:
         if self.random is not None:
             lost += f", {self.random.lost_rate.value:.0%} without as many random ones"
             error += f" ({self.random.rmse.value:.2f} m without random ones)"
+        low = min(each.lost_rate.low for each in (before, without))
+        high = max(each.lost_rate.high for each in (before, without))
         said = "their absence is not shown to hurt"
+        if high - low > SURE:
+            said = f"too few drives to tell (lost drives {low:.0%} to {high:.0%}, with 95 %)"
         if self.hurts or self.helps:
             said = "their absence " + ("hurts" if self.hurts else "helps, against what is expected")
         return f"{said}: {lost}; {error}"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.field import CovarianceField, FieldConfig, Lidar, Scan, covariance_field, scalar
+from locplan.field import CovarianceField, FieldConfig, Fused, Lidar, covariance_field, scalar
 from locplan.field._lattice import points_near, stride_cells
 from locplan.field._tiles import wanted_points
 from locplan.maps import OccupancyGrid
@@ -26,11 +26,11 @@ def fields_along(
     lidar: Lidar,
     threads: int | None,
 ) -> dict[str, tuple[Profile, Profile]]:
-    """Deviations of a match by `Scan` along each route on the maps before and after.
+    """Deviations of a match by `Fused` along each route on the maps before and after.
 
     The field is computed near the routes only, and updated where the second map differs.
     """
-    config = FieldConfig(Scan(lidar))
+    config = FieldConfig(Fused.of(lidar))
     before, after = (
         _near(grid, config, paths.values()) for grid, paths in zip(maps, routes, strict=True)
     )
@@ -50,7 +50,6 @@ def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> ND
 
 def _along(field: CovarianceField, path: Path) -> Profile:
     """A field's largest deviation of the position along a path; NaN where it has none."""
-    fine = path.resampled(SPACING)
+    fine = path.resampled(SPACING, even=True)
     covariances = np.array([field.at(x, y) for x, y in fine.xy.tolist()])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(fine.xy, axis=0).T))])
-    return np.column_stack([way, scalar(covariances, "position_std")])
+    return np.column_stack([fine.distance, scalar(covariances, "position_std")])

@@ -43,8 +43,8 @@ class Verification:
     profiles: Mapping[str, tuple[Drives, Drives]]
     """Drives of each route before and after."""
     fields: Mapping[str, tuple[Profile, Profile]]
-    """Largest deviation of a single match along each route before and after, by `Scan`: rows of the
-    distance driven and the deviation, (n, 2) [m]."""
+    """Largest deviation of a single match along each route before and after, by `Fused`: rows of
+    the distance driven and the deviation, (n, 2) [m]."""
     seed: int
     """Seed of all random numbers."""
 

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, printable
 from locplan._util.leftovers import temporary_folder
+from locplan._util.reading import opened
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
-from locplan.maps._source import MapSource
+from locplan.maps._source import ROWS, MapSource
 from locplan.maps._yaml import (
     MAX_YAML_BYTES,
     MODES,
@@ -42,6 +43,8 @@ MAX_IMAGE_BYTES, MAX_PIXELS = 2**30, 2**28
 PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels in a byte
 EXPORTED = "export.json"
 """The file that describes an export, whose masks are no maps of places."""
+ONE_BYTE = ("1", "L", "P")
+"""Images of a byte a pixel; of others, which take several in memory, half as many are read."""
 
 
 class MapWarning(UserWarning):
@@ -125,12 +128,13 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
         raise fault_of(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
     occupancy = _occupancy_of_value(header, int(np.iinfo(pixels.dtype).max))
     levels = _level_of_value(header, occupancy)
-    cells = levels[pixels]
-    counts = np.bincount(pixels.ravel(), minlength=levels.size)
-    if transparent is not None and not raw:
-        cells[transparent] = UNKNOWN
-        counts -= np.bincount(pixels[transparent], minlength=levels.size)
-    source = MapSource.of(str(file), header, counts, occupancy, levels)
+    cells = np.empty(pixels.shape, np.uint8)
+    for rows in range(0, len(cells), ROWS):  # an index takes 8 bytes for each pixel
+        cells[rows : rows + ROWS] = levels[pixels[rows : rows + ROWS]]
+    seen = None if transparent is None or raw else ~transparent
+    if seen is not None:
+        cells[~seen] = UNKNOWN
+    source = MapSource.of(str(file), header, pixels, seen, occupancy, levels)
     return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file)), source
 
 
@@ -245,8 +249,9 @@ def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bo
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow's, about animation and palettes
             with _opened(content) as image:
-                if image.width * image.height > min(MAX_PIXELS, PIXELS_PER_BYTE * len(content)):
-                    raise ValueError("more pixels than its bytes can hold, or than 2**28")
+                most = MAX_PIXELS if image.mode in ONE_BYTE else MAX_PIXELS // 2
+                if image.width * image.height > min(most, PIXELS_PER_BYTE * len(content)):
+                    raise ValueError(f"more pixels than its bytes can hold, or than {most}")
                 image.verify()  # checks PNG checksums, as decoding does not; uses up the image
             with _opened(content) as image:
                 return *_decode(image), OTHER_RANGE.match(content) is not None
@@ -312,7 +317,7 @@ def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
 
 def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
     """Replace both files or neither, and leave no other file behind."""
-    with temporary_folder(file.parent, prefix=".") as folder:
+    with temporary_folder(file.parent) as folder:
         new_image, new_file, backup = (Path(folder, part) for part in ("image", "yaml", "old"))
         picture.save(new_image, "PNG" if image.suffix == ".png" else "PPM")
         new_file.write_text(text, encoding="utf-8")
@@ -338,7 +343,7 @@ def _image_of(file: Path) -> Path | None:
 
 def _names_an_image(file: Path) -> bool:
     try:
-        with file.open("rb") as opened:
-            return bool(re.search(rb"(?m)^\s*image\s*:", opened.read(MAX_YAML_BYTES)))
+        with opened(file) as content:
+            return bool(re.search(rb"(?m)^\s*image\s*:", content.read(MAX_YAML_BYTES)))
     except OSError:
         return False

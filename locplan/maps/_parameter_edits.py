@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from locplan._util.checks import file_path
 from locplan.errors import LocplanError
 from locplan.maps._ros_parameters import (
     MAX_BYTES,
     REMEDY,
+    file_and_robot,
     parameters_of,
     read_parameters,
 )
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 BOM = "\ufeff"
 ALIAS = re.compile(r"\s*:\s*(\*[^\s,\[\]{}]+)")
 ANCHOR = re.compile(r"&[^\s,\[\]{}]+\s*")
+Values = dict[str, float | str | bool]
+"""Values by the names of their parameters."""
 
 
 def edited_parameters(
@@ -30,14 +32,15 @@ def edited_parameters(
 ) -> bytes:
     """Content of a parameter file with other values of one node's parameters.
 
-    Comments and layout stay; parameters that are missing are inserted above the first one.
+    They stand where the values in force stood; comments and layout stay. Parameters that are
+    missing are inserted above the first one of an entry for this node, or in a new entry.
 
     Parameters
     ----------
     path : path
-        The file, which `read_parameters` reads.
+        The file, which `read_parameters` reads, and the robot in it.
     node : str
-        Name of the node at the top of the file, such as amcl.
+        Name of the node, such as amcl.
     values : mapping
         Values by the names of the parameters.
 
@@ -47,39 +50,33 @@ def edited_parameters(
         If the file cannot be read, or if anchors, aliases or tags make one value stand for
         several, so that it cannot be changed alone.
     """
-    import yaml
-
     before = read_parameters(path)
-    file = file_path("a file of Nav2's parameters", path)
+    file, robot = file_and_robot(path)
     content = read_content(file, MAX_BYTES, REMEDY)
     text = content.decode("utf-8-sig")
     root = compose(file, content, REMEDY)
-    place = _value(_value(root, node), "ros__parameters")
     fault = LocplanError(
         f"{path}: {node}: its values cannot be changed alone; write out its anchors and aliases"
     )
-    if not isinstance(place, yaml.MappingNode):
-        raise fault
     edits = []
-    missing = {}
+    missing: dict[tuple[str, ...], Values] = {}
     for name, value in values.items():
-        found = _entry(place, name)
+        place = before.place(node, name)
+        found = _found(root, place)
         if found is None:
-            missing[name] = value
+            missing.setdefault(place[:-1], {})[place[-1]] = value
         else:
             edits.append(_replacement(text, *found, value))
-    if missing:
-        edits.append(_insertion(text, place, missing))
-    for start, end, new in sorted(edits, reverse=True):
-        text = text[:start] + new + text[end:]
+    for keys, new in missing.items():
+        edits.append(_insertion(text, root, keys, new))
+    for start, end, new_text in sorted(edits, reverse=True):
+        text = text[:start] + new_text + text[end:]
     made = (BOM if content.startswith(BOM.encode()) else "").encode() + text.encode()
-    wanted = {**before, node: {**before[node]}}
-    wanted[node]["ros__parameters"] = {**before[node]["ros__parameters"], **values}
     try:
-        read = parameters_of(file, made)
+        read = parameters_of(file, made, robot)
     except LocplanError:
         raise fault from None
-    if read != wanted:
+    if read != before.changed(node, values):
         raise fault
     return made
 
@@ -94,19 +91,19 @@ def scalar_text(value: float | str | bool) -> str:
     return text
 
 
-def _entry(mapping: Any, name: str) -> tuple[yaml.Node, yaml.Node] | None:
-    """Key and value of the last entry of this name."""
+def _found(mapping: Any, keys: Sequence[str]) -> tuple[yaml.Node, yaml.Node] | None:
+    """Key and value at the end of keys, the last ones where a key stands several times."""
     import yaml
 
-    if not isinstance(mapping, yaml.MappingNode):
+    if not (keys and isinstance(mapping, yaml.MappingNode)):
         return None
-    found = [each for each in mapping.value if each[0].value == name]
-    return found[-1] if found else None
-
-
-def _value(mapping: Any, name: str) -> yaml.Node | None:
-    found = _entry(mapping, name)
-    return None if found is None else found[1]
+    first, *inner = keys
+    for key, value in reversed(mapping.value):
+        if key.value == first:
+            found = _found(value, inner) if inner else (key, value)
+            if found is not None:
+                return found
+    return None
 
 
 def _replacement(
@@ -125,11 +122,14 @@ def _replacement(
     return (anchor.end() if anchor else start), end, written
 
 
-def _insertion(
-    text: str, mapping: yaml.MappingNode, values: Mapping[str, float | str | bool]
-) -> tuple[int, int, str]:
+def _insertion(text: str, root: Any, keys: Sequence[str], values: Values) -> tuple[int, int, str]:
     """Where missing parameters are inserted, twice, and their text."""
     entries = [f"{name}: {scalar_text(value)}" for name, value in values.items()]
+    while keys and _found(root, keys) is None:  # the mapping is missing, too
+        *keys, key = keys
+        entries = [f"{key}: {{{', '.join(entries)}}}"]
+    found = _found(root, keys)
+    mapping: Any = found[1] if found else root
     if mapping.flow_style:
         at = text.index("{", mapping.start_mark.index) + 1
         return at, at, ", ".join(entries) + (", " if mapping.value else "")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan._util.checks import file_path, shown
 from locplan.errors import LocplanError
@@ -15,8 +17,11 @@ from locplan.maps._yaml import SCALAR_TAGS, compose, fault_of, read_content
 if TYPE_CHECKING:
     import yaml
 
-NODES = ("global_costmap", "local_costmap", "planner_server", "controller_server", "amcl")
-"""Nodes of Nav2; a parameter file has at least one of them at its top level."""
+PARAMETERS = "ros__parameters"
+AMCL, PLANNER_SERVER = "amcl", "planner_server"
+GLOBAL_COSTMAP, LOCAL_COSTMAP = (f"{each}_costmap/{each}_costmap" for each in ("global", "local"))
+NODES = (AMCL, PLANNER_SERVER, "controller_server", GLOBAL_COSTMAP, LOCAL_COSTMAP)
+"""Nodes of Nav2; a parameter file has parameters of at least one of them."""
 MAX_BYTES = 2**17
 """Greatest size of a file, of which PyYAML reads some 50 KB a second."""
 MAX_VALUES = 100_000
@@ -29,7 +34,90 @@ ROS_NUMBER = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+")
 Parameters = dict[str, Any]
 
 
-def read_parameters(path: str | os.PathLike[str] | None) -> Parameters:
+@dataclass(frozen=True)
+class Nav2Parameters:
+    """The parameters of one robot's nodes in a file of Nav2, as ROS resolves them.
+
+    A node has those of all entries whose name fits its own, "/**" and "/*" included; of several
+    values the last one in the file counts, whether or not its entry is for other nodes, too. A
+    launch file that rewrites the parameters, as nav2_bringup's does, first sorts the entries by
+    name: where those with wildcards stand first in the file, the result is the same.
+    """
+
+    content: Parameters
+    """The whole content of the file."""
+    namespace: str = ""
+    """Namespace of the robot, such as "/robot1"."""
+
+    def entries(self, node: str) -> list[Entry]:
+        """The entries for a node, such as amcl or global_costmap/global_costmap, as they count."""
+        return [each for each in _entries(self.content) if each.is_for(f"{self.namespace}/{node}")]
+
+    def of(self, node: str, *, shared: bool = True) -> Parameters:
+        """Parameters of a node by their names in ROS, such as GridBased.plugin.
+
+        `shared` says whether those for nodes of any name are among them.
+        """
+        entries = [each for each in self.entries(node) if shared or not each.is_shared]
+        leaves = (leaf for each in entries for leaf in _leaves(each.parameters))
+        return {".".join(path): value for path, value in leaves}
+
+    def place(self, node: str, name: str) -> tuple[str, ...]:
+        """The keys that lead to the value in force of a parameter, or to where it belongs."""
+        entries = self.entries(node)
+        for entry in reversed(entries):
+            for path, _ in _leaves(entry.parameters):
+                if ".".join(path) == name:
+                    return (*entry.keys, PARAMETERS, *path)
+        own = [each.keys for each in entries if not each.is_shared]
+        alone = [each.keys for each in entries if "*" not in each.name]
+        new = tuple(filter(None, f"{self.namespace}/{node}".split("/")))
+        return (*(alone or own or [new])[-1], PARAMETERS, *name.split("."))
+
+    def changed(self, node: str, values: Mapping[str, Any]) -> Nav2Parameters:
+        """Parameters with other values for a node, which stand where those in force stood."""
+        content = copy.deepcopy(self.content)
+        for name, value in values.items():
+            *path, last = self.place(node, name)
+            inner = content
+            for key in path:
+                if not isinstance(inner.get(key), dict):
+                    inner[key] = {}
+                inner = inner[key]
+            inner[last] = value
+        return Nav2Parameters(content, self.namespace)
+
+
+class Entry(NamedTuple):
+    """The parameters that a file has for the nodes of a name."""
+
+    keys: tuple[str, ...]
+    """The keys that lead to them."""
+    name: str
+    """Name of the nodes, which may have wildcards, such as /**/amcl."""
+    parameters: Parameters
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether they are for nodes of any name."""
+        return self.name.endswith("*")
+
+    def is_for(self, node: str) -> bool:
+        """Whether a node has them: * stands for one name, ** for any number of them."""
+        names = node.strip("/").split("/")
+        reached = {0}
+        for part in filter(None, self.name.split("/")):
+            if part == "**":
+                reached = set(range(min(reached), len(names) + 1))
+            else:
+                fits = {at for at in reached if part == "*" or names[at : at + 1] == [part]}
+                reached = {at + 1 for at in fits if at < len(names)}
+            if not reached:
+                return False
+        return len(names) in reached
+
+
+def read_parameters(path: str | os.PathLike[str] | None) -> Nav2Parameters:
     """Read the parameters in a file of Nav2; without a file there are none.
 
     As in ROS, names are texts, and values are numbers, true, false, texts, or lists of them; what
@@ -38,25 +126,37 @@ def read_parameters(path: str | os.PathLike[str] | None) -> Parameters:
     Parameters
     ----------
     path : path or None
-        The YAML file, of at most 128 KiB, with a node of Nav2 such as amcl at its top.
+        The YAML file, of at most 128 KiB, with parameters of a node of Nav2 such as amcl. Where it
+        has several robots, the namespace of one follows: "nav2.yaml:robot1", or "nav2.yaml:/" for
+        the robot without one.
 
     Returns
     -------
-    dict
-        The whole content: nodes by name, each with its "ros__parameters".
+    Nav2Parameters
+        The content, and the parameters of each node of the robot.
 
     Raises
     ------
     LocplanError
-        If the file cannot be read, or is no parameter file of Nav2 without namespaces.
+        If the file cannot be read, is no parameter file of Nav2, or has several robots of which
+        none is named.
     """
     if path is None:
-        return {}
+        return Nav2Parameters({})
+    file, robot = file_and_robot(path)
+    return parameters_of(file, read_content(file, MAX_BYTES, REMEDY), robot)
+
+
+def file_and_robot(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
+    """The file that a path names, and the robot's name after a colon, if there is one."""
     file = file_path("a file of Nav2's parameters", path)
-    return parameters_of(file, read_content(file, MAX_BYTES, REMEDY))
+    name, colon, robot = str(file).rpartition(":")
+    if colon and not file.exists() and Path(name).is_file():
+        return Path(name), robot
+    return file, None
 
 
-def parameters_of(file: Path, content: bytes) -> Parameters:
+def parameters_of(file: Path, content: bytes, robot: str | None = None) -> Nav2Parameters:
     """Parameters in the content of a file; see `read_parameters`."""
     root = compose(file, content, REMEDY)
     try:
@@ -64,28 +164,67 @@ def parameters_of(file: Path, content: bytes) -> Parameters:
     except (OverflowError, RecursionError):
         fault = f"its aliases stand for over {MAX_VALUES} values"
         raise fault_of(file, fault, "write out what they stand for") from None
-    if not isinstance(values, dict) or not any(node in values for node in NODES):
+    values = values if isinstance(values, dict) else {}
+    for entry in _entries(values):
+        if not isinstance(entry.parameters, dict):
+            raise LocplanError(f"{file}: {shown(entry.name)} holds no {PARAMETERS}; {REMEDY}")
+    namespace = _namespace(file, {each.name for each in _entries(values)}, robot)
+    parameters = Nav2Parameters(values, namespace)
+    if not any(parameters.entries(node) for node in NODES):
         raise LocplanError(
-            f"{file}: names none of Nav2's nodes at its top; give its parameters without namespaces"
+            f"{file}: has no parameters of Nav2's nodes in {namespace or '/'}; {REMEDY}, and the"
+            " robot's namespace as FILE:NAMESPACE where it has one"
         )
-    for node in ("global_costmap", "planner_server"):
-        node_parameters(values, node, file)
-    return values
+    for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
+        for name in ("plugins", "filters", "planner_plugins"):
+            listed_names(parameters.of(node), name, [], file)
+    return parameters
 
 
-def node_parameters(
-    content: Mapping[str, Any], node: str, path: str | os.PathLike[str] | None = None
-) -> Parameters:
-    """Parameters of a node; a costmap is a node within its own namespace."""
-    inner = content.get(node, {})
-    if node == "global_costmap" and isinstance(inner, dict):
-        inner = inner.get(node, {})
-    own = inner.get("ros__parameters", {}) if isinstance(inner, dict) else None
-    if not isinstance(own, dict):
-        raise LocplanError(f"{path}: {node} holds no ros__parameters; {REMEDY}")
-    for name in ("plugins", "filters", "planner_plugins"):
-        listed_names(own, name, [], path)
-    return own
+def _namespace(file: Path, names: set[str], robot: str | None) -> str:
+    """Namespace of the robot that is named, or of the only one that the entries name."""
+    nodes = {(f"/{name.strip('/')}", f"/{node}") for name in names for node in NODES}
+    robots = sorted({name.removesuffix(node) for name, node in nodes if name.endswith(node)})
+    robots = [each for each in robots if "*" not in each]
+    known = ", ".join(shown(each or "/") for each in robots[:5])
+    if robot is None:
+        if len(robots) > 1:
+            raise LocplanError(f"{file}: has several robots, {known}; name one, as FILE:NAMESPACE")
+        return robots[0] if robots else ""
+    namespace = f"/{robot.strip('/')}".rstrip("/")
+    if robots and namespace not in robots:
+        raise LocplanError(f"{file}: has no robot {shown(namespace or '/')}; it has {known}")
+    return namespace
+
+
+def _entries(content: Parameters) -> list[Entry]:
+    """All entries, in the order in which later ones replace earlier ones.
+
+    Those of the same name count where the first of them stands, as in rcl_yaml_param_parser.
+    """
+    found: dict[str, list[Entry]] = {}
+    for entry in _walked(content, ()):
+        found.setdefault(entry.name, []).append(entry)
+    return [entry for entries in found.values() for entry in entries]
+
+
+def _walked(content: Parameters, keys: tuple[str, ...]) -> Iterator[Entry]:
+    for key, value in content.items():
+        if key == PARAMETERS and keys:
+            yield Entry(keys, "/".join(each.removesuffix("/") for each in keys), value)
+        elif isinstance(value, dict):
+            yield from _walked(value, (*keys, key))
+
+
+def _leaves(
+    parameters: Parameters, above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The keys that lead to each value, and the value."""
+    for key, value in parameters.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, (*above, key))
+        else:
+            yield (*above, key), value
 
 
 def listed_names(
@@ -127,7 +266,7 @@ class _Values:
         try:
             known = node.tag in SCALAR_TAGS
             value = yaml.SafeLoader("").construct_object(node) if known else node.value
-        except (ValueError, LookupError, AttributeError):  # such as !!int x, or 5000 digits
+        except (ValueError, ArithmeticError, LookupError, AttributeError):  # such as !!int x
             value = node.value
         too_long = isinstance(value, int) and not -(2**63) <= value < 2**63
         return str(node.value) if too_long else value
@@ -144,5 +283,13 @@ class _Values:
                     content = self.of(source)
                     merged |= content if isinstance(content, dict) else {}
             else:
-                own[str(key.value) if isinstance(key, yaml.ScalarNode) else "..."] = self.of(value)
+                name = str(key.value) if isinstance(key, yaml.ScalarNode) else "?"
+                own[name] = _joined(own.get(name), self.of(value))
         return merged | own
+
+
+def _joined(first: Any, then: Any) -> Any:
+    """The later of two values of a name, or what both hold: ROS reads all of them."""
+    if not (isinstance(first, dict) and isinstance(then, dict)):
+        return then
+    return first | {name: _joined(first.get(name), value) for name, value in then.items()}

@@ -17,6 +17,10 @@ DARK = 0.3
 """Occupancy from which a grey is darker than any that means unknown, but for mid-grey."""
 MID_GREY = (0.49, 0.51)
 """Occupancy of mid-grey, which means unknown in maps that were drawn."""
+ROWS = 256
+"""Number of rows of an image that are looked up at once."""
+WIDE = 1.0
+"""Width from which on a grey area is the unknown around or between rooms, and no wall [m]."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,8 @@ class MapSource:
     light_value: int
     """Most frequent value of those pixels; 0 without any."""
     dark_unknown: int
-    """Number of pixels of dark greys that are read as unknown, mid-grey left out."""
+    """Number of pixels of dark greys that are read as unknown, mid-grey left out; 0 where most of
+    them lie in areas too wide for walls."""
     over_100: int
     """Number of pixels above 100, in mode raw only, in which pixels are per cent."""
 
@@ -53,11 +58,12 @@ class MapSource:
         cls,
         file: str,
         header: Header,
-        counts: NDArray[np.int64],
+        pixels: NDArray[np.integer[Any]],
+        seen: NDArray[np.bool_] | None,
         occupancy: NDArray[np.float32],
         levels: NDArray[np.uint8],
     ) -> MapSource:
-        """The source of a map, from the number, occupancy and level of each pixel value.
+        """The source of a map, from its pixels, and the occupancy and level of each value.
 
         Parameters
         ----------
@@ -65,14 +71,18 @@ class MapSource:
             Name of the YAML file.
         header : Header
             The entries of the YAML.
-        counts : (n,) array of int64
-            Number of pixels of each value 0..n - 1, where n is 256, or 65536 for 16 bits.
+        pixels : (H, W) array of int
+            The image.
+        seen : (H, W) array of bool, optional
+            The pixels that are not transparent; None if none is.
         occupancy : (n,) array of float32
-            Occupancy that each value stands for, 0..1; above 1 there is none, in mode raw.
+            Occupancy that each value 0..n - 1 stands for, 0..1, where n is 256, or 65536 for 16
+            bits; above 1 there is none, in mode raw.
         levels : (n,) array of uint8
             Level that each value is read as: `FREE`, `UNKNOWN` or `OCCUPIED`.
         """
         raw = header.mode == "raw"
+        counts = _counts(pixels, seen, levels.size)
         grey = (50 if header.negate else 205) * ((counts.size - 1) // 255)
         light = (levels == FREE) & _within(occupancy, *LIGHT) & (not raw)
         dark = (levels == UNKNOWN) & (occupancy >= DARK) & ~_within(occupancy, *MID_GREY)
@@ -88,9 +98,41 @@ class MapSource:
             saver_grey_free=int(counts[grey]) if levels[grey] == FREE and not raw else 0,
             light_free=int(of_light.sum()),
             light_value=int(of_light.argmax()) if of_light.any() else 0,
-            dark_unknown=0 if raw else int(counts[dark].sum()),
+            dark_unknown=0 if raw else _as_of_walls(dark, counts, pixels, seen, header.resolution),
             over_100=int(counts[101:].sum()) if raw else 0,
         )
+
+
+def _counts(
+    pixels: NDArray[np.integer[Any]], seen: NDArray[np.bool_] | None, values: int
+) -> NDArray[np.int64]:
+    """Number of the pixels that are seen of each value, (values,)."""
+    counts = np.zeros(values, np.int64)
+    for rows in range(0, len(pixels), ROWS):  # bincount takes 8 bytes for each pixel
+        some = slice(rows, rows + ROWS)
+        counts += np.bincount(
+            (pixels[some] if seen is None else pixels[some][seen[some]]).ravel(), None, values
+        )
+    return counts
+
+
+def _as_of_walls(
+    dark: NDArray[np.bool_],
+    counts: NDArray[np.int64],
+    pixels: NDArray[np.integer[Any]],
+    seen: NDArray[np.bool_] | None,
+    resolution: float,
+) -> int:
+    """Number of pixels of dark values, or 0 if most lie in areas too wide for walls."""
+    import cv2
+
+    count = int(counts[dark].sum())
+    if not count:
+        return 0
+    image = np.asarray(dark[pixels] if seen is None else dark[pixels] & seen, np.uint8)
+    width = min(int(WIDE / resolution), max(image.shape)) + 1
+    wide = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+    return 0 if np.count_nonzero(wide) > count / 2 else count
 
 
 def _within(values: NDArray[Any], low: float, high: float) -> NDArray[np.bool_]:

@@ -6,11 +6,11 @@ import itertools
 import math
 import os
 import re
-import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from locplan._util.checks import FARTHEST, RESOLUTIONS, is_file_name, shown
+from locplan._util.reading import read_bytes
 from locplan.errors import MapError
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def compose(file: Path, content: bytes, remedy: str) -> yaml.Node | None:
         raise fault_of(file, f"has brackets over {MAX_DEPTH} deep", remedy)
     try:
         return yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
-    except (UnicodeDecodeError, yaml.YAMLError, RecursionError, ValueError) as error:
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         mark = getattr(error, "problem_mark", None)
         fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
         raise fault_of(file, fault, remedy) from error
@@ -131,10 +131,7 @@ def _number(entry: Entry) -> float:
 def read_content(file: Path, limit: int, remedy: str) -> bytes:
     """Read a plain file of up to `limit` bytes; what is none is a MapError with the remedy."""
     try:
-        status = file.stat()
-        if not stat.S_ISREG(status.st_mode) or status.st_size > limit:  # a pipe would block
-            raise OSError(f"it is no plain file of up to {limit // 1024} KB")
-        content = file.read_bytes()
+        content = read_bytes(file, limit)
     except FileNotFoundError:
         raise fault_of(file, "there is no such file", "check its name and folder") from None
     except (OSError, ValueError) as error:

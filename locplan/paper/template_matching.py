@@ -204,7 +204,7 @@ def along_axis(
         If the position is not in free space, or the window has no such axis.
     """
     row, col, radius = _disc_at(grid, x, y, estimator)
-    window = estimator.window.on(grid.resolution)
+    window = estimator.lattice(grid.resolution)
     if axis not in ("x", "y", "theta")[: window.dimension]:
         raise ConfigError(
             f"axis must be x, y, or theta if the window has headings, not {shown(axis)}"
@@ -218,7 +218,7 @@ def along_axis(
             (rotated_template(grid.cells, row, col, radius, angle)[mask], unmoved)
             for angle in angles
         )
-    reach = window.half_steps * window.step_cells
+    reach = window.reach
     cells = np.arange(-reach, reach + 1, dtype=np.float64)
     aside = (0, 1) if axis == "x" else (1, 0)
     return cells * grid.resolution, _curves(
@@ -287,9 +287,8 @@ def sad_distribution(
 
     mask = disc(radius).astype(np.uint8)
     size = 2 * radius + 1
-    reach = window.half_steps * window.step_cells
-    around = local_map(cells, row, col, radius + reach)
-    shifts = range(0, 2 * reach + 1, window.step_cells)
+    around = local_map(cells, row, col, radius + window.reach)
+    shifts = (window.reach + window.cells).tolist()
     mismatch = np.empty((len(shifts), len(shifts), len(window.angles)), np.int64)
     for k, theta in enumerate(window.angles):
         template = rotated_template(cells, row, col, radius, theta)
@@ -325,7 +324,7 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> NDArray
         If the position is not in free space.
     """
     row, col, radius = _disc_at(grid, x, y, estimator)
-    window = estimator.window.on(grid.resolution)
+    window = estimator.lattice(grid.resolution)
     visible = estimator.template == "visible"
     sums = sad_distribution(grid.cells, row, col, radius, window, visible=visible)
     return sums * np.float64(grid.resolution**2 / FREE)

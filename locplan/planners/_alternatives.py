@@ -114,7 +114,7 @@ def is_another_way(path: Path, others: Iterable[Path]) -> bool:
 
 
 def _points(path: Path) -> NDArray[np.float64]:
-    return path.resampled(SPACING).xy
+    return path.resampled(SPACING, even=True).xy  # each stands for as much of the path
 
 
 def _distances(points: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -100,7 +100,7 @@ class AnyAngle:
         cutting = self.allow_corner_cutting
         cells, _ = cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
         if cells is None:
-            return Found()
+            return Found(status="unreachable")
         wider = None
         if self.accuracy == "high":
             wider = _cells_of_32_moves(costs, start, goal, cutting)

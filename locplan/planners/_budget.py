@@ -56,7 +56,7 @@ class BudgetPlanner:
         """Plan between two world positions [m] in free cells.
 
         See `locplan.planners.Planner.solve`. The status is "infeasible", with the least budget that
-        would do, if no path is within the budget.
+        would do, if no grid path is within the budget.
 
         Raises
         ------
@@ -75,13 +75,13 @@ class BudgetPlanner:
             note = f"the bounds of the search take longer than {self.time_limit:g} s on this map"
             return Found(status="timeout", note=note)
         if frugal is None:
-            return Found()
+            return Found(status="unreachable")
         allowed = (self.budget - problem.ends[1]) * problem.per_integral
         within = np.floor(allowed + problem.tolerance(frugal))
         if problem.measured(frugal)[1] > within:
             needed = problem.unrounded(cells_of(frugal, problem.columns))[1]
             note = (
-                f"no path has an integral of {self.objective} within {self.budget:g};"
+                f"no path over the grid has an integral of {self.objective} within {self.budget:g};"
                 f" the least is {rounded_up(needed)}"
             )
             return Found(status="infeasible", feasible_from=needed, note=note)

@@ -96,7 +96,7 @@ class CostToGo:
             If the start lies outside the map or in a blocked cell.
         """
         began = time.perf_counter()
-        cells, found = self.cells(start), Found()
+        cells, found = self.cells(start), Found(status="unreachable")
         if cells is not None:
             found = Found(through_centres(self.costs, cells, start, self.goal, trim=True))
         return finished("grid", self.costs, start, self.goal, found, time.perf_counter() - began)

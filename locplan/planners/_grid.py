@@ -78,8 +78,9 @@ class GridPlanner:
         cells, expanded = cheapest_cells(
             costs, start, goal, self.allow_corner_cutting, guided=self.guided
         )
-        path = None if cells is None else through_centres(costs, cells, start, goal, trim=True)
-        return Found(path, expanded=expanded)
+        if cells is None:
+            return Found(status="unreachable", expanded=expanded)
+        return Found(through_centres(costs, cells, start, goal, trim=True), expanded=expanded)
 
 
 @dataclass(frozen=True)

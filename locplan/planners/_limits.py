@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from locplan.errors import ConfigError
 from locplan.planners._budget import rounded_up
 from locplan.planners._grid import bordered_index
 from locplan.planners._protocol import Found, Position, Wrapper
+from locplan.planners._spaces import CURVED
 
 
 @dataclass(frozen=True)
@@ -50,13 +52,11 @@ class Limited(Wrapper):
             found = self._clear(allowed, stops)
             if found.path is not None:
                 return found
-        inner = costs
-        if self.outline:
-            inner = costs.with_robot_radius(max(self.outline.inscribed_radius, costs.robot_radius))
-        least = _least_max_e(inner, stops, getattr(self.planner, "allow_corner_cutting", False))
+        least = self._least_max_e(self._thin(costs), stops)
         if least is None or least <= self.max_e:  # max_e is not the reason
             return found or self._clear(costs, stops)
-        verdict = "is needed at least" if self.outline else "would do"
+        any_will_do = self.outline is None and self.space not in CURVED
+        verdict = "would do" if any_will_do else "is needed at least"
         note = f"every path enters cells with e above {self.max_e:g};"
         note += f" max_e {rounded_up(least)} {verdict}"
         return Found(status="infeasible", feasible_from=least, note=note)
@@ -65,8 +65,9 @@ class Limited(Wrapper):
         """Plan for the outline's inscribed circle and, if it meets a wall, the circumscribed."""
         if self.outline is None:
             return self._over(costs, stops)
+        inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         meets, timeout = None, None
-        for radius in (self.outline.inscribed_radius, self.outline.circumscribed_radius):
+        for radius in (inner, outer):
             wide = costs.with_robot_radius(max(radius, costs.robot_radius))
             if not _free(wide, stops):
                 continue
@@ -78,14 +79,18 @@ class Limited(Wrapper):
                 if collision is None:
                     return found
                 meets = meets or collision
-        without = timeout or self._over(costs, stops)
-        if without.path is None:
-            return without
-        note = "no path is wide enough for the footprint"
+        if not self._joins(self._thin(costs), stops):
+            without = self._over(costs, stops)
+            if without.path is None:
+                return without
+            note = f"not even the footprint's inner circle (radius {inner:.3g} m) fits through"
+            return Found(status="infeasible", note=note)
+        note = f"only the paths of the footprint's inner and outer circle (radii {inner:.3g} and"
+        note += f" {outer:.3g} m) were searched, not its headings: there may be another path"
         if meets:
             where = f"{meets[0]:.2f},{meets[1]:.2f}"
-            note = f"the footprint meets a wall where its inner circle passes (near {where})"
-        return Found(status="infeasible", note=note)
+            note += f"; the footprint meets a wall on that of the inner circle (near {where})"
+        return timeout or Found(note=note)
 
     def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan each leg from one stop to the next separately."""
@@ -101,36 +106,45 @@ class Limited(Wrapper):
                 if number == len(stops) - 1:
                     return found
                 because = f": {found.note}" if found.note else ""
-                note = f"no path leads to waypoint {number}{because}"
+                said = "leads" if found.status == "unreachable" else "was found"
+                note = f"no path {said} to waypoint {number}{because}"
                 return dataclasses.replace(found, note=note, expanded=expanded)
             legs.append(found.path)
         return Found(joined(legs), expanded=expanded)
 
+    def _thin(self, costs: Costmap) -> Costmap:
+        """The costmap of a robot that fits wherever the outline does, for proofs.
 
-def _least_max_e(
-    costs: Costmap, stops: Sequence[Position], allow_corner_cutting: bool
-) -> float | None:
-    """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""
-    from locplan._kernels.search import bordered_half, shortest_costs
+        The centre of a cell may be half a cell's diagonal nearer to a wall than the robot's is.
+        """
+        if self.outline is None:
+            return costs
+        radius = self.outline.inscribed_radius - costs.grid.resolution * math.sqrt(0.5)
+        return costs.with_robot_radius(max(radius, costs.robot_radius))
 
-    if not _free(costs, stops):
-        return None
-    columns = costs.grid.shape[1] + 2
-    cells = [bordered_index(costs, stop[:2], "position") for stop in stops]
+    def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
+        """Whether a path over the grid joins the stops: where none does, no other one does."""
+        from locplan._kernels.search import bordered_half, shortest_costs
 
-    def joins(max_e: float) -> bool:
-        half = bordered_half(_allowed(costs, max_e).density, 1)
-        cost = shortest_costs(half, columns, cells[0], -1, allow_corner_cutting)
+        if not _free(costs, stops):
+            return False
+        cells = [bordered_index(costs, stop[:2], "position") for stop in stops]
+        cutting = getattr(self.planner, "allow_corner_cutting", False)
+        half, columns = bordered_half(costs.density, 1), costs.grid.shape[1] + 2
+        cost = shortest_costs(half, columns, cells[0], -1, cutting)
         return bool(np.isfinite(cost[cells]).all())
 
-    levels = np.unique(costs.e[np.isfinite(costs.density)])
-    low, high = 0, len(levels) - 1
-    if not joins(float(levels[high])):
-        return None
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if joins(float(levels[middle])) else (middle + 1, high)
-    return float(levels[low])
+    def _least_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
+        """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""
+        if not self._joins(costs, stops):
+            return None
+        levels = np.unique(costs.e[np.isfinite(costs.density)])
+        low, high = 0, len(levels) - 1
+        while low < high:
+            middle = (low + high) // 2
+            joins = self._joins(_allowed(costs, float(levels[middle])), stops)
+            low, high = (low, middle) if joins else (middle + 1, high)
+        return float(levels[low])
 
 
 def _free(costs: Costmap, stops: Sequence[Position]) -> bool:

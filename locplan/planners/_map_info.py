@@ -41,6 +41,8 @@ SPECK_SHARE = 0.1
 """Share of the largest room's area below which a room may be a speck."""
 LISTED = 8
 """Number of rooms in the table; the others are summed up."""
+LIDAR = "turtlebot4"
+"""Preset that stands for the user's lidar in command lines."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class MapInfo(Pictured):
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def command(self, pair: PlacePair) -> str:
-        """The command line that plans between two places.
+        """The command line that plans between two places, with `LIDAR` for the user's.
 
         Parameters
         ----------
@@ -129,7 +131,7 @@ class MapInfo(Pictured):
         radius = f" --robot-radius {self.robot_radius:g}"
         return (
             f"locplan plan {shlex.quote(file)} --start {pair.start.xy} --goal {pair.goal.xy}"
-            f"{'' if self.robot_radius == ROBOT_RADIUS else radius}"
+            f" --lidar {LIDAR}{'' if self.robot_radius == ROBOT_RADIUS else radius}"
         )
 
     def table(self) -> str:
@@ -137,9 +139,15 @@ class MapInfo(Pictured):
         parts = [table([], self._facts()), self._rooms_table()]
         for pair in self.pairs:
             ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
-            parts += [f"{ends}: {_metres(pair.distance)} apart", f"  {self.command(pair)}"]
+            parts += [
+                f"{ends}: {_metres(pair.distance)} by the shortest way",
+                f"  {self.command(pair)}",
+            ]
         if self.pairs:
-            parts.append("with --lidar NAME both paths are driven, and one is recommended")
+            parts.append(
+                f"{LIDAR} stands for your lidar, or the robot that carries it (locplan plan --help"
+                " lists them); both paths are driven with it, and one is recommended"
+            )
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 
     def _facts(self) -> list[list[str]]:

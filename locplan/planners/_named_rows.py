@@ -10,6 +10,7 @@ from pathlib import Path
 
 from locplan._util.checks import shown
 from locplan._util.reading import read_text
+from locplan._util.tables import from_csv_cell
 from locplan.errors import LocplanError
 
 
@@ -23,6 +24,8 @@ def header_of(path: Path) -> list[str]:
 
 def named_rows(path: Path, what: str) -> Iterator[tuple[str, dict[str, str]]]:
     """Where each row below the header stands, and its values by column; empty ones are left out.
+
+    An apostrophe that keeps a name from being a formula in a spreadsheet is no part of the name.
 
     Raises
     ------
@@ -42,7 +45,7 @@ def named_rows(path: Path, what: str) -> Iterator[tuple[str, dict[str, str]]]:
                     f"{where}: has {len(row)} values, but the header {len(header)} columns"
                 )
             values = dict(zip(header, (value.strip() for value in row), strict=True))
-            name = values["name"]
+            name = values["name"] = from_csv_cell(values["name"])
             if not name:
                 raise LocplanError(f"{where}: name is empty; give the {what} one")
             if name in names:

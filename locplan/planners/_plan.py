@@ -93,8 +93,9 @@ def plan(
     footprint : Footprint or (n, 2) array, optional
         The robot's outline [m], checked exactly along the path that is returned: the cheapest
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
-        one. A path that only the outline itself can take may be missed. By default the robot is
-        the circle of the costmap's radius; give the outline of a robot that is far from round.
+        one. A path that only the outline itself can take may be missed: the status is then "not
+        found". By default the robot is the circle of the costmap's radius; give the outline of a
+        robot that is far from round.
     **options
         Options of the planner: see `planners.GridPlanner` (also for "astar" and "dijkstra"),
         `planners.AnyAngle` and `planners.Ompl`.
@@ -103,7 +104,8 @@ def plan(
     -------
     Plan
         The plan, with status "unreachable" if no path joins start and goal, "infeasible" if none
-        does within the limits, "timeout" if none was found in time.
+        does within the limits, "timeout" if none was found in time, and "not found" if none was
+        found though there may be one.
 
     Raises
     ------

@@ -15,7 +15,8 @@ Position = tuple[float, ...]
 """Position x, y in the world [m], and a heading [rad] where the planner's space has one."""
 MAX_SEED = 2**32 - 1
 """Greatest seed of a planner's random numbers; OMPL's have 32 bits."""
-Status = Literal["solved", "unreachable", "infeasible", "timeout"]
+Status = Literal["solved", "unreachable", "infeasible", "timeout", "not found"]
+"""What became of a plan: "unreachable" and "infeasible" are proven, "not found" is not."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Found:
 
     path: Path | None = field(default=None, repr=False)
     """The path from start to goal, or None."""
-    status: Status = "unreachable"
+    status: Status = "not found"
     """The reason why there is no path; with a path it becomes "solved"."""
     note: str = ""
     """A text on why there is no path and what would help; empty if that is not known."""
@@ -33,7 +34,7 @@ class Found:
     bound: float | None = None
     """Least length that a path within the budget can have [m]; None without a budget."""
     feasible_from: float | None = None
-    """Least limit with which there is a path, in the limit's unit, if it is infeasible."""
+    """Limit below which there is no path, in the limit's unit, if it is infeasible."""
     expanded: int | None = None
     """Number of cells that a search over the grid expanded, over all legs; None if not counted."""
     solve_time: float | None = None
@@ -41,7 +42,7 @@ class Found:
 
     def __post_init__(self) -> None:
         if self.path is not None:
-            if self.status not in ("unreachable", "solved"):
+            if self.status not in ("not found", "solved"):
                 raise ConfigError(
                     f"a path is found: its status is solved, not {shown(self.status)}"
                 )

@@ -19,7 +19,8 @@ class Plan(Pictured):
 
     status: Status
     """The status is "solved", or says that no path leads to the goal ("unreachable"), that none
-    keeps the limits ("infeasible"), or that none was found in time ("timeout")."""
+    keeps the limits ("infeasible"), that none was found in time ("timeout"), or that none was
+    found where the planner searched, though there may be one ("not found")."""
     planner: str
     """The planner's name, such as "any-angle"."""
     start: Position
@@ -45,7 +46,7 @@ class Plan(Pictured):
     bound: float | None = None
     """Least length that a path within the budget can have [m]; None without a budget."""
     feasible_from: float | None = None
-    """Least `budget` or `max_e` with which there is a path, in its unit, if it is infeasible."""
+    """The `budget` or `max_e` below which there is no path, in its unit, if it is infeasible."""
     minimises: bool = True
     """True if the planner seeks the least J; some of OMPL's stop at the first path they find."""
     expanded: int | None = None

@@ -81,7 +81,7 @@ def _position_std(plan: Plan, field: CovarianceField) -> tuple[float, float] | N
     if plan.path is None:
         return None
     grid = field.grid
-    crossed = grid.world_to_grid(*plan.path.resampled(grid.resolution).xy.T)
+    crossed = grid.world_to_grid(*plan.path.resampled(grid.resolution, even=True).xy.T)
     rows, cols = (
         np.clip(np.floor(at).astype(int), 0, size - 1)
         for at, size in zip(crossed, grid.shape, strict=True)

@@ -82,7 +82,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
         axes.set(xlim=xlim, ylim=ylim)
     if not is_small(grid, part):
         return
-    points = [path.resampled(0.5).xy if path.length else path.xy for path in paths]
+    points = [path.resampled(0.5, even=True).xy for path in paths]
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
     draw_map(inset, coarse(grid))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from locplan._util import reading
 from locplan._util.extras import needed
 from locplan._util.progress import ProgressCallback
 from locplan.errors import LocplanError, RecordingError
@@ -122,8 +124,13 @@ def opened(path: Path) -> Iterator[Bag]:
     file = _storage(path)
     ros1 = file.suffix == ".bag"
     try:
-        reader: Any = Reader1(file) if ros1 else Reader2(file)
-        with reader:
+        for each in file.iterdir() if file.is_dir() else (file,):
+            if not each.is_dir():
+                reading.opened(each).close()  # rosbags would wait for a pipe
+        with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
+            reader: Any = Reader1(file) if ros1 else Reader2(file)
+            reader.open()
+        with closing(reader):
             # These types are alike in all distributions: those that the bag holds are not needed.
             store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
             if ros1:  # its TFMessage is missing

@@ -10,7 +10,7 @@ from locplan._util.checks import instance
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
-from locplan.field import Estimator, FieldConfig, Lidar, Scan
+from locplan.field import Estimator, FieldConfig, Fused, Lidar
 from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._field_level import calibrated_field
@@ -100,7 +100,7 @@ def calibrate_drive(
     grid : OccupancyGrid
         The map; the poses are in its world frame.
     config : FieldConfig or Estimator, optional
-        Settings of the field; by default those of `locplan.Scan` with the recording's lidar.
+        Settings of the field; by default those of `locplan.Fused` with the recording's lidar.
     amcl : Amcl, optional
         The robot's filter; Nav2's defaults without it. The alphas that are fitted hold for its
         distance between updates. They are those of the odometry alone, and no advice for a filter,
@@ -145,7 +145,7 @@ def calibrate_drive(
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
-    config = config_of(Scan(recording.lidar) if config is None else config)
+    config = config_of(Fused.of(recording.lidar) if config is None else config)
     amcl, disturbances = amcl or Amcl(), disturbances or Disturbances()
     instance("amcl", amcl, Amcl)
     instance("disturbances", disturbances, Disturbances)

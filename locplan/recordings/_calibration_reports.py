@@ -65,7 +65,9 @@ def _with(interval: Interval, unit: str, percent: float = 0) -> tuple[str, str]:
     return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
 
 
-def write_drive_calibration(target: Path, found: DriveCalibration) -> list[Path]:
+def write_drive_calibration(
+    target: Path, found: DriveCalibration, *, force: bool = False
+) -> list[Path]:
     """Write the settings as `locplan.field.save_config` does, with those of simulated robots.
 
     If the noise level was fitted, a picture of the fit stands beside them.
@@ -78,7 +80,7 @@ def write_drive_calibration(target: Path, found: DriveCalibration) -> list[Path]
     from locplan.plotting import save_figure
     from locplan.simulation import calibration_figure
 
-    picture = check_calibration(target)
+    picture = check_calibration(target, force=force)
     field = found.field
     verdict = field.verdict if field else {"in_metres": False, "why": found.notes[-1]}
     about = {**found.settings, **verdict, "calibration": found.summary()}

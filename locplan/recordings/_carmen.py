@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gzip
+import io
 import math
 import zlib
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import GREATEST
+from locplan._util.reading import opened
 from locplan.errors import RecordingError
 from locplan.recordings._carmen_odometry import odometry_at
 from locplan.recordings._contents import Source
@@ -215,9 +218,11 @@ def _finite(words: tuple[str, ...] | list[str]) -> Pose:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Lines of a log with their numbers, one at a time."""
-    open_it = gzip.open if path.suffix == ".gz" else open
     try:
-        with open_it(path, "rt", encoding="utf-8", errors="replace") as file:
+        with ExitStack() as stack:
+            content = stack.enter_context(opened(path))
+            unpacked = gzip.GzipFile(fileobj=content) if path.suffix == ".gz" else content
+            file = stack.enter_context(io.TextIOWrapper(unpacked, "utf-8", "replace"))
             number = 0
             while line := file.readline(MAX_LINE):
                 number += 1

@@ -12,6 +12,7 @@ odometry may be missing. An empty range, inf and nan mean no return.
 from __future__ import annotations
 
 import dataclasses
+import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import shown
+from locplan._util.reading import opened
 from locplan.errors import LocplanError, RecordingError
 from locplan.field import Lidar
 from locplan.recordings._contents import Contents, Source
@@ -96,7 +98,7 @@ def read_csv(path: Path, options: Options) -> Contents:
 
 
 def write_csv(drive: Contents, target: Path) -> None:
-    """Write a recording as CSV: metres to 0.1 mm, angles and times to a millionth."""
+    """Write a recording as CSV: ranges to 0.1 mm, poses to a millionth, and times without loss."""
     settings = {
         each.name: getattr(drive.lidar, each.name)
         for each in dataclasses.fields(Lidar)
@@ -112,7 +114,8 @@ def write_csv(drive: Contents, target: Path) -> None:
         described = ", ".join(f"{name}={value!r}" for name, value in settings.items())
         file.write(f"{LIDAR} {described}\n{','.join(names)}\n")
         for place, ranges in zip(np.concatenate(columns, axis=1), drive.ranges, strict=True):
-            cells = [f"{value:.6f}" for value in place]
+            cells = [] if drive.times is None else [repr(float(place[0]))]
+            cells += [f"{value:.6f}" for value in place[len(cells) :]]
             cells += [f"{value:.4f}" if math.isfinite(value) else "" for value in ranges]
             file.write(",".join(cells) + "\n")
 
@@ -186,7 +189,7 @@ def _lidar(values: dict[str, str], beams: int, options: Options) -> Lidar:
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Lines with their numbers, one at a time, without blanks at their ends."""
     try:
-        with open(path, encoding="utf-8-sig", errors="strict") as file:
+        with io.TextIOWrapper(opened(path), "utf-8-sig") as file:
             number = 0
             while line := file.readline(MAX_LINE):
                 number += 1

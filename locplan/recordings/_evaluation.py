@@ -22,11 +22,10 @@ from locplan.field import (
     Lidar,
     Sad,
     Scan,
-    load_or_compute,
     scalar,
 )
+from locplan.field._at_points import covariances_along
 from locplan.field._estimator import Estimator
-from locplan.field._lattice import points_near, stride_cells
 from locplan.maps import OccupancyGrid
 from locplan.recordings._agreement import Agreement, agreement
 from locplan.recordings._blocks import blocks_along
@@ -40,8 +39,6 @@ OUTDATED = -0.5
 ended away from all walls."""
 LEAST_SCANS = 10
 """Number of scans below which nothing is compared."""
-NEAR = 0.3
-"""Distance from the poses up to which the fields are computed [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,7 +60,7 @@ class DriveEvaluation(Pictured):
 
     @cached_property
     def outdated(self) -> NDArray[np.bool_]:
-        """Mask of the scans that saw what is not on the map: people, or changed places, (n,)."""
+        """Mask of the scans that saw what is not on the map, (n,): people, changes, plants."""
         return np.asarray(self.matches.judged & (self.matches.score < OUTDATED))
 
     @cached_property
@@ -177,10 +174,7 @@ def evaluate_drive(
     predicted = {}
     for n, (name, estimator) in enumerate(estimators.items(), start=2):
         config = FieldConfig(estimator)
-        field = load_or_compute(
-            grid, config, points=_points_along(recording, grid, config), threads=threads
-        )
-        predicted[name] = np.array([field.at(x, y, turn) for x, y, turn in recording.poses])
+        predicted[name] = covariances_along(grid, config, recording.poses, threads=threads)
         tell(n, len(estimators) + 1)
     criteria = {name: each.criterion for name, each in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)
@@ -201,14 +195,3 @@ def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
         "scan": Scan(lidar),
         "fused": Fused.of(lidar),
     }
-
-
-def _points_along(
-    recording: Recording, grid: OccupancyGrid, config: FieldConfig
-) -> NDArray[np.bool_]:
-    """Lattice points near the poses, (h, w)."""
-    stride = stride_cells(config.stride, grid.resolution)
-    cells = np.column_stack(grid.world_to_grid(*recording.poses[:, :2].T)) - 0.5
-    inside = ((cells > -0.5) & (cells < np.array(grid.shape) - 0.5)).all(axis=1)
-    free = grid.free[::stride, ::stride]
-    return points_near(free, stride, cells[inside], NEAR / grid.resolution)

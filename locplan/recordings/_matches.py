@@ -17,14 +17,12 @@ from locplan._util.checks import instance
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
-from locplan.field import Scan, SearchWindow, position_axes, scalar
+from locplan.field import Scan, position_axes, scalar
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._matcher import Matcher
 from locplan.recordings._recording import Recording
 
 Numbers = NDArray[np.float64]
-WINDOW = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
-"""Search window about a recorded pose; its heading is known better than that of a match."""
 EFFECTIVE_BEAMS = 15.0
 """Number of independent beams that tell as much as a whole scan."""
 BATCH = 64
@@ -118,7 +116,7 @@ def match_scans(
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     workers = check_threads(threads)
-    settings = settings or Scan(recording.lidar, window=WINDOW, effective_beams=EFFECTIVE_BEAMS)
+    settings = settings or Scan(recording.lidar, effective_beams=EFFECTIVE_BEAMS)
     matcher = Matcher(grid, settings)
     count, beams = len(recording), settings.beams_compared
     row, col = grid.world_to_grid(*recording.poses[:, :2].T)

@@ -230,7 +230,8 @@ class Recording:
         Parameters
         ----------
         path : path
-            File that ends in .npz, which loses nothing, or in .csv, rounded to 0.1 mm.
+            File that ends in .npz, which loses nothing, or in .csv, whose ranges are
+            rounded to 0.1 mm and poses to a millionth.
 
         Raises
         ------

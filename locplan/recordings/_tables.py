@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, shown
 from locplan._util.files import replacing
-from locplan._util.reading import parsed_json
+from locplan._util.reading import opened, parsed_json
 from locplan.errors import LocplanError, RecordingError
 from locplan.field import Lidar
 from locplan.recordings._contents import Contents, Source
@@ -27,7 +27,8 @@ from locplan.recordings._options import Options, with_options
 NONE_MM = 65535
 """No return among ranges in whole millimetres, uint16."""
 NPZ_ARRAYS = ("ranges", "poses", "times", "odometry", "lidar", "source")
-MAX_ARRAY_BYTES = 2**33
+MAX_ARRAY_BYTES = 2**28
+"""Greatest size of all arrays together, unpacked; reading takes some six times as much."""
 Reader = Callable[[Path, Options], Contents]
 
 
@@ -121,14 +122,15 @@ def _source(text: NDArray[Any] | None, path: Path) -> Source:
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of a file, each of a size that its header and the archive agree on."""
     found = {}
-    with zipfile.ZipFile(path) as archive:
+    with opened(path) as content, zipfile.ZipFile(content) as archive:
         sizes = {each.filename: each.file_size for each in archive.infolist()}
+        if (total := sum(sizes.get(f"{name}.npy", 0) for name in NPZ_ARRAYS)) > MAX_ARRAY_BYTES:
+            most = MAX_ARRAY_BYTES / 1e6
+            raise ValueError(f"its arrays take {total / 1e6:.0f} MB, of at most {most:.0f} MB")
         for name in NPZ_ARRAYS:
             size = sizes.get(f"{name}.npy")
             if size is None:
                 continue
-            if size > MAX_ARRAY_BYTES:
-                raise ValueError(f"{name} takes {size / 1e9:.0f} GB")
             with archive.open(f"{name}.npy") as member:
                 version = np.lib.format.read_magic(member)
                 read = (

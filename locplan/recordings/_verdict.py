@@ -15,7 +15,7 @@ from locplan.simulation._ranking import Rank
 
 Mask = NDArray[np.bool_]
 
-PREFERRED = ("scan", "fused", "fisher", "sad")
+PREFERRED = ("fused", "scan", "fisher", "sad")
 """The estimators, the one that is named first where it ranks the scans better than chance."""
 SHARP = 0.1
 """Deviation up to which nine of ten scans fix the position well enough everywhere [m]."""
@@ -110,8 +110,8 @@ def _about_places(matches: Matches, compared: Mask, blocks: NDArray[np.int64]) -
     here = compared & (blocks == worst)
     median, direction = float(np.median(std[here])), _axis(matches.direction[here])
     return (
-        f"The worst 10 m lie around {_middle(matches, here)}, where the position is known to"
-        f" {100 * median:.0f} cm along {direction}°"
+        f"The worst 10 m lie around {_middle(matches, here)}, where {_scans(int(here.sum()))} the"
+        f" position to {100 * median:.0f} cm along {direction}°{_not_compared(blocks, compared)}"
     )
 
 
@@ -123,16 +123,25 @@ def _about_map(matches: Matches, outdated: Mask, blocks: NDArray[np.int64]) -> s
     most = outdated & (blocks == each[np.argmax(counts)])
     return (
         f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
-        f" {_middle(matches, most)}: people, or the map is out of date there"
+        f" {_middle(matches, most)}: people, changes, or what a map leaves out, such as plants"
     )
 
 
 def _worst_block(blocks: NDArray[np.int64], values: NDArray[np.float64]) -> int:
-    """The block of the greatest mean, of those with three scans or as many as half of them have."""
+    """The block of the greatest mean."""
     every, number, counts = np.unique(blocks, return_inverse=True, return_counts=True)
-    means = np.bincount(number, values) / counts
-    enough = counts >= min(3, np.median(counts))
-    return int(every[np.argmax(np.where(enough, means, -np.inf))])
+    return int(every[np.argmax(np.bincount(number, values) / counts)])
+
+
+def _scans(count: int) -> str:
+    return "the only scan compared fixes" if count == 1 else f"{count} scans fix"
+
+
+def _not_compared(blocks: NDArray[np.int64], compared: Mask) -> str:
+    """How many blocks have no scan that was compared, if any."""
+    every = len(np.unique(blocks))
+    left = every - len(np.unique(blocks[compared]))
+    return f"; {left} of {every} stretches of 10 m have no scan to compare" if left else ""
 
 
 def _axis(directions: NDArray[np.float64]) -> int:

@@ -45,7 +45,7 @@ def calibration_table(calibration: Calibration) -> str:
     return f"{table([], rows)}\n{verdict}"
 
 
-def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
+def write_calibration(target: Path, calibration: Calibration, *, force: bool = False) -> list[Path]:
     """Write the calibrated settings as `locplan.save_config` does, and a picture beside them.
 
     The file says whether deviations are in metres, so that `locplan.load_config` can warn.
@@ -58,7 +58,7 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     from locplan.plotting import save_figure
     from locplan.simulation import _figures
 
-    picture = check_calibration(target)
+    picture = check_calibration(target, force=force)
     about = {**calibration.verdict, "calibration": calibration.summary()}
     with replacing(picture) as drawn, replacing(target) as settings:
         try:
@@ -70,20 +70,27 @@ def write_calibration(target: Path, calibration: Calibration) -> list[Path]:
     return [target, picture]
 
 
-def check_calibration(target: Path) -> Path:
+def check_calibration(target: Path, *, force: bool = False) -> Path:
     """The picture beside a calibration, if both can be written; to be called before long work.
 
     Raises
     ------
     LocplanError
-        If one cannot be written, or if one is there that is not as a calibration wrote it.
+        If one cannot be written, or is in the way, not as a calibration wrote it, without `force`.
     """
     check_target(target, ".json")
     picture = target.with_name(f"{target.stem}_calibration.png")
     check_target(picture, ".png")
+    if force:
+        return picture
     written = picture_of_calibration(target) if target.exists() else None
     if target.exists() and not written:
-        raise LocplanError(f"{target}: is there, and no calibration; name another file")
+        raise LocplanError(
+            f"{target}: is there, and no calibration; name another file, or replace it with --force"
+        )
     if picture.exists() and digest_of(picture) != written:
-        raise LocplanError(f"{picture}: is in the way of the picture; move it, or rename {target}")
+        raise LocplanError(
+            f"{picture}: is in the way of the picture; move it, rename {target}, or replace it with"
+            " --force"
+        )
     return picture

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
+from locplan.costs._path import divided
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan_field
@@ -33,7 +34,7 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
     """
     if path.length <= 0:
         raise LocplanError("has no length; a path to drive must lead somewhere")
-    fine = path.resampled(SPACING)
+    fine = path.resampled(SPACING, even=True)
     rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
     free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
@@ -102,11 +103,7 @@ def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
 
 def _turning(poses: Poses) -> Poses:
     """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
-    turns = np.abs(np.diff(poses[:, 2]))
-    steps = np.maximum(1, np.ceil(turns / TURN)).astype(np.int64)
-    at = np.concatenate([[0], np.cumsum(steps)])
-    every = np.arange(at[-1] + 1)
-    return np.column_stack([np.interp(every, at, v) for v in poses.T])
+    return divided(poses, np.abs(np.diff(poses[:, 2])) / TURN)
 
 
 def _cut_out(

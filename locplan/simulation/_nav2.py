@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 
 from locplan.errors import LocplanError, one_line
-from locplan.maps._ros_parameters import read_parameters
+from locplan.maps._ros_parameters import AMCL, read_parameters
 from locplan.simulation._settings import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl
 
 OLDER_NAMES = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
@@ -57,7 +57,8 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     Parameters
     ----------
     path : path
-        YAML file with a node `amcl`; parameters that are missing there have Nav2's defaults.
+        YAML file with a node `amcl`; parameters that are missing there have Nav2's defaults. Where
+        it has several robots, the namespace of one follows, as in "nav2.yaml:robot1".
 
     Raises
     ------
@@ -78,12 +79,12 @@ def warn_of(path: str | os.PathLike[str], left_out: Sequence[str]) -> None:
 
 def read_filter(path: str | os.PathLike[str]) -> tuple[Amcl, tuple[str, ...]]:
     """Read AMCL's parameters as `read_amcl` does, and the names of those that are not simulated."""
-    own = read_parameters(path).get("amcl")
-    given = own.get("ros__parameters") if isinstance(own, dict) else None
-    if not isinstance(given, dict):
-        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
+    parameters = read_parameters(path)
+    given, own = parameters.of(AMCL), parameters.of(AMCL, shared=False)
     known = {each.name for each in dataclasses.fields(Amcl)} - {"half_cell"}
     taken = {name: value for name, value in given.items() if name in known}
+    if not taken and all(each.is_shared for each in parameters.entries(AMCL)):
+        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
     model = str(taken.pop("robot_model_type", DIFFERENTIAL))
     model = OLDER_NAMES.get(model, model)
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
@@ -93,15 +94,13 @@ def read_filter(path: str | os.PathLike[str]) -> tuple[Amcl, tuple[str, ...]]:
         amcl = Amcl(**taken)
     except LocplanError as error:
         raise LocplanError(f"{path}: amcl: {error}") from None
-    unknown = sorted(set(given) - known - NO_MATTER)
+    unknown = sorted({name.partition(".")[0] for name in own} - known - NO_MATTER)
     return amcl, (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown)
 
 
 def other_parameters(params: str | os.PathLike[str] | None) -> dict[str, object]:
     """Parameters of amcl in a file of Nav2, or none."""
-    node = read_parameters(params).get("amcl")
-    own = node.get("ros__parameters") if isinstance(node, dict) else None
-    return dict(own) if isinstance(own, dict) else {}
+    return read_parameters(params).of(AMCL)
 
 
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:

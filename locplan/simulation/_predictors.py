@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import FieldConfig, Fisher, Lidar, Sad, Scan, scalar
+from locplan.field import FieldConfig, Fisher, Fused, Lidar, Sad, Scan, scalar
 from locplan.field._at_points import covariances_at
 from locplan.field._lattice import stride_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -17,7 +17,6 @@ from locplan.maps import OCCUPIED, OccupancyGrid
 Array = NDArray[np.float64]
 SCALARS = ("e", "position_std", "heading_std")
 """Scalars of each field that are tried."""
-FUSED = "fisher+scan"
 CLEARANCE, FEW_WALLS = "clearance", "few occupied cells"
 
 
@@ -44,8 +43,8 @@ class Predictor(NamedTuple):
 
 
 PLANNED = {
-    Predictor("scan", "position_std"): "with --lidar",
-    Predictor(FUSED, "position_std"): "with --lidar and --estimator fused",
+    Predictor("fused", "position_std"): "with --lidar",
+    Predictor("scan", "position_std"): "with --lidar and --estimator scan",
     Predictor("fisher", "position_std"): "with --lidar and --estimator fisher",
     Predictor("sad", "e"): "with --estimator sad, the default without a lidar",
     Predictor("sad visible", "e"): "with --estimator sad --template visible",
@@ -58,7 +57,7 @@ Those that real lasers speak for come first."""
 
 
 def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
-    """Settings of the fields that are tried, by name; "fisher" and "scan" use this lidar.
+    """Settings of the fields that are tried, by name; all but "sad" and "paper" use this lidar.
 
     "sad" is the default preset and "paper" the paper's, with discs of the radius `disc` [m], by
     default the paper's; "visible" ones have templates of what is visible within that radius.
@@ -72,6 +71,7 @@ def configs(lidar: Lidar, disc: float | None = None) -> dict[str, FieldConfig]:
         "paper visible": dataclasses.replace(paper, template="visible"),
         "fisher": Fisher(lidar),
         "scan": Scan(lidar),
+        "fused": Fused.of(lidar),
     }
     return {name: FieldConfig(estimator) for name, estimator in estimators.items()}
 
@@ -86,7 +86,7 @@ def predictions(
     """Values of each predictor at points of the lattice of the default stride, (n,).
 
     The configs' own strides are ignored. Several headings give the value of their mean
-    information. "fisher+scan" is the geometric mean of both.
+    information.
 
     Parameters
     ----------
@@ -105,10 +105,6 @@ def predictions(
         covariance = covariances_at(grid, config, points, threads=threads)
         for each in SCALARS:
             found[Predictor(name, each)] = scalar(covariance, each)
-    if {"fisher", "scan"} <= set(fields):
-        for each in SCALARS:
-            both = found[Predictor("fisher", each)] * found[Predictor("scan", each)]
-            found[Predictor(FUSED, each)] = np.sqrt(both)
     config = next(iter(fields.values()))
     cells = points * stride_cells(config.stride, grid.resolution)
     found[Predictor(CLEARANCE, "")] = grid.clearance[tuple(cells.T)]

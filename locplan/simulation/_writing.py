@@ -11,6 +11,7 @@ from typing import Any
 
 from locplan import __version__
 from locplan._util.files import replacing
+from locplan._util.tables import csv_cell
 
 
 def write_json(file: Path, about: Mapping[str, object]) -> None:
@@ -25,7 +26,7 @@ def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any
     with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows([_text(value) for value in row] for row in rows)
+        writer.writerows([csv_cell(_text(value)) for value in row] for row in rows)
 
 
 def _text(value: float | str) -> str:

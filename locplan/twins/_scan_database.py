@@ -15,7 +15,7 @@ from locplan.errors import ConfigError
 from locplan.field import Lidar, Scan
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._matcher import Matcher
-from locplan.recordings._matches import EFFECTIVE_BEAMS, WINDOW
+from locplan.recordings._matches import EFFECTIVE_BEAMS
 from locplan.twins._database import Database, _of_lidar, make_database
 from locplan.twins._matching import TURNS, Matching
 
@@ -96,7 +96,7 @@ class ScanDatabase:
     @cached_property
     def matcher(self) -> Matcher:
         """What gives the covariance of a match, as `locplan.recordings.match_scans` does."""
-        settings = Scan(self.lidar, window=WINDOW, effective_beams=EFFECTIVE_BEAMS)
+        settings = Scan(self.lidar, effective_beams=EFFECTIVE_BEAMS)
         return Matcher(self.grid, settings)
 
     @cached_property

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from locplan.costs import Costmap, path_metrics
-from locplan.field import FieldConfig, Lidar, Scan, covariance_field
+from locplan.field import FieldConfig, Fused, Lidar, covariance_field
 from locplan.maps import load_map
 from locplan.planners import plan_beside_shortest, planned_near_paths
 from locplan.planners._plan import AWARE
@@ -17,7 +17,7 @@ QUERIES = {
     "fetch_3_1_16_png": ((3.6, 36.2), (44.2, 3.0)),
     "fetch_4_26_15": ((-16.3, 30.0), (22.2, -2.8)),
 }
-CONFIG = FieldConfig(Scan(Lidar.preset("lms291")))
+CONFIG = FieldConfig(Fused.of(Lidar.preset("lms291")))
 """It looks forward only: 8 headings."""
 
 

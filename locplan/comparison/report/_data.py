@@ -25,8 +25,12 @@ class Row(TypedDict):
     planner: str
     solved_share: float
     """The share of runs that were solved, 0..1."""
+    pairs: int
+    """The number of queries that the planner and the baseline both solved."""
     measures: Mapping[str, tuple[float, float, float]]
-    """Median, lower and upper quartile of the solved runs, by the names of `MEASURES`."""
+    """Median, lower and upper quartile on those queries, by the names of `MEASURES`."""
+    baseline_cost: float
+    """The baseline's median J on those queries [m]; NaN if there are none."""
     ratio: float
     """The ratio of J to the baseline's; NaN if it is unknown."""
     ratio_low: float

@@ -58,8 +58,6 @@ td.note { white-space: normal; min-width: 16rem; }
 .number { font-variant-numeric: tabular-nums; }
 td small { display: block; font-size: .8rem; }
 td.ratio small { white-space: normal; }
-td.best { font-weight: 700; }
-td.best small { font-weight: 400; }
 .ratio svg { display: block; margin-top: .15rem; }
 td.few { color: var(--warn); font-weight: 700; }
 summary { cursor: pointer; }

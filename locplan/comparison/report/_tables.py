@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections import Counter
@@ -39,9 +38,8 @@ def results(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
     note = (
         f"The mark beside each ratio is its 95{NO_BREAK}% interval, the upright line the J of"
         f" {data.baseline}; grey where the interval includes it, an arrow where it lies outside."
-        " The other columns are medians over the queries that all planners have solved, with"
-        " their interquartile ranges below. Bold: the least median J of the planners that solve"
-        " most."
+        " n is the number of queries that planner and baseline both solved; the ratio and the"
+        " medians, with their interquartile ranges below, are over these."
     )
     yield element("p", note, kind="muted note")
     measured = HEADS | {"integrated_e": f"{MEASURES['integrated_e'][0]} [{data.e_unit} m]"}
@@ -63,24 +61,15 @@ def results(data: ReportData, looks: Mapping[str, Look]) -> Iterator[Html]:
 
 def _rows(rows: Sequence[Row], data: ReportData, looks: Mapping[str, Look]) -> Iterator[Line]:
     scale = Scale.of([(row["ratio_low"], row["ratio_high"]) for row in rows])
-    most = max(row["solved_share"] for row in rows)
-    least = min(_median(row, "cost") for row in rows if row["solved_share"] == most)
     for row in rows:
         label, share = row["planner"], row["solved_share"]
         mark = line(looks[label]) if label in looks else ""
         name = element("span", mark, element("span", breakable(label)), kind="planner")
-        costs, *others = (_measure_cell(row, measure) for measure in COLUMNS)
-        if share == most and _median(row, "cost") == least < math.inf:
-            costs = dataclasses.replace(costs, kind="best")
+        measures = (_measure_cell(row, measure) for measure in COLUMNS)
         percent = f"{share:.0%}".replace("%", f"{NO_BREAK}%")
         solved = Cell(percent, share, "" if share == 1 else "few")
-        cells = [Cell(name), _ratio_cell(row, data.baseline, scale), solved, costs, *others]
+        cells = [Cell(name), _ratio_cell(row, data.baseline, scale), solved, *measures]
         yield Line(cells, {"data_planner": label})
-
-
-def _median(row: Row, measure: str) -> float:
-    value = row["measures"].get(measure, (math.nan,) * 3)[0]
-    return value if math.isfinite(value) else math.inf
 
 
 def _measure_cell(row: Row, measure: str) -> Cell:
@@ -95,12 +84,13 @@ def _measure_cell(row: Row, measure: str) -> Cell:
 def _ratio_cell(row: Row, baseline: str, scale: Scale) -> Cell:
     ratio, low, high = row["ratio"], row["ratio_low"], row["ratio_high"]
     text, note = f"{ratio:.3f} [{low:.3f}, {high:.3f}]", row["sentence"]
+    medians = f"n = {row['pairs']}, {baseline}: {number(row['baseline_cost'])} m"
     if row["planner"] == baseline:
         ratio, low, high, text, note = 1.0, 1.0, 1.0, "1", "baseline"
     if not math.isfinite(ratio):
         return Cell("–", math.nan)
     drawn = interval(ratio, low, high, scale)
-    return Cell(joined([text, drawn, element("small", note)]), ratio, "ratio")
+    return Cell(joined([text, drawn, element("small", f"{note} ({medians})")]), ratio, "ratio")
 
 
 def number(value: float) -> str:

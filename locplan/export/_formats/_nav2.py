@@ -37,7 +37,7 @@ class Nav2Options(MaskOptions):
     distro: Distro = "jazzy"
     """The distribution of ROS 2 is jazzy by default."""
     params: Path | None = None
-    """Our parameters are merged into this parameter file of Nav2."""
+    """Our parameters are merged into this parameter file of Nav2; the robot has its size, too."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -53,7 +53,7 @@ class SpeedOptions:
     distro: Distro = "jazzy"
     """The distribution of ROS 2 is jazzy by default."""
     params: Path | None = None
-    """Our parameters are merged into this parameter file of Nav2."""
+    """Our parameters are merged into this parameter file of Nav2; the robot has its size, too."""
 
     def __post_init__(self) -> None:
         from locplan.export._nav2 import check_slowest

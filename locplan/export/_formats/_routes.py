@@ -28,7 +28,7 @@ class RoutesOptions:
     drives: int = 8
     """Each candidate path is driven 8 times by default, or fewer where that settles the choice."""
     params: Path | None = None
-    """The settings of amcl in this parameter file of Nav2 are simulated."""
+    """The settings of amcl in this parameter file of Nav2 are simulated; the robot has its size."""
     frame: str = "map"
     """The frame of the coordinates is map by default."""
     distro: Distro = "jazzy"

@@ -14,7 +14,7 @@ from locplan.field._estimator import Estimator
 from locplan.field._lidar import Lidar
 from locplan.field._search_window import OffsetLattice, SearchWindow
 
-WINDOW = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=10.0, rotation_step_deg=2.0)
+WINDOW = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
 """Search window that ranks the uncertainty of real lasers best."""
 EFFECTIVE_BEAMS = 12.6
 """Number of independent beams that tell as much as a whole scan does, fitted to real lasers."""
@@ -48,7 +48,7 @@ class LidarEstimator(Estimator):
     window: SearchWindow = field(default=WINDOW, kw_only=True)
     """Search window of pose offsets, which bounds the covariance.
 
-    By default 1.5 m in steps of 0.1 m, and 10 deg in steps of 2 deg.
+    By default 1.5 m in steps of 0.1 m, and 4 deg in steps of 1 deg.
     """
     sigma_hit: float = field(default=0.1, kw_only=True)
     """Standard deviation of the distance of a beam's end from a wall [m], above 0.
@@ -62,7 +62,10 @@ class LidarEstimator(Estimator):
     grows. Of fewer beams than these, each tells as much as an independent one.
     """
     max_beams: int = field(default=180, kw_only=True)
-    """Greatest number of the lidar's beams, evenly spaced, that count, >= 1; fewer are faster."""
+    """Greatest number of beams that count, >= 1; fewer are faster.
+
+    Of a lidar with more, as many are simulated, evenly spaced over its field of view.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -108,12 +111,13 @@ class LidarEstimator(Estimator):
 
     @property
     def beams_compared(self) -> int:
-        """Number of the lidar's beams that count."""
-        return min(self.lidar.beams, self.max_beams)
+        """Number of beams that count; whole quarters of them where the lidar sees all round."""
+        count = min(self.lidar.beams, self.max_beams)
+        return count // 4 * 4 or count if self.lidar.sees_all_round else count
 
     @property
     def beam_numbers(self) -> NDArray[np.int64]:
-        """Numbers of the lidar's beams that count, evenly spaced, (beams_compared,)."""
+        """Numbers of a real lidar's beams that count, evenly spaced, (beams_compared,)."""
         count = self.beams_compared
         return (2 * np.arange(count) + 1) * self.lidar.beams // (2 * count)
 
@@ -145,12 +149,13 @@ class LidarEstimator(Estimator):
         return 1 if self.lidar.sees_alike_in_all_headings else HEADINGS
 
     def beams(self) -> Any:
-        """The lidar with the beams that count, in the form that the kernels take."""
+        """The simulated lidar with the beams that count, in the form that the kernels take."""
         from locplan._kernels.lidar import Lidar as Beams
 
-        lidar = self.lidar
+        # A choice of the lidar's own beams would lie aside of the middle, and not turn with a map.
+        lidar = replace(self.lidar, beams=self.beams_compared)
         return Beams(
-            angles=lidar.angles[self.beam_numbers],
+            angles=lidar.angles,
             forward=lidar.mount_x,
             left=lidar.mount_y,
             yaw=lidar.mount_yaw,

@@ -19,7 +19,7 @@ from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._lidar import Lidar, checked_range
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.field._template import disc
-from locplan.field.estimators._sad_blocks import kept_lines
+from locplan.field.estimators._sad_blocks import beside, kept_lines
 from locplan.field.estimators._sad_tiles import Due, Layout, template_radius
 from locplan.maps import FREE, OCCUPIED
 
@@ -78,6 +78,11 @@ class Sad(Estimator):
     The sums of absolute differences between a template and the map at every offset of the window
     give weights, and they the covariance. The defaults predict errors of scan matching best;
     `Sad.paper` follows Eq. 8-10 as printed (doi 10.1186/s40648-023-00256-w).
+
+    Two things are done for speed that move ln e by under 2 % in the median, whatever the cells: the
+    template is turned with the whole map, and so about a point up to half a cell from its own
+    centre; and where cells do not divide the window's step, the sum at an offset, rounded to whole
+    cells, is interpolated between those of whole steps.
 
     Examples
     --------
@@ -141,7 +146,7 @@ class Sad(Estimator):
         return self.quantisation
 
     def lattice(self, resolution: float) -> OffsetLattice:
-        return self.window.on(resolution)
+        return self.window.on(resolution, exact=True)
 
     @property
     def reach(self) -> float:
@@ -185,17 +190,23 @@ class Sad(Estimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        window = self.window.on(part.resolution)
+        window = self.lattice(part.resolution)
         radius = template_radius(self.range, window, part.map_shape)
         greatest = 2 * np.count_nonzero(disc(radius)) * LEVEL_STEP
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
-        in_steps = self._in_steps(Layout.of(part, radius, window), weights)
+        layout = Layout.of(part, radius, window.counted)
+        in_steps = self._in_steps(layout, weights, window.places)
         covariance = self.noise_level * in_steps * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
 
-    def _in_steps(self, layout: Layout, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped."""
+    def _in_steps(
+        self, layout: Layout, weights: NDArray[np.float64], places: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
+
+        `places` are those of the lattice's offsets among the layout's.
+        """
         from locplan._kernels import sad
 
         part, groups, visible = layout.part, layout.groups(), self.template == "visible"
@@ -205,6 +216,8 @@ class Sad(Estimator):
         kept, due = [every] * len(groups), Due(cells, cells)
         if negligible is not None:  # half of the progress is for the bound
             kept = kept_lines(layout, groups, negligible, Due(cells - cells // 2, cells * headings))
+            if (places % 1).any():  # what lies beside a kept line is read from both
+                kept = [beside(lines) for lines in kept]
             due = Due(cells // 2, cells)
         scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
         result = np.full((cells, 3, 3), np.nan)
@@ -215,6 +228,7 @@ class Sad(Estimator):
                 layout.sight(group) if visible else None,
                 lines,
                 weights,
+                places,
                 *scratch,
                 part.control,
                 due.for_steps(group.cells.size),
@@ -241,7 +255,7 @@ class Sad(Estimator):
             or self.range < LONG_RANGE_CELLS * resolution
         ):
             return None
-        window = self.window.on(resolution)
+        window = self.lattice(resolution)
         turn = window.rotation_step * window.half_rotations
         greatest = max(window.step * window.half_steps, turn)
         moments = 2 * self.noise_level * window.size * greatest**2
@@ -276,7 +290,7 @@ class Sad(Estimator):
         return (floor / np.maximum(area, floor)) ** 2  # a common factor has no effect
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        window = self.window.on(resolution)
+        window = self.lattice(resolution).counted
         # A turned cell lies within one cell of its rounded place, and so does its source.
         return template_radius(self.range, window, map_shape) + max(window.reach, 2)
 
@@ -287,7 +301,7 @@ class Sad(Estimator):
         """
         from locplan._kernels.bitplanes import SQUARE
 
-        window = self.window.on(resolution)
+        window = self.lattice(resolution).counted
         radius, turns = template_radius(self.range, window, map_shape), window.angles.size
         turned = min(TILE_CELLS, max(map_shape)) * math.sqrt(2) + 2.0 * radius
         still = min(TILE_CELLS, max(map_shape)) + 2.0 * (radius + window.reach)
@@ -303,9 +317,9 @@ class Sad(Estimator):
 
         See `locplan.field.Estimator.seconds`.
         """
-        compared = self.window.on(resolution).size * math.pi * (self.range / resolution) ** 2
+        compared = self.lattice(resolution).size * math.pi * (self.range / resolution) ** 2
         if self.template == "visible":
             return 6e-12 * compared
         if self.negligible(resolution) is None:
             return 1e-12 * compared
-        return 5e-8 * self.window.on(resolution).size + 1e-13 * compared
+        return 5e-8 * self.lattice(resolution).size + 1e-13 * compared

@@ -90,6 +90,14 @@ def kept_lines(
     return kept
 
 
+def beside(lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Lines that are kept, and those next to them along x, (theta, n, dx)."""
+    wide = lines.copy()
+    wide[:, :, 1:] |= lines[:, :, :-1]
+    wide[:, :, :-1] |= lines[:, :, 1:]
+    return wide
+
+
 def _lay_out(
     layout: Layout, group: Group, still: NDArray[np.uint16], table_rows: int
 ) -> tuple[Any, NDArray[np.int64], NDArray[np.int64]]:

@@ -76,7 +76,7 @@ class Scan(LidarEstimator):
             part.cols - part.corner[1],
             part.headings,
             self.beams(),
-            np.outer(pattern(self.beams_compared), self.endpoint_noise),
+            np.outer(self.pattern, self.endpoint_noise),
             self.temperature,
             part.control,
         )
@@ -88,6 +88,27 @@ class Scan(LidarEstimator):
             "ambiguity": found.ambiguity[:, part.heading_axis],
             "entropy": found.entropy[:, part.heading_axis],
         }
+
+    @property
+    def pattern(self) -> NDArray[np.float64]:
+        """Standard normal deviations of the beams' ends, the same at all poses, (beams,).
+
+        They are the quantiles at the base-2 van der Corput sequence: evenly spread, and different
+        for neighbouring beams. Beams that a mirror exchanges have the same one, and so have, of a
+        lidar that sees all round, those that a quarter turn exchanges: then the covariances turn
+        with the map.
+        """
+        from scipy.special import ndtri
+
+        beams = self.beams_compared
+        from_middle = abs(2 * np.arange(beams) + 1 - beams)  # half spacings
+        if self.lidar.sees_all_round:
+            quarter = beams / 2
+            from_middle = np.minimum(from_middle % quarter, -from_middle % quarter)
+        numbers = (from_middle // 2).astype(np.int64) + 1
+        digits = np.arange(MAX_BEAMS.bit_length())
+        reversed_digits = numbers[:, None] >> digits & 1
+        return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
 
     def prepare(self, levels: NDArray[np.uint8], resolution: float) -> Scene:
         """Empty squares and the likelihood field of a map or a part.
@@ -108,7 +129,7 @@ class Scan(LidarEstimator):
         around = likelihood_reach(resolution, self.sigma(resolution), self.z_rand) + 2
         offsets = self.lattice(resolution).reach
         shift, growth = self.endpoint_noise
-        farthest = float(np.abs(pattern(self.beams_compared)).max())
+        farthest = float(np.abs(self.pattern).max())
         moved = math.ceil(farthest * (shift + growth * self.lidar.range) / resolution)
         reach = reach_of_beams(self.lidar, resolution) + moved + offsets + around
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
@@ -131,19 +152,6 @@ class Scan(LidarEstimator):
         margin = 2.0 * self.lattice(resolution).reach + reach
         height, width = (size + 2 * margin for size in map_shape)
         return 4 * height * width + 32.0 * reach**2
-
-
-def pattern(beams: int) -> NDArray[np.float64]:
-    """Standard normal deviations of the beams' ends, the same at all poses, (beams,).
-
-    They are the quantiles at the base-2 van der Corput sequence: evenly spread, and different for
-    neighbouring beams.
-    """
-    from scipy.special import ndtri
-
-    digits = np.arange(MAX_BEAMS.bit_length())
-    reversed_digits = np.arange(1, beams + 1)[:, None] >> digits & 1
-    return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
 
 
 def _noise(noise: object) -> tuple[float, float]:

@@ -131,7 +131,7 @@ class Ompl:
         _, part = connected(costs)
         one, other = (part[costs.grid.world_to_cell(*pose[:2])] for pose in (start, goal))
         if one != other:
-            return Found()  # what no path over the grid joins, no motion does
+            return Found(status="unreachable")  # what no path over the grid joins, no motion does
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
             return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))

@@ -57,7 +57,7 @@ class Roadmap:
         Returns
         -------
         Plan
-            The plan, with status "timeout" if the roadmap does not join start and goal.
+            The plan, with status "not found" if the roadmap does not join start and goal.
 
         Raises
         ------
@@ -70,7 +70,7 @@ class Roadmap:
         poses = self.poses_between(start, goal)
         if poses is None:
             note = "the roadmap does not join start and goal; a larger one may"
-            found = Found(status="timeout", note=note)
+            found = Found(note=note)
         else:
             found = Found(self.motions.path(poses))
         return finished("roadmap", costs, start, goal, found, time.perf_counter() - began)

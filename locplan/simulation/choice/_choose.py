@@ -13,7 +13,7 @@ from locplan._util.checks import number, one_of, positive
 from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, Lidar, Scan, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Fused, Lidar, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.planners import Position, check_ends, plan, planned_near_paths
 from locplan.planners._alternatives import LONGEST, alternatives
@@ -59,7 +59,7 @@ def choose(
 ) -> Choice:
     """Drive a handful of dissimilar paths in simulation, and choose among them.
 
-    Candidates are the shortest path, detours around it, and the paths of least cost by `Scan` (or
+    Candidates are the shortest path, detours around it, and the paths of least cost by `Fused` (or
     by the field of `costs`) at weights 4 and 12; see `locplan.planners.alternatives`. Each is
     driven with the same worlds and seeds. Its score is the mean over the drives of ln RMSE. The
     least score wins, and the shortest path stays unless the winner's error is less by a tenth.
@@ -79,7 +79,7 @@ def choose(
         Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
         indoors by default. `locplan calibrate --drive` finds those of a recorded drive.
     costs : Costmap, optional
-        Costmap of a field of this map, to plan on; by default that of `Scan` for the lidar, whose
+        Costmap of a field of this map, to plan on; by default that of `Fused` for the lidar, whose
         spacing is 0.2 m near the candidates and 0.4 m elsewhere.
     robot_radius : float, default 0.25
         Radius of the robot where no costmap is given [m], >= 0.
@@ -144,7 +144,7 @@ def choose(
     if costs is None and plan(here, begin, end).path is None:
         costs = here  # no field is worth its time
     if costs is None:
-        config = FieldConfig(Scan(lidar))
+        config = FieldConfig(Fused.of(lidar))
         costs = costmap_near_candidates(
             grid,
             config,

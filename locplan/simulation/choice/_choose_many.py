@@ -16,7 +16,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.costs._named_maps import named_maps
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar, Scan, load_or_compute
+from locplan.field import Fused, Lidar, load_or_compute
 from locplan.planners import Query, check_random
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._queries import queries_of
@@ -128,7 +128,7 @@ def choose_many(
         if isinstance(given, Costmap):
             costs = given
         else:
-            field = load_or_compute(given, Scan(lidar or SHORT_LIDAR), threads=threads)
+            field = load_or_compute(given, Fused.of(lidar or SHORT_LIDAR), threads=threads)
             costs = Costmap.from_field(given, field, robot_radius=robot_radius)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")

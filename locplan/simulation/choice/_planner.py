@@ -42,7 +42,8 @@ class SimulatedChoice:
     longest: float = LONGEST
     """Greatest length of an alternative, in lengths of the shortest path, >= 1."""
     params: str | None = None
-    """Nav2 parameter file of the filter, which is read where `amcl` is not given."""
+    """Nav2 parameter file of the filter, which is read where `amcl` is not given; the robot has the
+    radius of the costmap, not that of the file."""
     amcl: Amcl | None = None
     """Parameters of the filter; by default those of `params`, or else Nav2's defaults."""
     disturbances: Disturbances | None = None
@@ -94,7 +95,7 @@ class SimulatedChoice:
             seed=1 if self.seed is None else self.seed,
             threads=1,
         )
-        return Found(choice.path)
+        return Found(choice.path, choice.status)
 
 
 def _tiny() -> tuple[Costmap, Position, Position]:

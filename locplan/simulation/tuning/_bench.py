@@ -33,6 +33,8 @@ LONGEST = 16.0
 """Length that longer paths are cut to, at random [m]."""
 SAMPLED = 8
 """Number of poses, of which the error at one enters the median."""
+AT_ONCE = 8
+"""Number of settings that drive at once: each may hold scores as large as the map."""
 
 
 def random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
@@ -132,6 +134,8 @@ class AnyBench(ABC):
         names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
         key = (reach, *(getattr(amcl, name) for name in names))
         if key not in self._scores:
+            if len(self._scores) == AT_ONCE:
+                del self._scores[next(iter(self._scores))]
             self._scores[key] = beam_scores(self.grid, amcl, reach)
         return self._scores[key]
 
@@ -147,7 +151,7 @@ class AnyBench(ABC):
 
         `progress` is called with (done, total) drives.
         """
-        tasks = []
+        pending = []
         left_out = [n for n in range(len(self.levels)) if levels is not None and n not in levels]
         for amcl in dict.fromkeys(settings):
             if amcl not in self.driven:
@@ -155,17 +159,21 @@ class AnyBench(ABC):
                 self.driven[amcl] = Driven(squares, lost, seconds, {})
             missing = np.isnan(self.driven[amcl].squares[:, :paths, :drives])
             missing[left_out] = False
-            arguments = self.arguments(amcl) if missing.any() else []
-            for level, path in np.argwhere(missing.any(axis=2)).tolist():
-                which = np.flatnonzero(missing[level, path]).tolist()
-                tasks.append((self.driven[amcl], level, path, which, arguments[level]))
-        total, done = sum(len(task[3]) for task in tasks), 0
+            if missing.any():
+                pending.append((amcl, missing))
+        total, done = sum(int(missing.sum()) for _, missing in pending), 0
         pool = ThreadPoolExecutor(self.threads)
         try:
-            for finished in as_completed([pool.submit(self._run, *task) for task in tasks]):
-                done += finished.result()
-                if progress:
-                    progress(done, total)
+            for first in range(0, len(pending), AT_ONCE):
+                tasks = [
+                    task
+                    for amcl, missing in pending[first : first + AT_ONCE]
+                    for task in self._tasks(amcl, missing)
+                ]
+                for finished in as_completed([pool.submit(self._run, *task) for task in tasks]):
+                    done += finished.result()
+                    if progress:
+                        progress(done, total)
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -180,6 +188,22 @@ class AnyBench(ABC):
     def updates(self, amcl: Amcl) -> int:
         """Updates of the filter in one drive along every path, without errors of odometry."""
         return sum(updates_along(line, amcl) for line in self.lines)
+
+    def _tasks(
+        self, amcl: Amcl, missing: NDArray[np.bool_]
+    ) -> list[tuple[Driven, int, int, list[int], Any]]:
+        """Arguments of `_run` for the missing drives (levels, paths, drives) of a setting."""
+        arguments = self.arguments(amcl)
+        return [
+            (
+                self.driven[amcl],
+                level,
+                path,
+                np.flatnonzero(missing[level, path]).tolist(),
+                arguments[level],
+            )
+            for level, path in np.argwhere(missing.any(axis=2)).tolist()
+        ]
 
     def _run(
         self, into: Driven, level: int, path: int, drives: Sequence[int], arguments: Any

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from locplan.errors import LocplanError
 from locplan.maps._parameter_edits import edited_parameters, scalar_text
+from locplan.maps._ros_parameters import file_and_robot
 from locplan.simulation._nav2 import ParameterWarning, other_parameters, read_amcl
 from locplan.simulation._settings import Amcl
 from locplan.simulation.tuning._results import Tuning
@@ -70,9 +71,10 @@ def tuned_file(tuning: Tuning, params: Path | None) -> bytes:
     return edited_parameters(params, "amcl", _without_skips(params, values))
 
 
-def check_written(file: Path, winner: Amcl) -> None:
-    """Raise a LocplanError unless a file that was written has exactly these settings."""
-    read = _read(file)
+def check_written(file: Path, winner: Amcl, params: Path | None = None) -> None:
+    """Raise a LocplanError unless a file has exactly these settings, for the robot of `params`."""
+    robot = file_and_robot(params)[1] if params else None
+    read = _read(file if robot is None else Path(f"{file}:{robot}"))
     if any(getattr(read, name) != getattr(winner, name) for name in NAMES):
         raise LocplanError(f"{file}: could not be written as it was meant to be")
 

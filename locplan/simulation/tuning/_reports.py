@@ -119,7 +119,7 @@ def write_tuning(results: ResultFolder, tuning: Tuning, params: Path | None = No
     with results.writing() as folder:
         parameters, about, picture = (folder / name for name in TUNING.names)
         parameters.write_bytes(tuned_file(tuning, params))
-        check_written(parameters, tuning.winner)
+        check_written(parameters, tuning.winner, params)
         text = {"locplan": __version__, "conclusion": conclusion(tuning), **tuning.summary()}
         about.write_text(json.dumps(text, indent=2) + "\n", encoding="utf-8")
         save_figure(tuning_figure(tuning), picture)
