@@ -6,7 +6,7 @@ from conftest import drawn, random_rooms
 
 from locplan.costs import Costmap, Footprint, Path, path_cost
 from locplan.errors import ConfigError
-from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import plan
 
 LONG = [(1.2, 0.35), (1.2, -0.35), (-0.8, -0.35), (-0.8, 0.35)]
@@ -137,6 +137,26 @@ def test_what_is_only_not_found_is_not_called_infeasible(grid, way, note):
     assert result.status == "not found"
     assert "inner and outer circle (radii 0.3 and 0.583 m) were searched" in result.note
     assert note in result.note
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3])
+def test_a_way_that_fits_exactly_is_not_called_unreachable(radius):
+    """No cell has its centre where the robot's must be: the grid proves nothing."""
+    cells = np.full((26, 40), FREE)
+    cells[:10, 12:28] = cells[16:, 12:28] = OCCUPIED
+    grid, way = OccupancyGrid(cells, 0.1), [(0.6, 1.3), (3.4, 1.3)]
+    assert Footprint(BOX).first_collision(grid, Path(way)) is None
+    result = plan(Costmap.blank(grid, robot_radius=radius), *way, footprint=BOX)
+    assert result.status == "not found"
+
+
+def test_what_is_closed_and_a_wider_radius_than_the_outlines_stay():
+    ends = (2.0, 4.05), (10.0, 4.05)
+    wide = Costmap.blank(door(8), robot_radius=0.5)
+    closed = Costmap.blank(door(20), robot_radius=0.0)
+    closed = closed.blocked_where(np.arange(120) == 60)
+    for costs in (wide, closed):
+        assert plan(costs, *ends, footprint=BOX).status == "unreachable"
 
 
 def test_a_way_that_the_inner_circle_cannot_pass_is_infeasible():

@@ -66,14 +66,14 @@ class Limited(Wrapper):
         if self.outline is None:
             return self._over(costs, stops)
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
-        meets, timeout = None, None
+        meets, gave_up = None, None
         for radius in (inner, outer):
             wide = costs.with_robot_radius(max(radius, costs.robot_radius))
             if not _free(wide, stops):
                 continue
             found = self._over(wide, stops)
-            if found.status == "timeout":
-                timeout = found
+            if found.status in ("timeout", "not found"):
+                gave_up = found
             if found.path is not None:
                 collision = self.outline.first_collision(costs.grid, found.path)
                 if collision is None:
@@ -90,7 +90,7 @@ class Limited(Wrapper):
         if meets:
             where = f"{meets[0]:.2f},{meets[1]:.2f}"
             note += f"; the footprint meets a wall on that of the inner circle (near {where})"
-        return timeout or Found(note=note)
+        return gave_up or Found(note=note)
 
     def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan each leg from one stop to the next separately."""
@@ -115,12 +115,16 @@ class Limited(Wrapper):
     def _thin(self, costs: Costmap) -> Costmap:
         """The costmap of a robot that fits wherever the outline does, for proofs.
 
-        The centre of a cell may be half a cell's diagonal nearer to a wall than the robot's is.
+        The centre of a cell may be half a cell's diagonal nearer to a wall than the robot's is. A
+        costmap of the inscribed radius blocks such cells already: there the map alone proves.
         """
-        if self.outline is None:
+        if self.outline is None or costs.robot_radius > self.outline.inscribed_radius:
             return costs
         radius = self.outline.inscribed_radius - costs.grid.resolution * math.sqrt(0.5)
-        return costs.with_robot_radius(max(radius, costs.robot_radius))
+        if costs.robot_radius <= radius:
+            return costs.with_robot_radius(radius)
+        alone = Costmap.blank(costs.grid, robot_radius=max(0.0, radius))
+        return dataclasses.replace(costs, density=alone.density)
 
     def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
         """Whether a path over the grid joins the stops: where none does, no other one does."""
