@@ -123,7 +123,8 @@ class Ompl:
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan between positions [m], or poses [m, rad] in all spaces but "R2".
 
-        See `locplan.planners.Planner.solve`. The status is "timeout" if no path was found in time.
+        See `locplan.planners.Planner.solve`. The status is "timeout" if no path was found in time,
+        and "not found" if none was found within the iterations.
         """
         from locplan.planners.ompl._roadmap import ROADMAPS, grow_roadmap
 
@@ -154,7 +155,7 @@ class Ompl:
         if not found:
             tried = limits.description()
             note = f"no path found within {tried}; more of it or another seed may find one"
-            return Found(status="timeout", note=note)
+            return Found(status="not found" if limits.time_limit is None else "timeout", note=note)
         path = min(found, key=lambda one: path_metrics(costs, one).cost)
         history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
         return Found(straightened(costs, path) if self.improve else path, history=history)
