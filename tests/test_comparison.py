@@ -262,7 +262,7 @@ def test_all_files_are_written(compared, tmp_path, monkeypatch):
     assert len(list((tmp_path / "out" / "ompl_logs").glob("*.log"))) == 2 * 2 * 2 * 5
     pandas = pytest.importorskip("pandas")
     assert isinstance(compared.to_frame(), pandas.DataFrame)
-    assert "baseline\n" in compared.table()
+    assert ": the baseline\n" in compared.table()
 
 
 @pytest.mark.usefixtures("inline_workers")

@@ -112,7 +112,9 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
         for seed, cost in enumerate(costs)
     ]
     rows = rows_of(runs, "base", [("rooms", "6 m")])
-    assert "mine 100% 5 28.5 30 1.425 0.03" in " ".join(comparison_table(rows, "base").split())
+    text = comparison_table(rows)
+    assert "mine 100% 5 0.95 28.5 30 1.425 0.03" in " ".join(text.split())
+    assert "\nmine: 5 % cheaper than base [5, 5]\n" in text
     row = rows[1]
     assert (row["planner"], row["pairs"]) == ("mine", 5)
     assert (row["measures"]["cost"][0], row["baseline_cost"]) == (28.5, 30.0)

@@ -167,7 +167,7 @@ class Comparison:
 
     def table(self) -> str:
         """The rows as text, as wide as the terminal."""
-        return comparison_table(self.rows(), self.baseline)
+        return comparison_table(self.rows())
 
     def _telling_query(self, case: Case) -> str:
         """The query of a case in which the baseline's degenerate metres differ most."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from locplan._util.tables import finite, table
+from locplan._util.tables import finite, table, wrapped
 from locplan.comparison._pairs import Contrast, contrasts
 from locplan.comparison._runs import Run
 from locplan.comparison._statistics import Setting, Summary, summaries
@@ -58,26 +58,33 @@ def answers(rows: Sequence[Row], baseline: str) -> dict[str, str]:
     return {name: " ".join(sentences) for name, sentences in texts.items()}
 
 
-def comparison_table(rows: Sequence[Row], baseline: str) -> str:
-    """Each planner's success, J, degeneracy and time, a table for each map, field and weight."""
+def comparison_table(rows: Sequence[Row]) -> str:
+    """Each planner's success, J, degeneracy and time, a table for each map, field and weight.
+
+    What is said of J stands below each table, which then fits a terminal of 80 columns.
+    """
     parts = []
+    medians = "J\n[m]", "base-\nline's", "degen.\n[m]", "time\n[s]"
+    heads = ("planner", "solved", "n", "ratio\nof J", *medians)
     groups = itertools.groupby(rows, lambda row: (row["map"], row["config"], row["weight"]))
     for (name, config, weight), group in groups:
+        members = list(group)
         parts.append(f"{name}, {config}, weight {weight:g}")
-        medians = "J\n[m]", "base-\nline's", "degen.\n[m]", "time\n[s]"
-        heads = ("planner", "solved", "n", *medians, "verdict on J")
-        parts.append(table(heads, [_cells(row, baseline) for row in group]))
-    parts.append("n: queries that planner and baseline both solved. Medians over these: J and the")
-    parts.append("baseline's, degenerate metres, time.")
-    return "\n".join(parts)
+        parts.append(table(heads, [_cells(row) for row in members]))
+        said = [f"{row['planner']}: {row['sentence'] or 'the baseline'}" for row in members]
+        parts += wrapped(said)
+    note = (
+        "n: queries that planner and baseline both solved. Over these: the ratio of J, and the"
+        " medians of J and the baseline's, of degenerate metres and of time."
+    )
+    return "\n".join([*parts, *wrapped([note])])
 
 
-def _cells(row: Row, baseline: str) -> list[str]:
+def _cells(row: Row) -> list[str]:
     own, *others = (row["measures"][name][0] for name in ("cost", "integrated_u", "seconds"))
-    medians = own, row["baseline_cost"], *others
-    numbers = ["–" if math.isnan(value) else f"{value:.4g}" for value in medians]
-    verdict = "baseline" if row["planner"] == baseline else row["sentence"]
-    return [row["planner"], f"{row['solved_share']:.0%}", str(row["pairs"]), *numbers, verdict]
+    values = row["ratio"], own, row["baseline_cost"], *others
+    numbers = ["–" if math.isnan(value) else f"{value:.4g}" for value in values]
+    return [row["planner"], f"{row['solved_share']:.0%}", str(row["pairs"]), *numbers]
 
 
 def _answer(row: Row, baseline: str) -> str:
