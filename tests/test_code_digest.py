@@ -20,14 +20,24 @@ from locplan.errors import LocplanError
 from locplan.field import _store as store, _tiles as tiles
 
 FILES = {
+    "own_parts": """
+import types
+deeper = types.ModuleType("own_deeper")
+deeper.PART = 1.0
+""",
     "own_helpers": """
+import collections
+import own_parts
 SCALE = 1.0
+ORDERED = collections.OrderedDict(factor=1.0)
+QUEUE = collections.deque([1.0])
 TABLE = {"factor": 1.0}
 KINDS = {"a", "b", "c", "d"}
 Plain = type("Plain", (), {"factor": 1.0, "__call__": lambda self: self.factor})
 
-def called():
-    return inner() * TABLE["factor"] * len(KINDS) / 4
+def called(*, factor=1.0):
+    factor *= ORDERED["factor"] * QUEUE[0] * own_parts.deeper.PART
+    return factor * sum(inner() for _ in "a") * TABLE["factor"] * len(KINDS) / 4
 
 def inner():
     return 1.0 * plain()
@@ -104,6 +114,10 @@ EDITS = {
     "its body": ("own_estimators", "1.0 * called()", "2.0 * called()"),
     "a parent elsewhere": ("own_parents", "1.0 * SCALE", "2.0 * SCALE"),
     "a constant": ("own_helpers", "SCALE = 1.0", "SCALE = 2.0"),
+    "a module of a module": ("own_parts", "PART = 1.0", "PART = 2.0"),
+    "a dictionary of another kind": ("own_helpers", "(factor=1.0)\n", "(factor=2.0)\n"),
+    "an element of a queue": ("own_helpers", "[1.0]", "[2.0]"),
+    "a keyword's default": ("own_helpers", "*, factor=1.0", "*, factor=2.0"),
     "a table": ("own_helpers", '{"factor": 1.0}', '{"factor": 2.0}'),
     "a set": ("own_helpers", '"d"}', '"d", "e"}'),
     "a function of a function": ("own_helpers", "1.0 * plain()", "2.0 * plain()"),

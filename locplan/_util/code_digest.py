@@ -153,7 +153,10 @@ class _Walk:
                 self.add(cell.cell_contents)
             except ValueError:
                 self._put("empty", "")
-        attributes = frozenset(_attributes_of(code))
+        self._add_named(named, frozenset(_attributes_of(code)))
+
+    def _add_named(self, named: Mapping[str, Any], attributes: frozenset[str]) -> None:
+        """Add what names stand for; of a module, what code with these attributes takes from it."""
         for name, value in named.items():
             self._put("name", name)
             if isinstance(value, ModuleType):
@@ -168,13 +171,8 @@ class _Walk:
         if self._is_library(module.__name__) or met in self._numbers:
             return
         self._numbers[met] = len(self._numbers)
-        for name in sorted(names & set(dir(module))):
-            value = getattr(module, name)
-            self._put("name", name)
-            if isinstance(value, ModuleType):
-                self._add_module(value, names)
-            else:
-                self.add(value)
+        own = {name: getattr(module, name) for name in sorted(names & set(dir(module)))}
+        self._add_named(own, names)
 
     def _add_object(self, value: Any) -> None:
         """Add an object by what it would be pickled as, but for what it keeps of its own values."""
