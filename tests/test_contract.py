@@ -157,6 +157,25 @@ def test_a_halo_that_is_too_small_is_refused(grid):
     assert locplan.covariance_field(grid, own(around(2))).evaluated.sum() == 224
 
 
+def test_a_look_far_beyond_the_halo_is_noticed(grid):
+    def change(values, part):
+        cols = part.cols - part.corner[1] + 10
+        inside = cols < part.levels.shape[1]
+        values["row"][inside] = part.levels[part.rows - part.corner[0], cols * inside][inside]
+        values["row"][~inside] = 254.0
+        return values
+
+    assert "beyond the halo of 2 cells" in refused(grid, own(change))
+
+
+def test_a_halo_is_checked_at_the_last_cells_too(grid):
+    def change(values, part):
+        sound, wrong = values | {}, around(3)({**values, "row": values["row"].copy()}, part)
+        return sound | {"row": np.where(part.rows > 6, wrong["row"], sound["row"])}
+
+    assert "row 8, column 28 of the map change" in refused(grid, own(change))
+
+
 def test_a_halo_is_checked_where_nothing_is_near():
     assert "beyond the halo of 2 cells" in refused(drawn(*["." * 30] * 30), own(around(3)))
 

@@ -15,7 +15,7 @@ from locplan.maps import FREE
 
 TOLERANCE = 1e-6
 """Rounding that is let pass, of the greatest value beside it."""
-LEAST = 1e-9
+MIN_ROUNDING = 1e-9
 """Rounding that is let pass in any case, of the variances of a featureless place."""
 CELLS = 3
 """Number of cells that are computed once more with other surroundings."""
@@ -47,7 +47,7 @@ def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
     scale = np.sqrt(np.diag(lattice.uniform_covariance + lattice.quantisation))
     covariance = values["covariance"] / np.outer(scale, scale)
     skew = np.abs(covariance - np.swapaxes(covariance, -2, -1)).max(axis=(-2, -1))
-    rounding = LEAST + TOLERANCE * np.abs(covariance).max(axis=(-2, -1))
+    rounding = MIN_ROUNDING + TOLERANCE * np.abs(covariance).max(axis=(-2, -1))
     _refuse(skew > rounding, "a covariance that is not symmetric", estimator, part)
     least = np.linalg.eigvalsh(covariance)[..., 0]
     _refuse(least < -rounding, "a covariance with a negative eigenvalue", estimator, part)
@@ -147,5 +147,5 @@ def _alone(
 
 
 def _alike(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    greatest = np.abs(other).max(initial=LEAST)
+    greatest = np.abs(other).max(initial=MIN_ROUNDING)
     return one.shape == other.shape and bool((np.abs(one - other) <= TOLERANCE * greatest).all())
