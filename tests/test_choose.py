@@ -19,6 +19,8 @@ from locplan import (
     Costmap,
     FieldConfig,
     Fisher,
+    Fused,
+    Lidar,
     LocplanError,
     OccupancyGrid,
     Path,
@@ -107,6 +109,12 @@ def two_ways(corridors, **options):
 
 
 # Scores
+
+
+def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
+    lidar = Lidar(range=3.0, beams=20)
+    estimator = choose(grid, START, GOAL, lidar=lidar, **QUICK).costs.settings.config.estimator
+    assert estimator == Fused.of(lidar)
 
 
 def test_each_minimised_error_is_that_of_its_part_of_the_drive():

@@ -12,7 +12,7 @@ from conftest import refused
 from made_drives import LIDAR, recorded
 from small_drive import FILE, MAP
 
-from locplan import Costmap, load_config, load_map, plan, save_map
+from locplan import Costmap, Fused, load_config, load_map, plan, save_map
 from locplan._kernels.drives import odometry_along
 from locplan._kernels.particles import move
 from locplan.cli import main
@@ -248,6 +248,7 @@ def calibrated(grid, drive):
 
 def test_the_field_gets_the_level_of_the_measured_deviations(grid, drive, calibrated):
     field = calibrated.field
+    assert isinstance(calibrated.config.estimator, Fused)
     assert field.noise_level.low <= field.noise_level.value <= field.noise_level.high
     scaled = dataclasses.replace(
         calibrated.config,

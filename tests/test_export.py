@@ -830,10 +830,11 @@ def test_paths_are_read_back(tmp_path):
     assert ROUTE.facing.tolist() == pytest.approx([math.atan2(4, 3), math.pi / 2, math.pi / 2])
     (tmp_path / "excel.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "p.csv").read_bytes())
     np.testing.assert_array_equal(Path.load(tmp_path / "excel.csv").xy, again.xy)
-    export.path(tmp_path / "fine.CSV", ROUTE, step=0.5)
+    export.path(tmp_path / "fine.CSV", ROUTE, step=0.3)
     fine = Path.load(tmp_path / "fine.CSV").xy
-    assert len(fine) == 13
-    assert np.hypot(*np.diff(fine, axis=0).T).max() <= 0.5 + 1e-6
+    assert len(fine) == 22
+    assert fine[17].tolist() == [3.0, 4.0]  # a corner that no multiple of the step meets
+    assert np.hypot(*np.diff(fine, axis=0).T).max() <= 0.3 + 1e-6
     export.path(tmp_path / "p.json", ROUTE, frame="odom")
     about = json.loads((tmp_path / "p.json").read_text())
     assert (about["frame"], about["length"]) == ("odom", 6.0)

@@ -22,7 +22,8 @@ from locplan._kernels import (
     way_covariances as ways,
 )
 from locplan._kernels.rays import empty_squares
-from locplan.field import Lidar
+from locplan.field import FieldConfig, Fused, Lidar, scalar
+from locplan.field._at_points import covariances_along
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import _search, best_of_trials, landmarks_figure, with_objects
 from locplan.landmarks._candidates import (
@@ -867,6 +868,10 @@ def test_an_existing_object_on_a_path_is_refused(hallway):
 
 def test_matches_on_the_way_are_better_beside_landmarks(verification, placed):
     before, after = verification.fields["middle"]
+    start = np.array([[*placed.setting.routes["middle"].xy[0], 0.0]])
+    config = FieldConfig(Fused.of(placed.setting.lidar))
+    (expected,) = scalar(covariances_along(placed.setting.grid, config, start), "position_std")
+    assert before[0, 1] == pytest.approx(expected)
     assert before[-1, 0] == pytest.approx(12.0)
     assert len(before) == len(after)
     nearest = int(np.argmin(np.abs(before[:, 0] - 6 - placed.poses[0, 0])))

@@ -137,6 +137,10 @@ def test_hostile_names_are_text(hostile_page: str) -> None:
     assert not {"b onload", "iframe", "object"} & {tag for tag, _ in elements.found}
 
 
+def test_ratios_tell_of_how_many_queries_they_are(hostile_page: str) -> None:
+    assert hostile_page.count("(n = 12, ") == len(NAMES)
+
+
 def test_nothing_is_loaded(hostile_page: str) -> None:
     elements = Elements(hostile_page)
     links = [*elements.attributes("src"), *elements.attributes("href")]
