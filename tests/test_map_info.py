@@ -10,8 +10,8 @@ import pytest
 from conftest import drawn, few_of, random_rooms, refused
 from PIL import Image
 
-from locplan import plotting
-from locplan.costs import Costmap
+from locplan import Fused, Lidar, covariance_field, plotting
+from locplan.costs import Costmap, compare_lidars
 from locplan.maps import (
     FREE,
     OCCUPIED,
@@ -231,6 +231,17 @@ def test_dark_grey_walls_at_the_edge_of_the_image_are_walls(tmp_path):
     pixels = walled(254, wall=107, size=40)
     pixels[0, 5:10] = 0
     assert "151 dark grey" in " ".join(misleading(*read_map(image_map(tmp_path, pixels))))
+
+
+def test_lidars_are_compared_by_fused(monkeypatch):
+    def load(grid, config, **_):
+        assert config.estimator == Fused.of(lidar)
+        return covariance_field(grid, config)
+
+    monkeypatch.setattr("locplan.costs._lidars.load_or_compute", load)
+    lidar = Lidar(range=1.0, beams=12)
+    (found,) = compare_lidars(OccupancyGrid(walled(254, size=16), 0.25), [lidar])
+    assert found.lidar == lidar
 
 
 def test_names_tell_masks_by_whole_words(tmp_path):

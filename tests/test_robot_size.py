@@ -123,6 +123,9 @@ def test_plan_keeps_the_outline_of_the_parameters(run, hall):
     assert "(inscribed radius 0.3 m) of global_costmap in" in err
     about = json.loads(out)
     assert len(about["shortest"]["footprint"]) == 4
+    code, out, err = run(*asked, "--budget", "20")  # which keeps no outline
+    assert code == 0, err
+    assert json.loads(out)["shortest"]["footprint"] is None
 
 
 def test_parameters_that_are_not_read_are_refused(run, hall):
