@@ -124,6 +124,14 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
     assert row["ratio"] == found["value"] == pytest.approx(0.95)
 
 
+def test_a_planner_takes_one_line_of_80_columns(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    runs = made_up({"any-angle": 1.0, "simulated choice": 0.98765}, maps=("rooms",))
+    lines = comparison_table(rows_of(runs, "any-angle", [("rooms", "6 m")])).splitlines()
+    head, rows = 2, 2
+    assert len([line for line in lines if line.startswith("  ")]) == head + rows
+
+
 def test_only_queries_that_both_solved_are_compared():
     runs = made_up({"base": 1.0, "mine": 0.9}, maps=("rooms",))
     lost = [
