@@ -147,6 +147,11 @@ def test_missing_values_go_to_the_nodes_own_entry(tmp_path):
     file = written(tmp_path, FLEET)
     made = edited_parameters(f"{file}:robot1", "amcl", {"alpha3": 0.05}).decode()
     assert made == FLEET.replace("{alpha2: 0.1}", "{alpha3: 0.05, alpha2: 0.1}")
+    everywhere = "/**/amcl: {ros__parameters: {beta: 1}}\n"
+    made = edited_parameters(written(tmp_path, BESIDE + everywhere), "amcl", {"alpha3": 0.05})
+    assert (
+        made.decode() == BESIDE.replace("    alpha1", "    alpha3: 0.05\n    alpha1") + everywhere
+    )
     file = written(tmp_path, "# mine\n" + SHARED)
     made = edited_parameters(file, "amcl", {"alpha2": 0.05}).decode()
     assert made == "# mine\namcl: {ros__parameters: {alpha2: 0.05}}\n" + SHARED
