@@ -524,7 +524,10 @@ def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
     target, paper = tmp_path / "c.json", FieldConfig(Sad.paper())
     places = made_up_places(grid, paper, 0.3)
     monkeypatch.setattr("locplan.simulation._places.places_of", lambda *_, **__: [places])
-    assert run("calibrate", map_file, "--preset", "paper", "-o", target)[0] == 0
+    asked = "calibrate", map_file, "--preset", "paper", "-o", target
+    target.write_text("mine")
+    assert "c.json: is there, and no calibration" in refused(run(*asked))
+    assert run(*asked, "--force")[0] == 0
     _, _, err = run("field", map_file, "--config", target)
     assert err == ""
     moments = np.random.default_rng(0).permutation(places.tracking)
