@@ -41,6 +41,7 @@ from locplan.landmarks._candidates import (
 )
 from locplan.landmarks._empty_figures import panels
 from locplan.landmarks._existing import without_objects
+from locplan.landmarks._fields import fields_along
 from locplan.landmarks._objectives import MeanDegeneracy
 from locplan.landmarks._objects import Shape, filled_cells, parsed_object
 from locplan.landmarks._outcomes import Outcome
@@ -868,16 +869,22 @@ def test_an_existing_object_on_a_path_is_refused(hallway):
 
 def test_matches_on_the_way_are_better_beside_landmarks(verification, placed):
     before, after = verification.fields["middle"]
-    start = np.array([[*placed.setting.routes["middle"].xy[0], 0.0]])
-    config = FieldConfig(Fused.of(placed.setting.lidar))
-    (expected,) = scalar(covariances_along(placed.setting.grid, config, start), "position_std")
-    assert before[0, 1] == pytest.approx(expected)
     assert before[-1, 0] == pytest.approx(12.0)
     assert len(before) == len(after)
     nearest = int(np.argmin(np.abs(before[:, 0] - 6 - placed.poses[0, 0])))
     assert after[nearest, 1] < 0.8 * before[nearest, 1]
     (median, high), (median_after, _) = verification.match_deviations
     assert median_after < median <= high
+
+
+def test_matches_on_the_way_are_those_of_fused():
+    room = drawn("#" * 40, *["#" + "." * 38 + "#"] * 38, "#" * 40, resolution=0.1)
+    routes = {"across": Path([(1.0, 1.0), (3.0, 1.0)])}
+    before, after = fields_along((room, room), (routes, routes), SHORT, None)["across"]
+    poses = np.column_stack([1.0 + before[:, 0], np.ones(5), np.zeros(5)])
+    found = covariances_along(room, FieldConfig(Fused.of(SHORT)), poses)
+    assert before[:, 1] == pytest.approx(scalar(found, "position_std"))
+    assert (after == before).all()
 
 
 def test_both_objectives_are_driven(placed):
