@@ -28,7 +28,7 @@ ROBOT = {"markersize": 7, "markeredgecolor": "white"}
 def main(folder: str = "animation", step: float = 0.5, drives: int = DRIVES) -> None:
     """Write FOLDER/drives.gif with a frame every `step` metres of the way."""
     grid, lidar = locplan.load_map(MAP), locplan.Lidar.preset("turtlebot4")
-    field = locplan.load_or_compute(grid, locplan.Scan(lidar))
+    field = locplan.load_or_compute(grid, locplan.Fused.of(lidar))
     costs = locplan.Costmap.from_field(grid, field)
     paths = {
         "shortest": locplan.plan(costs.with_weight(0.0), START, GOAL).path,
