@@ -30,7 +30,7 @@ def depot():
 def test_a_choice_of_20_metres(benchmark, depot):
     """Five candidates, eight drives each, beside the field; the drives alone are the peer."""
     lidar = locplan.Lidar.preset("turtlebot4")
-    field = locplan.load_or_compute(depot, locplan.Scan(lidar))
+    field = locplan.load_or_compute(depot, locplan.Fused.of(lidar))
     costs = locplan.Costmap.from_field(depot, field)
     own = {"aware": locplan.plan(costs, START, GOAL).path}
 
