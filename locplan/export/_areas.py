@@ -92,7 +92,7 @@ def degenerate_areas(
         The field; several headings count by their mean information.
     threshold : float, optional
         Least u of a cell, 0..1; by default half of the u of a corridor without features: .5 for
-        `Scan`, .18 for `Sad`. A lower one makes more and larger areas.
+        estimators that know the lidar, .18 for `Sad`. A lower one makes more and larger areas.
     min_area : float, default 1.0
         Least area [m^2], >= 0. Areas of a few lattice points may be chance.
 
@@ -180,7 +180,8 @@ def half_free(costs: Costmap, field: CovarianceField) -> float:
     Such a place is a corridor without features. Its u is 1 by the deviation of the position, and
     less by e, to which the position across and the heading count as well. On a logarithmic scale
     half of it is the geometric mean of the deviations of a perfect match and of none: .21 m for
-    `Scan`, .26 m for `Sad`. Where u is made of something else, it is that of degenerate metres.
+    those that know the lidar, .26 m for `Sad`. Where u is made of something else, it is that of
+    degenerate metres.
     """
     settings, estimator = costs.settings, field.config.estimator
     if settings is None or settings.criterion not in ("e", "position_std", "position_rms"):
