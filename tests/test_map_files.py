@@ -6,6 +6,7 @@ import math
 import os
 import re
 import struct
+import tracemalloc
 import warnings
 import zlib
 from pathlib import Path
@@ -301,6 +302,20 @@ def test_half_as_many_pixels_are_read_of_images_with_several_bytes_each(tmp_path
         assert load_map(write_yaml(tmp_path, image="a.png")).shape == size[::-1]
         Image.new(mode, (11, size[1])).save(tmp_path / "a.png")
         assert "more pixels" in refusal(write_yaml(tmp_path, image="a.png"))
+
+
+@pytest.mark.parametrize("mode", ["L", "P", "RGBA"])
+def test_a_map_is_read_in_a_few_bytes_for_each_pixel(tmp_path, mode):
+    image = Image.new("L", (512, 8192), 254)
+    image.paste(100, (0, 0, 99, 99))
+    image.convert(mode).save(tmp_path / "a.png", **({"transparency": 9} if mode == "P" else {}))
+    file = write_yaml(tmp_path, image="a.png")
+    load_map(file)  # what is imported takes memory, too
+    tracemalloc.start()
+    load_map(file)
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert taken < 6 * 512 * 8192
 
 
 def test_missing_files_folders_and_pipes_are_refused(tmp_path):

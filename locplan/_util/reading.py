@@ -36,7 +36,7 @@ def opened(file: str | os.PathLike[str], limit: float = float("inf")) -> Buffere
 def read_bytes(file: str | os.PathLike[str], limit: int) -> bytes:
     """Content of a plain file of up to `limit` bytes; an OSError or a ValueError if it is none."""
     with opened(file, limit) as content:
-        return content.read(limit)
+        return content.read(os.fstat(content.fileno()).st_size)  # room is made for all of it
 
 
 def read_text(file: Path, limit: int = MAX_BYTES) -> str:

@@ -122,7 +122,7 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
             raise fault_of(folder, f"holds {1 + len(others)} maps", f"name one, such as {file}")
     header = read_header(file)
     image = file.parent / header.image
-    pixels, transparent, rescaled = _read_pixels(image)
+    pixels, seen, rescaled = _read_pixels(image)
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
         raise fault_of(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
@@ -131,7 +131,7 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource]:
     cells = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(cells), ROWS):  # an index takes 8 bytes for each pixel
         cells[rows : rows + ROWS] = levels[pixels[rows : rows + ROWS]]
-    seen = None if transparent is None or raw else ~transparent
+    seen = None if raw else seen
     if seen is not None:
         cells[~seen] = UNKNOWN
     source = MapSource.of(str(file), header, pixels, seen, occupancy, levels)
@@ -243,8 +243,8 @@ def save_map(
 
 
 def _read_pixels(file: Path) -> tuple[NDArray[Any], NDArray[np.bool_] | None, bool]:
-    """Read the grey values, the mask of transparent ones, and whether they were rescaled to span
-    all of uint8 or uint16; the top row comes first."""
+    """Read the grey values, the mask of opaque ones if others are transparent, and whether values
+    were rescaled to span all of uint8 or uint16; the top row comes first."""
     content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow's, about animation and palettes
@@ -276,15 +276,23 @@ def _opened(content: bytes) -> ImageFile.ImageFile:
 
 
 def _decode(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    """Decode some rows at a time: Pillow's conversions and copies take ten bytes a pixel."""
+    tops = range(0, image.height, ROWS)
+    boxes = [(0, top, image.width, min(top + ROWS, image.height)) for top in tops]
+    pixels, opaque = zip(*(_decode_rows(image.crop(box)) for box in boxes), strict=True)
+    return np.concatenate(pixels), None if opaque[0] is None else np.concatenate(opaque)
+
+
+def _decode_rows(image: Image.Image) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
     if image.mode in ("I", "I;16"):
         pixels = np.asarray(image).astype(np.uint16)
-        return pixels, pixels == image.info.get("transparency", -1)
+        return pixels, pixels != image.info.get("transparency", -1)
     if image.mode not in ("1", "L", "P", "LA", "PA", "RGB", "RGBA"):
         raise ValueError(f"pixels of type {image.mode}")
     if not image.has_transparency_data:
         return np.asarray(image.convert("L")), None
     colours = image.convert("RGBA")
-    return np.asarray(colours.convert("L")), np.asarray(colours.getchannel("A")) < 255
+    return np.asarray(colours.convert("L")), np.asarray(colours.getchannel("A")) == 255
 
 
 def _occupancy_of_value(header: Header, top: int) -> NDArray[np.float32]:

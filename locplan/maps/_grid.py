@@ -69,7 +69,8 @@ class OccupancyGrid(Pictured):
                 f"cells must be a non-empty (rows, cols) array, not {cells.shape}; the data of a"
                 " nav_msgs/OccupancyGrid is read by OccupancyGrid.from_message"
             )
-        if not np.isin(cells, (OCCUPIED, UNKNOWN, FREE)).all():
+        # np.isin takes ten bytes for each cell.
+        if not np.all((cells == OCCUPIED) | (cells == UNKNOWN) | (cells == FREE)):
             raise MapError(
                 "cells may only hold 0 (occupied), 127 (unknown) and 254 (free); other values are"
                 " read by OccupancyGrid.from_occupancy"
