@@ -17,7 +17,15 @@ from conftest import drawn, respects_permissions
 from PIL import Image
 
 from locplan.errors import MapError
-from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, _files as files, load_map, save_map
+from locplan.maps import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyGrid,
+    _pixels as pixels,
+    load_map,
+    save_map,
+)
 from locplan.maps._files import MapWarning
 from locplan.maps._yaml import MAX_YAML_BYTES
 
@@ -296,7 +304,7 @@ def test_what_is_no_map_yaml_is_refused(tmp_path, content, phrase):
 
 
 def test_half_as_many_pixels_are_read_of_images_with_several_bytes_each(tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan.maps._files.MAX_PIXELS", 100)
+    monkeypatch.setattr("locplan.maps._pixels.MAX_PIXELS", 100)
     for mode, size in (("L", (10, 10)), ("RGB", (10, 5))):
         Image.new(mode, size).save(tmp_path / "a.png")
         assert load_map(write_yaml(tmp_path, image="a.png")).shape == size[::-1]
@@ -382,8 +390,8 @@ def test_pillows_own_limit_is_left_alone(tmp_path, monkeypatch):
 @pytest.mark.parametrize("limit", [None, 2**40, 89478485])
 def test_too_many_pixels_are_refused_before_decoding(tmp_path, monkeypatch, limit):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", limit)
-    monkeypatch.setattr(files, "_decode", lambda _: pytest.fail("it is decoded"))
-    monkeypatch.setattr(files, "PIXELS_PER_BYTE", 2**40)
+    monkeypatch.setattr(pixels, "_decode", lambda _: pytest.fail("it is decoded"))
+    monkeypatch.setattr(pixels, "PIXELS_PER_BYTE", 2**40)
     (tmp_path / "map.png").write_bytes(png(2**14 + 1, 2**14, b"\0"))
     assert "more pixels than" in refusal(write_yaml(tmp_path, image="map.png"))
 
