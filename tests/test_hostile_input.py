@@ -1,5 +1,6 @@
 """Files and settings that once broke a reader, took all memory, or made an error of 226 MB."""
 
+import gzip
 import itertools
 import json
 import math
@@ -16,6 +17,7 @@ from hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
 
 from locplan.comparison._journal import Journal
 from locplan.comparison._movingai import read_movingai_map, read_scenarios
+from locplan.costs import Path as Route
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
 from locplan.export._folders import _is_untouched_export
 from locplan.field import (
@@ -434,6 +436,39 @@ def test_sizes_are_checked_before_reading(tmp_path, name):
         READ[name](tmp_path / name)
     assert tracemalloc.get_traced_memory()[1] < 10**7
     tracemalloc.stop()
+
+
+def test_texts_that_are_read_at_once_are_short(tmp_path):
+    with open(tmp_path / "path.csv", "wb") as file:
+        file.truncate(2**24 + 1)
+    with pytest.raises(LocplanError, match=r"over 16\.8 MB, too much for such a file"):
+        Route.load(tmp_path / "path.csv")
+
+
+FLASER = "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 {0} a {0}\n"
+SCANS = {
+    "drive.csv": ("# lidar: range=5.0\nx_m,y_m,heading_rad,range_0_m\n", "{0},0,0,1.0\n"),
+    "drive.log": ("# a log\n", FLASER),
+    "drive.log.gz": ("# a log\n", FLASER),
+}
+
+
+@pytest.mark.parametrize("name", SCANS)
+def test_logs_and_what_is_kept_of_them_are_bounded(tmp_path, monkeypatch, name):
+    head, line = SCANS[name]
+    text = head + "".join(line.format(n) for n in range(9))
+    write = gzip.open if name.endswith("gz") else open
+    with write(tmp_path / name, "wt") as file:
+        file.write(text)
+    assert len(read_drive(tmp_path / name)) == 9
+    monkeypatch.setattr("locplan.recordings._csv.MAX_ARRAY_BYTES", 1024)
+    monkeypatch.setattr("locplan.recordings._scans.MAX_ROOM", 1024)
+    assert len(read_drive(tmp_path / name, every=3)) == 3
+    with pytest.raises(LocplanError, match=r"over 4 scans of . beams take too much.*every="):
+        read_drive(tmp_path / name)
+    monkeypatch.setattr("locplan._util.reading.MAX_LINES", 8)
+    with pytest.raises(LocplanError, match=r"goes on beyond 8 lines, or .* MB; split it"):
+        read_drive(tmp_path / name, every=9)
 
 
 def test_arrays_of_a_recording_are_measured_before_they_are_unpacked(tmp_path):

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import stat
-from io import BufferedReader
+import zlib
+from collections.abc import Iterator
+from io import BufferedReader, TextIOWrapper
 from pathlib import Path
 from typing import Any
 
 from locplan.errors import LocplanError
 
-MAX_BYTES = 2**26
-"""Greatest size of a file of text that is read."""
+MAX_BYTES = 2**24
+"""Greatest size of a text that is read at once: its numbers may take fifty times as much."""
+MAX_LOG_BYTES = 2**32
+"""Greatest size, unpacked, of a log that is read line by line."""
+MAX_LINE, MAX_LINES = 2**22, 2**22
+"""Greatest length of a log's line [characters], and greatest number of lines."""
 MAX_JSON_BYTES = 2**20
 """Greatest size of a file of settings, or of a description in JSON."""
 
@@ -54,6 +61,39 @@ def read_text(file: Path, limit: int = MAX_BYTES) -> str:
     except (OSError, ValueError) as error:  # the latter for names that no file can have
         reason = getattr(error, "strerror", None) or error
         raise LocplanError(f"{file}: cannot be read ({reason})") from None
+
+
+def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, str]]:
+    """Lines of a log with their numbers, one at a time; one that ends in .gz is unpacked meanwhile.
+
+    Raises
+    ------
+    LocplanError
+        If it cannot be read, is damaged, is no text in UTF-8 (unless `errors` are replaced), or is
+        too long.
+    """
+    number = size = 0
+    try:
+        with opened(file, MAX_LOG_BYTES) as content:
+            unpacked = gzip.GzipFile(fileobj=content) if file.suffix == ".gz" else content
+            text = TextIOWrapper(unpacked, "utf-8-sig", errors)
+            while line := text.readline(MAX_LINE):
+                number, size = number + 1, size + len(line)
+                if len(line) == MAX_LINE:
+                    raise LocplanError(f"line {number} is too long for a log of scans")
+                if number > MAX_LINES or size > MAX_LOG_BYTES:
+                    raise LocplanError(
+                        f"goes on beyond {MAX_LINES:,} lines, or {MAX_LOG_BYTES / 1e6:.0f} MB;"
+                        " split it"
+                    )
+                yield number, line
+    except UnicodeDecodeError:
+        raise LocplanError("is no text; save it as UTF-8") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        raise LocplanError("is cut off or damaged (gzip); copy it again") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise LocplanError(f"cannot be read ({reason})") from None
 
 
 def parsed_json(text: str) -> Any:

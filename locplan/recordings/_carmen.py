@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
-import io
 import math
-import zlib
-from collections.abc import Iterator
-from contextlib import ExitStack
+from array import array
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import GREATEST
-from locplan._util.reading import opened
+from locplan._util.reading import numbered_lines
 from locplan.errors import RecordingError
 from locplan.recordings._carmen_odometry import odometry_at
 from locplan.recordings._contents import Source
@@ -27,8 +23,6 @@ from locplan.recordings._scans import MAX_RANGE, ScanRows
 SUFFIXES = (".log", ".clf", ".log.gz", ".clf.gz")
 KINDS = ("ROBOTLASER1", "FLASER")
 """Kinds of lines with scans, the more telling one first: a log may have both of each scan."""
-MAX_LINE = 2**22
-"""Length of a line [characters] beyond which a file is no log."""
 PILE = 0.1
 """Readings so near below the largest of a log count as no return [m]..."""
 PILED = 3e-3
@@ -40,17 +34,21 @@ ALIKE = 0.02
 Pose = tuple[float, ...]
 
 
+def _numbers() -> array[float]:
+    return array("d")  # a list of tuples takes eight times as much
+
+
 @dataclass
 class _Scans:
     """What the lines of one kind of scan say."""
 
     rows: ScanRows = field(default_factory=lambda: ScanRows((0.0, MAX_RANGE)))
     """Every n-th scan."""
-    lidars: list[Pose] = field(default_factory=list)
-    """First pose of all lines, which is the lidar's."""
-    robots: list[Pose] = field(default_factory=list)
+    lidars: array[float] = field(default_factory=_numbers)
+    """First pose of all lines, which is the lidar's: x, y, heading, x, ..."""
+    robots: array[float] = field(default_factory=_numbers)
     """Second pose of all lines, which is the robot's."""
-    stamps: list[float] = field(default_factory=list)
+    stamps: array[float] = field(default_factory=_numbers)
     before: list[int] = field(default_factory=list)
     """Index of the last line of odometry before each line."""
     greatest: float = 0.0
@@ -62,7 +60,7 @@ class _Log:
     """What a log says."""
 
     scans: dict[str, _Scans] = field(default_factory=dict)
-    odometry: list[Pose] = field(default_factory=list)
+    odometry: array[float] = field(default_factory=_numbers)
     """x, y [m], heading [rad] and time [s] of the lines of odometry."""
     others: set[str] = field(default_factory=set)
     """Names of lines of other kinds."""
@@ -89,7 +87,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
             " is it a log of CARMEN?"
         )
     found, kept = log.scans[kind], slice(None, None, options.every)
-    poses, reported, mount = _poses(found, np.array(log.odometry, np.float64).reshape(-1, 4), log)
+    poses, reported, mount = _poses(found, np.array(log.odometry).reshape(-1, 4), log)
     lidar = found.rows.lidar(options.mount or mount, upside_down=False)
     ranges = found.rows.finish(range(len(found.rows)))
     if options.range_limits is not None:
@@ -138,7 +136,7 @@ def _poses(
     A line has two poses: the lidar's and the robot's. Where they are not a rigid body, the first
     one was corrected, and the second is odometry.
     """
-    first, second = np.array(scans.lidars), np.array(scans.robots)
+    first, second = (np.array(each).reshape(-1, 3) for each in (scans.lidars, scans.robots))
     cos, sin = np.cos(second[:, 2]), np.sin(second[:, 2])
     dx, dy = (first - second)[:, :2].T
     turn = wrapped(first[:, 2] - second[:, 2])
@@ -161,17 +159,17 @@ def _poses(
 
 def _parsed(path: Path, options: Options) -> _Log:
     log, bad = _Log(), 0
-    for number, line in _lines(path):
+    for number, line in numbered_lines(path, "replace"):
         if bad:
             raise RecordingError(f"line {bad} is cut off or damaged; take it out")
         name = line[:24].split(maxsplit=1)[0] if line[:24].strip() else "#"
         try:
             if name == "ODOM":
                 words = line.split()
-                log.odometry.append(_finite((*words[1:4], words[7])))
+                log.odometry.extend(_finite((*words[1:4], words[7])))
             elif name in KINDS and options.scan_topic in (None, name):
                 scans = log.scans.get(name) or _Scans()
-                _take(name, line.split(), scans, len(log.odometry) - 1, options.every)
+                _take(name, line.split(), scans, len(log.odometry) // 4 - 1, options.every)
                 log.scans[name] = scans
             elif not name.startswith("#") and len(log.others) < 100:
                 log.others.add(name if name.isprintable() else "?")
@@ -202,8 +200,8 @@ def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -
         ranges = [float(word) for word in words[begin : begin + count]]
         scans.rows.add(first, step, ranges, 0.0, MAX_RANGE)
     scans.greatest = max(scans.greatest, greatest)
-    scans.lidars.append(lidar)
-    scans.robots.append(robot)
+    scans.lidars.extend(lidar)
+    scans.robots.extend(robot)
     scans.stamps.append(time)
     scans.before.append(before)
 
@@ -214,23 +212,3 @@ def _finite(words: tuple[str, ...] | list[str]) -> Pose:
     if not all(abs(value) <= GREATEST for value in values):
         raise ValueError
     return values
-
-
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines of a log with their numbers, one at a time."""
-    try:
-        with ExitStack() as stack:
-            content = stack.enter_context(opened(path))
-            unpacked = gzip.GzipFile(fileobj=content) if path.suffix == ".gz" else content
-            file = stack.enter_context(io.TextIOWrapper(unpacked, "utf-8", "replace"))
-            number = 0
-            while line := file.readline(MAX_LINE):
-                number += 1
-                if len(line) == MAX_LINE:
-                    raise RecordingError(f"line {number} is too long for a log of CARMEN")
-                yield number, line
-    except (EOFError, zlib.error, gzip.BadGzipFile):
-        raise RecordingError("is cut off or damaged (gzip); copy it again") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise RecordingError(f"cannot be read ({reason})") from None

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from locplan._util.checks import Settings
 from locplan.field import Lidar
 
+MAX_ARRAY_BYTES = 2**28
+"""Greatest size of a file's arrays together, unpacked; reading takes some six times as much."""
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Source(Settings):

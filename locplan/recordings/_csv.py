@@ -12,9 +12,7 @@ odometry may be missing. An empty range, inf and nan mean no return.
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import shown
-from locplan._util.reading import opened
+from locplan._util.reading import numbered_lines
 from locplan.errors import LocplanError, RecordingError
 from locplan.field import Lidar
-from locplan.recordings._contents import Contents, Source
+from locplan.recordings._contents import MAX_ARRAY_BYTES, Contents, Source
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options, with_options
-from locplan.recordings._scans import MAX_BEAMS
+from locplan.recordings._scans import MAX_BEAMS, row_bytes
 
 POSE = ("x_m", "y_m", "heading_rad")
 ODOMETRY = ("odom_x_m", "odom_y_m", "odom_heading_rad")
-MAX_LINE = 2**22
 LIDAR = "# lidar:"
 
 
@@ -45,7 +42,7 @@ def read_csv(path: Path, options: Options) -> Contents:
         If the file cannot be read, or its rows have another shape than its header.
     """
     options.refuse_those_for_logs("a .csv file")
-    lines = _lines(path)
+    lines = ((number, line.strip()) for number, line in numbered_lines(path))
     values: dict[str, str] = {}
     number, names = 0, list[str]()
     for number, line in lines:
@@ -61,10 +58,16 @@ def read_csv(path: Path, options: Options) -> Contents:
     with_time, with_odometry = _columns(names, number)
     first = with_time + 3 + 3 * with_odometry
     beams = len(names) - first
+    most = MAX_ARRAY_BYTES // row_bytes(beams)
     places, rows, texts = list[Numbers](), list[NDArray[np.float32]](), 0
     for number, line in lines:
         if line and not line.startswith("#"):
             if texts % options.every == 0:
+                if len(rows) == most:
+                    raise RecordingError(
+                        f"line {number}: over {most:,} scans of {beams} beams take too much memory;"
+                        " read every n-th (every=), or split it"
+                    )
                 row = _row(line, len(names), first, number)
                 places.append(row[:first])
                 with np.errstate(over="ignore"):
@@ -184,20 +187,3 @@ def _lidar(values: dict[str, str], beams: int, options: Options) -> Lidar:
         return with_options(Lidar(**numbers, beams=beams), options)
     except LocplanError as error:
         raise RecordingError(f"its line '{LIDAR} ...' is wrong: {error}") from None
-
-
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines with their numbers, one at a time, without blanks at their ends."""
-    try:
-        with io.TextIOWrapper(opened(path), "utf-8-sig") as file:
-            number = 0
-            while line := file.readline(MAX_LINE):
-                number += 1
-                if len(line) == MAX_LINE:
-                    raise RecordingError(f"line {number} is too long for a scan")
-                yield number, line.strip()
-    except UnicodeDecodeError:
-        raise RecordingError("is no text; save it as UTF-8") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise RecordingError(f"cannot be read ({reason})") from None

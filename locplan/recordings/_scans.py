@@ -16,11 +16,18 @@ from locplan.recordings._geometry import has_return
 MAX_BEAMS = 100_000
 MAX_RANGE = 10_000.0
 FIRST_ROWS = 256
-MAX_ROOM = 2**28
-"""Number of ranges that room is made for before they are read."""
+MAX_ROOM = 2**30
+"""Greatest size of all ranges together [bytes]; room is made for no more, whatever a log says."""
+MIN_ROW_BYTES = 256
+"""Least size that a scan counts as: its pose and times take memory, too."""
 DIGITS = 4
 """Decimals of angles that were stored in single precision [deg]."""
 Limits = tuple[float, float]
+
+
+def row_bytes(beams: int) -> int:
+    """Size that a scan counts as [bytes]."""
+    return max(MIN_ROW_BYTES, 4 * beams)
 
 
 class ScanRows:
@@ -62,6 +69,11 @@ class ScanRows:
             values = np.asarray(ranges, np.float32)
         if not self._count:
             self._begin(first, step, len(values), least, greatest)
+        if self._count == (most := MAX_ROOM // row_bytes(self._beams)):
+            raise RecordingError(
+                f"over {most:,} scans of {self._beams} beams take too much memory; read every n-th"
+                " (every=), or a part (window=)"
+            )
         if self._count == len(self._rows):
             self._rows.resize((FIRST_ROWS + self._count * 5 // 4, self._beams), refcheck=False)
         if step < 0:
@@ -122,7 +134,7 @@ class ScanRows:
         lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, DIGITS))
         self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
         # Room that is not written yet takes no memory; a damaged file may promise anything.
-        room = min(max(self._expected, FIRST_ROWS), max(FIRST_ROWS, MAX_ROOM // lidar.beams))
+        room = min(max(self._expected, FIRST_ROWS), max(FIRST_ROWS, MAX_ROOM // 4 // lidar.beams))
         self._rows = np.empty((room, lidar.beams), np.float32)
 
     def _resampled(

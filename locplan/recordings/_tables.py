@@ -19,7 +19,7 @@ from locplan._util.files import replacing
 from locplan._util.reading import opened, parsed_json
 from locplan.errors import LocplanError, RecordingError
 from locplan.field import Lidar
-from locplan.recordings._contents import Contents, Source
+from locplan.recordings._contents import MAX_ARRAY_BYTES, Contents, Source
 from locplan.recordings._csv import read_csv, write_csv
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options, with_options
@@ -27,8 +27,6 @@ from locplan.recordings._options import Options, with_options
 NONE_MM = 65535
 """No return among ranges in whole millimetres, uint16."""
 NPZ_ARRAYS = ("ranges", "poses", "times", "odometry", "lidar", "source")
-MAX_ARRAY_BYTES = 2**28
-"""Greatest size of all arrays together, unpacked; reading takes some six times as much."""
 Reader = Callable[[Path, Options], Contents]
 
 
