@@ -87,6 +87,21 @@ def test_bags_that_are_packed_are_read(tmp_path, kind, packed):
     same(read_drive(write_drive(tmp_path, drive(), kind, packed)), drive())
 
 
+@pytest.mark.parametrize(
+    ("kind", "packed", "limit"),
+    [
+        *(("mcap", mode, "MAX_CHUNK_BYTES") for mode in ("STORAGE", "MESSAGE")),
+        ("sqlite3", "FILE", "MAX_RATIO"),
+        *(("ros1", mode, "MAX_CHUNK_BYTES") for mode in ("BZ2", "LZ4")),
+    ],
+)
+def test_what_a_bag_unpacks_to_is_bounded(tmp_path, monkeypatch, kind, packed, limit):
+    path = write_drive(tmp_path, drive(), kind, packed)
+    monkeypatch.setattr(f"locplan.recordings._unpacking.{limit}", 1)
+    with pytest.raises(RecordingError, match="unpacks to over"):
+        read_drive(path)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_small_drive_is_the_same_as_a_bag(tmp_path, kind):
     small = Recording.load(FILE)

@@ -12,6 +12,7 @@ from locplan._util import reading
 from locplan._util.extras import needed
 from locplan._util.progress import ProgressCallback
 from locplan.errors import LocplanError, RecordingError
+from locplan.recordings._unpacking import bound_unpacking
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 SCAN = "sensor_msgs/msg/LaserScan"
@@ -127,6 +128,7 @@ def opened(path: Path) -> Iterator[Bag]:
         for each in file.iterdir() if file.is_dir() else (file,):
             if not each.is_dir():
                 reading.opened(each).close()  # rosbags would wait for a pipe
+        bound_unpacking()
         with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
             reader: Any = Reader1(file) if ros1 else Reader2(file)
             reader.open()
