@@ -289,6 +289,20 @@ def test_whatever_stands_in_place_of_a_cached_field_it_heals(grid, tmp_path, com
     assert not computed
 
 
+@pytest.mark.parametrize("setting", ['"level": 99', '"level": "x"', '"depth": 1'])
+def test_an_unfinished_field_whose_codec_was_changed_heals(grid, tmp_path, computed, setting):
+    whole = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    folder = store.field_path(grid, QUICK, tmp_path) / "covariance"
+    (folder / "c.0.0.0.0").unlink()
+    about = (folder / "zarr.json").read_text()
+    (folder / "zarr.json").write_text(about.replace('"level": 1', setting))
+    again = store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    np.testing.assert_array_equal(again.covariance, whole.covariance)
+    computed.clear()
+    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert not computed
+
+
 def test_a_folder_that_is_another_fields_is_not_believed(grid, tmp_path, computed):
     other = dataclasses.replace(grid, cells=np.where(grid.cells == UNKNOWN, 0, grid.cells))
     store.load_or_compute(other, QUICK, cache_dir=tmp_path)

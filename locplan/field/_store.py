@@ -269,7 +269,7 @@ def _open(
 ) -> None:
     """Make the field's group if there is no sound one, and write the chunks carried over."""
     known, edge = tiles.known_points(found.values), tiles.chunk_edge(config, grid.resolution)
-    if not found.sound:
+    if not (found.sound and field_files.takes_chunks(path, found.values)):
         with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
             field_files.create(temporary, grid, config, about)
             # All that is known goes along, since the group that held it may be replaced.

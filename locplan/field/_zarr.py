@@ -200,6 +200,17 @@ def write_chunks(folder: Path, values: Values, chunks: Iterable[tiles.Chunk]) ->
             array[chunk.at] = computed[chunk.at]
 
 
+def takes_chunks(folder: Path, values: Values) -> bool:
+    """Return whether zarr can write chunks there, whatever the arrays' descriptions say."""
+    try:
+        write_chunks(folder, values, [])
+    except OSError:
+        raise
+    except Exception:  # a damaged description fails in many ways
+        return False
+    return True
+
+
 def write(folder: Path, values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
     """Write a whole field."""
     create(folder, grid, config, attributes(grid, config))
