@@ -17,7 +17,6 @@ from hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
 
 from locplan.comparison._journal import Journal
 from locplan.comparison._movingai import read_movingai_map, read_scenarios
-from locplan.costs import Path as Route
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
 from locplan.export._folders import _is_untouched_export
 from locplan.field import (
@@ -436,13 +435,6 @@ def test_sizes_are_checked_before_reading(tmp_path, name):
         READ[name](tmp_path / name)
     assert tracemalloc.get_traced_memory()[1] < 10**7
     tracemalloc.stop()
-
-
-def test_texts_that_are_read_at_once_are_short(tmp_path):
-    with open(tmp_path / "path.csv", "wb") as file:
-        file.truncate(2**24 + 1)
-    with pytest.raises(LocplanError, match=r"over 16\.8 MB, too much for such a file"):
-        Route.load(tmp_path / "path.csv")
 
 
 FLASER = "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 {0} a {0}\n"

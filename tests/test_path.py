@@ -103,5 +103,5 @@ def test_what_can_be_no_file_name_is_refused(name):
 def test_files_that_are_too_large_are_refused(tmp_path):
     with (tmp_path / "p.csv").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(LocplanError, match=r"over 67\.1 MB"):
+    with pytest.raises(LocplanError, match=r"over 16\.8 MB"):
         Path.load(tmp_path / "p.csv")

@@ -118,8 +118,8 @@ def opened(path: Path) -> Iterator[Bag]:
         If the bag cannot be read.
     """
     needed("rosbags", "ros", "reading a bag")
-    from rosbags.rosbag1 import Reader as Reader1
-    from rosbags.rosbag2 import Reader as Reader2
+    from rosbags.rosbag1 import Reader as Reader1, reader as reader1
+    from rosbags.rosbag2 import Reader as Reader2, reader as reader2, storage_mcap
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     file = _storage(path)
@@ -128,7 +128,7 @@ def opened(path: Path) -> Iterator[Bag]:
         for each in file.iterdir() if file.is_dir() else (file,):
             if not each.is_dir():
                 reading.opened(each).close()  # rosbags would wait for a pipe
-        bound_unpacking()
+        bound_unpacking(reader1, reader2, storage_mcap)
         with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
             reader: Any = Reader1(file) if ros1 else Reader2(file)
             reader.open()

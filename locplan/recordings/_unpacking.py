@@ -20,11 +20,9 @@ MAX_RATIO = 100
 
 
 @cache
-def bound_unpacking() -> None:
-    """Put bounds on the functions by which rosbags unpacks, which have none."""
+def bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
+    """Put bounds on the functions by which these modules of rosbags unpack, which have none."""
     from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-    from rosbags.rosbag1 import reader as ros1
-    from rosbags.rosbag2 import reader as ros2, storage_mcap as mcap
 
     lz4 = partial(_unpacked, LZ4FrameDecompressor)
     ros1.decompressors.update(bz2=partial(_unpacked, BZ2Decompressor), lz4=lz4)
