@@ -15,18 +15,12 @@ import numpy as np
 
 import locplan
 from locplan._util.intervals import Interval
+from locplan.field import SHORT_LIDAR
 from locplan.planners import alternatives, random_queries
-from locplan.simulation import (
-    Amcl,
-    Drives,
-    Evaluation,
-    Simulator,
-    _reports as reports,
-    evaluate,
-)
+from locplan.robots import Amcl
+from locplan.simulation import Drives, Evaluation, Simulator, _reports as reports, evaluate
 from locplan.simulation._motion import poses_along
 from locplan.simulation._scores import log_errors, selected
-from locplan.simulation._settings import SHORT_LIDAR
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}

@@ -6,9 +6,10 @@ from functools import cache
 
 from locplan.costs import Costmap
 from locplan.explorer._view import View
-from locplan.field import CovarianceField, FieldConfig, Fisher, Lidar, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
+from locplan.robots import Lidar
 
 START, MIDDLE, GOAL = (2.0, 3.0), (20.0, 3.0), (38.0, 3.0)
 LIDAR = Lidar(range=6.0)

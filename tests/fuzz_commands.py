@@ -518,8 +518,6 @@ def _answer(folder: Path, line: list[str], around: dict[str, Any]) -> dict[str, 
     _, status, usage = os.wait4(process, 0)
     code = os.waitstatus_to_exitcode(status)
     seen = [None if odd else text for odd, text in zip(around["streams"][1:], texts, strict=False)]
-    if code == UNSAID and around["streams"][2] == "full":
-        code = 1
     found = list(faults(code, *seen, texts[2], broken=around["streams"][1] == "broken"))
     places = {**around["variables"], "TMPDIR": ""}.values()  # what is temporary has to go
     found += changes(before, contents(folder), _may_be_written([*line, *places]))

@@ -8,7 +8,8 @@ import numpy as np
 
 from locplan import Lidar
 from locplan.recordings import Recording
-from locplan.simulation import Disturbances, Simulator
+from locplan.robots import Disturbances
+from locplan.simulation import Simulator
 
 LIDAR = Lidar(
     range=8.0, least_range=0.1, field_of_view_deg=270.0, beams=91, range_sigma=0.02, mount_x=0.1

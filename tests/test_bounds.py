@@ -13,10 +13,11 @@ from locplan._util import machine
 from locplan.comparison._journal import Journal
 from locplan.comparison._runs import Run, Task
 from locplan.errors import ConfigError
-from locplan.field import Lidar, SearchWindow
+from locplan.field import SearchWindow
 from locplan.field._lattice import standing_cells
 from locplan.planners import Ompl, random_queries
-from locplan.simulation import Amcl, Disturbances, evaluate, simulate
+from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.simulation import evaluate, simulate
 from locplan.simulation._simulator import Simulator
 
 GRID = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)

@@ -32,9 +32,11 @@ from locplan import (
 )
 from locplan.cli._options import _assumed
 from locplan.errors import ConfigError, PoseError
+from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners._alternatives import LEAST_SHARE, alternatives, is_another_way
-from locplan.simulation import Amcl, Disturbances, choice_figure, simulate
+from locplan.robots import Amcl, Disturbances
+from locplan.simulation import choice_figure, simulate
 from locplan.simulation._scores import (
     CLEARLY,
     FLOOR,
@@ -46,7 +48,6 @@ from locplan.simulation._scores import (
     price_of,
     selected,
 )
-from locplan.simulation._settings import SHORT_LIDAR
 from locplan.simulation.choice import _choose as module
 from locplan.simulation.choice._candidates import CandidateWarning
 from locplan.simulation.choice._choice import at_length, gain

@@ -15,7 +15,8 @@ from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.field import FieldConfig, Fisher
 from locplan.maps import environments
 from locplan.planners import Query
-from locplan.simulation import Amcl, choose, choose_many
+from locplan.robots import Amcl
+from locplan.simulation import choose, choose_many
 from locplan.simulation.choice import _choose_many as module
 from locplan.simulation.choice._choices import COLUMNS
 

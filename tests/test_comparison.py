@@ -17,11 +17,10 @@ from locplan.comparison import PlannerSpec, _engine
 from locplan.comparison._cases import named_configs
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import FieldConfig, Fisher, Lidar, Sad
+from locplan.field import FieldConfig, Fisher, Sad
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, Query, options_of, with_options
-from locplan.simulation import Amcl
-from locplan.simulation._nav2 import ParameterWarning
+from locplan.robots import Amcl, Lidar, ParameterWarning
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 

@@ -23,9 +23,9 @@ from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_i
 from locplan.recordings._geometry import moved
 from locplan.recordings._odometry_noise import _moved, as_disturbances, odometry_noise
 from locplan.recordings._scan_noise import _in_runs, scan_noise
-from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.robots import Amcl, Disturbances, read_robot
+from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
-from locplan.simulation._robot_files import read_robot
 
 EXACT = {"boundary_noise": 0.0, "outliers": 0.0, "occlusion": 0.0}
 DRIFTS = {"distance_drift": 0.03, "heading_drift_deg": 2.0, "turn_drift_deg": 3.0}

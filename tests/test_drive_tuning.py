@@ -16,7 +16,8 @@ from locplan.maps import environments
 from locplan.recordings import replay, tune_on_drive
 from locplan.recordings._tracks import Tracks
 from locplan.recordings._tuning import RecordedBench, _stretches
-from locplan.simulation import Amcl, Disturbances, read_amcl, tuning_figure
+from locplan.robots import Amcl, Disturbances, read_amcl
+from locplan.simulation import tuning_figure
 from locplan.simulation._motion import poses_along
 from locplan.simulation.tuning._reports import conclusion, tuning_table
 

@@ -16,12 +16,20 @@ from scipy import stats
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
 from locplan.errors import CalibrationError, ConfigError
-from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, Scan, SearchWindow
+from locplan.field import (
+    SHORT_LIDAR,
+    CalibrationWarning,
+    Exponential,
+    Fisher,
+    Sad,
+    Scan,
+    SearchWindow,
+)
 from locplan.field._at_points import covariances_along, covariances_at
 from locplan.field._tiles import field_shapes
 from locplan.maps import environments
+from locplan.robots import Amcl, Lidar
 from locplan.simulation import (
-    Amcl,
     Places,
     _calibration_reports,
     _reports as reports,
@@ -35,7 +43,6 @@ from locplan.simulation._predictors import (
     predictions,
 )
 from locplan.simulation._ranking import RESAMPLES, Resamples, auc, rank, spearman
-from locplan.simulation._settings import SHORT_LIDAR
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,8 @@ from locplan.explorer._view import STEPS, View
 from locplan.landmarks import Box, Pole, place_landmarks
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import pareto_front, plan
-from locplan.simulation import Amcl, Drives, choose, verdict as verdict_on
+from locplan.robots import Amcl
+from locplan.simulation import Drives, choose, verdict as verdict_on
 
 
 def as_json(answer):

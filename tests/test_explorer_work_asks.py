@@ -21,11 +21,10 @@ from locplan.explorer._session import Session
 from locplan.explorer._sharing import share
 from locplan.explorer._state import about, state
 from locplan.explorer._wire import Ask
-from locplan.field import FieldConfig, Fisher, Lidar
+from locplan.field import FieldConfig, Fisher, lidar_of
 from locplan.maps import OCCUPIED
 from locplan.recordings import Recording, match_scans
-from locplan.simulation import Amcl
-from locplan.simulation._settings import lidar_of
+from locplan.robots import Amcl, Lidar
 from locplan.twins import ScanDatabase, _scan_database, find_twins
 from locplan.twins._find import SPACING
 

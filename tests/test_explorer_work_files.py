@@ -33,14 +33,13 @@ from locplan.field import (
     Fisher,
     Fused,
     InverseSquare,
-    Lidar,
     Sad,
     Scan,
     SearchWindow,
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map, save_map
 from locplan.recordings import Recording, match_scans
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances, Lidar
 
 # Recorded drives
 

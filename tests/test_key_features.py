@@ -16,7 +16,6 @@ import locplan
 from locplan import LocplanError, Path, Pole, save_map
 from locplan._kernels import features as kernels, landmarks, way_covariances as ways
 from locplan._kernels.rays import empty_squares
-from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import key_features, key_features_figure, with_objects
 from locplan.landmarks._feature_drives import FeatureDrives, simulator_without, without_cells
@@ -27,7 +26,8 @@ from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._pieces import CORNER, OBJECT, WALL, Pieces, pieces_of
 from locplan.landmarks._surroundings import hits_on, lines_along, step_of, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Drives
+from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
 SHORT = Lidar(range=3.0)

@@ -22,7 +22,6 @@ from locplan._kernels import (
     way_covariances as ways,
 )
 from locplan._kernels.rays import empty_squares
-from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import _search, best_of_trials, landmarks_figure, with_objects
 from locplan.landmarks._candidates import (
@@ -54,7 +53,8 @@ from locplan.landmarks._surroundings import hits_on, motion_of, rays_at, swing_o
 from locplan.landmarks._trials import score
 from locplan.landmarks._verification import Verification, paths_on
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Drives
+from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
 SHORT = Lidar(range=3.0)

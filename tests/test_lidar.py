@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from locplan.errors import ConfigError
-from locplan.field import Fisher, Fused, Lidar, Sad, Scan
-from locplan.field._lidar_presets import PRESETS
-from locplan.simulation import Amcl, Disturbances
+from locplan.field import Fisher, Fused, Sad, Scan
+from locplan.robots import PRESETS, Amcl, Disturbances, Lidar
 from locplan.simulation._arguments import arguments_of
 
 URDF = """<robot name="r"><gazebo reference="laser"><sensor name="front" type="{kind}">

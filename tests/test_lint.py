@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from conftest import drawn
 
-from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.simulation import Simulator
 from locplan.simulation.tuning._lint import beams_left, lint
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)

@@ -5,12 +5,11 @@ import pytest
 import yaml
 
 from locplan import export
-from locplan.costs import Costmap, read_robot_size
+from locplan.costs import Costmap
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, covariance_field
-from locplan.maps import FREE, OccupancyGrid, read_parameters
-from locplan.maps._parameter_edits import edited_parameters
-from locplan.simulation import read_amcl
+from locplan.maps import FREE, OccupancyGrid
+from locplan.robots import edited_parameters, read_amcl, read_parameters, read_robot_size
 
 BESIDE = "amcl:\n  ros__parameters:\n    alpha1: 0.1\n    alpha2: 0.1\n"
 SHARED = (

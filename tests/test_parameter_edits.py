@@ -3,8 +3,7 @@
 import pytest
 
 from locplan.errors import LocplanError
-from locplan.maps._parameter_edits import edited_parameters, scalar_text
-from locplan.maps._ros_parameters import read_parameters
+from locplan.robots import edited_parameters, read_parameters, scalar_text
 
 VALUES = {"alpha1": 0.05, "max_beams": 120, "laser_model_type": "likelihood_field_prob"}
 

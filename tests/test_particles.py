@@ -11,10 +11,9 @@ from conftest import random_rooms
 
 from locplan._kernels import drives, matches, measured, particles, shares as shares_kernels
 from locplan._kernels.rays import empty_squares
-from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Simulator
-from locplan.simulation._settings import DIFFERENTIAL, OMNIDIRECTIONAL
+from locplan.robots import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, Disturbances, Lidar
+from locplan.simulation import Simulator
 
 RESOLUTION = 0.1
 SMALL = Lidar(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_y=-0.05, mount_yaw_deg=20)

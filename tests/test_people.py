@@ -14,7 +14,8 @@ from locplan import Costmap, CovarianceField, Path
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.maps import environments
 from locplan.planners import Found, Plan
-from locplan.simulation import Amcl, Simulator, simulate
+from locplan.robots import Amcl
+from locplan.simulation import Simulator, simulate
 
 ENDS = (2.0, 3.0), (38.0, 3.0)
 WINDOW = locplan.SearchWindow(half_width=2.0, step=1.0)

@@ -21,7 +21,8 @@ from locplan.recordings import Recording, replay, replay_figure
 from locplan.recordings._replay import ELLIPSE
 from locplan.recordings._replay_reports import replay_table
 from locplan.recordings._tracks import Tracks
-from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.robots import Amcl, Disturbances
+from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
 
 RESOLUTION = 0.1

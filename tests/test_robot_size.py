@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from locplan.costs import read_robot_size
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
+from locplan.robots import read_robot_size
 
 OUTLINE = '"[[0.5, 0.3], [0.5, -.3], [-0.5, -0.3], [-0.5, 0.3]]"'
 AMCL = "amcl: {ros__parameters: {alpha1: 0.1}}\n"

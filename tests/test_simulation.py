@@ -17,14 +17,13 @@ from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
 from locplan._kernels.matches import match
 from locplan._kernels.offsets import make_lattice
 from locplan._util.intervals import of_geometric_mean, of_mean, of_median, of_rms
-from locplan.field import Exponential, Sad, Scan
+from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import Query
 from locplan.planners._plan import AWARE, SHORTEST
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, read_amcl
 from locplan.simulation import (
-    Amcl,
-    Disturbances,
     Simulator,
     choose_points,
     measure,
@@ -35,10 +34,8 @@ from locplan.simulation import (
 )
 from locplan.simulation._drives import LOST, Drives
 from locplan.simulation._motion import approaches, poses_along
-from locplan.simulation._nav2 import read_amcl
 from locplan.simulation._reports import routes_table
 from locplan.simulation._routes import COLUMNS, Route, Routes
-from locplan.simulation._settings import OMNIDIRECTIONAL, SHORT_LIDAR
 
 QUIET = {
     "boundary_noise": 0.0,

@@ -10,11 +10,10 @@ import yaml
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
-from locplan.simulation import Amcl, Disturbances, Simulator, read_amcl, tune, tuning_figure
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, read_amcl
+from locplan.simulation import Simulator, tune, tuning_figure
 from locplan.simulation._motion import poses_along
-from locplan.simulation._settings import OMNIDIRECTIONAL
 from locplan.simulation.tuning import _bench
 from locplan.simulation.tuning._bench import LONGEST, Bench, random_paths, updates_along
 from locplan.simulation.tuning._files import check_written, tuned_file

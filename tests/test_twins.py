@@ -17,7 +17,7 @@ import locplan
 from locplan import Lidar, LocplanError, ScanDatabase, find_twins
 from locplan._util.intervals import wilson
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
-from locplan.simulation import Disturbances
+from locplan.robots import Disturbances
 from locplan.twins import LAYERS, Matching, _database, _find, _loss_tables, twins_figure
 from locplan.twins._database import make_database, places_every, reachable
 from locplan.twins._figures import place_figure

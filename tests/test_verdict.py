@@ -15,7 +15,8 @@ from locplan.field import FieldConfig, Fisher, save_config
 from locplan.maps import environments
 from locplan.planners import plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation import Amcl, Drives, verdict
+from locplan.robots import Amcl
+from locplan.simulation import Drives, verdict
 from locplan.simulation._scores import log_errors
 from locplan.simulation.choice import _verdict
 

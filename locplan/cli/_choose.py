@@ -85,7 +85,7 @@ def choose(
     from locplan import planners
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.simulation._settings import lidar_of
+    from locplan.field import lidar_of
     from locplan.simulation.choice import _choose as core, _reports as reports
     from locplan.simulation.choice._candidates import AnyCandidate, own_paths
 

@@ -13,7 +13,7 @@ from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
 from locplan.cli._values import refuse, show
-from locplan.field._lidar_presets import PRESETS
+from locplan.robots import PRESETS
 
 app = command(
     "evaluate",

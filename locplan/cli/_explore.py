@@ -91,7 +91,7 @@ def explore(
     from locplan.explorer._drives import RecordedDrive
     from locplan.explorer._explore import check_installed, opened
     from locplan.explorer._scene import Opening
-    from locplan.simulation._settings import lidar_of
+    from locplan.field import lidar_of
 
     check_installed()
     config = options.to_config()

@@ -38,7 +38,7 @@ def _keep_maps(_: object, maps: Path | Sequence[Path]) -> None:
 
 
 def _keep_params(_: object, params: Path | None) -> None:
-    from locplan.maps._ros_parameters import file_and_robot
+    from locplan.robots import file_and_robot
 
     _keep(None, params and file_and_robot(params)[0])
 

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from locplan.cli._groups import FIELD, Json, MapFile, command, results
 from locplan.cli._options import RobotRadius, radius_of
 from locplan.cli._values import show
-from locplan.field._lidar_presets import PRESETS
+from locplan.robots import PRESETS
 
 COMPARED = ("turtlebot3", "turtlebot4", "tim571")
 """Lidars of short, middle and long range."""
@@ -55,7 +55,7 @@ def info(
     if lidars or lidar:
         from locplan._util.progress import progress_bar
         from locplan.costs._lidars import compare_lidars
-        from locplan.field import Lidar
+        from locplan.robots import Lidar
 
         named = [Lidar.preset(name) for name in lidar or COMPARED]
         with progress_bar("lidars", "cells") as progress:

@@ -20,15 +20,16 @@ from locplan.cli._kinds import check_has, field_names, given_of
 from locplan.cli._values import numbers, refuse, size_in
 from locplan.errors import ConfigError, FieldError
 from locplan.field import ESTIMATORS
-from locplan.field._lidar_presets import PRESETS
+from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from locplan.costs import Costmap
-    from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar
+    from locplan.field import CovarianceField, Estimator, FieldConfig
     from locplan.maps import OccupancyGrid
+    from locplan.robots import Lidar
 
     class Compute(Protocol):
         """A function that gives the field of a map, or its values at some lattice points."""
@@ -104,7 +105,7 @@ class FieldOptions:
 
     def named_lidar(self, reach: float | None = None) -> Lidar | None:
         """The lidar that was named, or None; `reach` replaces its range [m]."""
-        from locplan.field import Lidar
+        from locplan.robots import Lidar
 
         if self.lidar is None:
             return None
@@ -204,7 +205,7 @@ def _takes(kind: type[Estimator], option: str) -> bool:
 
 def _assumed() -> Lidar:
     """The lidar of estimators that need one where none is named."""
-    from locplan.simulation._settings import SHORT_LIDAR
+    from locplan.field import SHORT_LIDAR
 
     return dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
 

@@ -10,10 +10,10 @@ from cyclopts import Parameter
 from locplan.cli._groups import FIELD, GENERAL, INPUT, Text, option_group
 from locplan.cli._values import read_paths, two_numbers
 from locplan.errors import ConfigError
-from locplan.field._lidar_presets import PRESETS
+from locplan.robots import PRESETS
 
 if TYPE_CHECKING:
-    from locplan.field import Lidar
+    from locplan.robots import Lidar
 
 
 @option_group(GENERAL)
@@ -68,8 +68,8 @@ class LidarOptions:
     def named(self) -> Lidar:
         """The lidar that was named, or a short one, with its own range and view where given."""
         from locplan.cli._options import _changed
-        from locplan.field import Lidar
-        from locplan.simulation._settings import SHORT_LIDAR
+        from locplan.field import SHORT_LIDAR
+        from locplan.robots import Lidar
 
         lidar = Lidar.preset(self.lidar) if self.lidar else SHORT_LIDAR
         return _changed(lidar, self.range, self.field_of_view)

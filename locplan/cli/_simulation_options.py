@@ -14,8 +14,8 @@ from locplan.cli._values import settings_of
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan.field import FieldConfig, Lidar
-    from locplan.simulation._settings import Amcl, Disturbances
+    from locplan.field import FieldConfig
+    from locplan.robots import Amcl, Disturbances, Lidar
 
 Folder = Annotated[Path | None, results("Pictures, JSON and CSV are written to this folder.")]
 
@@ -65,9 +65,15 @@ class FilterOptions:
         parameters where they are given. Warns of parameters that work badly with this lidar, unless
         `lints` is False.
         """
-        from locplan.simulation._nav2 import ParameterWarning, other_parameters, read_filter
-        from locplan.simulation._robot_files import read_robot
-        from locplan.simulation._settings import Amcl, Disturbances, changed
+        from locplan.robots import (
+            Amcl,
+            Disturbances,
+            ParameterWarning,
+            changed,
+            other_parameters,
+            read_filter,
+            read_robot,
+        )
         from locplan.simulation.tuning._lint import lint
 
         calibrated, known = read_robot(config) if config else (Amcl(), Disturbances())
@@ -86,7 +92,7 @@ class FilterOptions:
         ConfigError
             If a disturbance is set that the recording has of its own.
         """
-        from locplan.simulation._nav2 import warn_of
+        from locplan.robots import warn_of
 
         names = [text.partition("=")[0] for text in self.set]
         refuse_those_of_drives(names)
@@ -104,7 +110,7 @@ class FilterOptions:
 def refuse_those_of_drives(names: Sequence[str]) -> None:
     """Raise a ConfigError if a disturbance is named that a recorded drive has of its own."""
     from locplan.cli._kinds import field_names
-    from locplan.simulation._settings import Disturbances
+    from locplan.robots import Disturbances
 
     for name in names:
         if name in field_names(Disturbances) and not name.startswith("start_sigma"):
@@ -130,8 +136,8 @@ class SimulationOptions(FilterOptions):
 
         `file` is the file of settings that was given, if any.
         """
-        from locplan.simulation._nav2 import warn_of
-        from locplan.simulation._settings import lidar_of
+        from locplan.field import lidar_of
+        from locplan.robots import warn_of
 
         lidar = named or lidar_of(config)
         robot, left_out = self.robot(lidar, config=file, lints=lints)

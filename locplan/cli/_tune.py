@@ -24,7 +24,7 @@ from locplan.cli._groups import (
 from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
 from locplan.cli._simulation_options import SimulationOptions
 from locplan.cli._values import load, refuse, show
-from locplan.field._lidar_presets import PRESETS
+from locplan.robots import PRESETS
 
 app = command(
     "tune",
@@ -93,7 +93,7 @@ def tune(
     """
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.simulation._nav2 import other_parameters
+    from locplan.robots import read_parameters
     from locplan.simulation.tuning import _files as files, _reports as reports
     from locplan.simulation.tuning._tune import PATHS, tune as search
 
@@ -120,7 +120,7 @@ def tune(
             paths=amount.paths or PATHS,
             drives=amount.drives,
             robot_radius=radius,
-            others=other_parameters(simulation.params),
+            others=read_parameters(simulation.params).of("amcl"),
             threads=threads,
             progress=progress,
         )
@@ -145,7 +145,7 @@ def _on_drive(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.recordings import tune_on_drive
-    from locplan.simulation._nav2 import other_parameters
+    from locplan.robots import read_parameters
     from locplan.simulation.tuning import _files as files, _reports as reports
 
     folder = reports.TUNING.into(output, force=force) if output else None
@@ -159,7 +159,7 @@ def _on_drive(
             grid,
             **replayed,
             drives=amount.drives,
-            others=other_parameters(simulation.params),
+            others=read_parameters(simulation.params).of("amcl"),
             seed=simulation.seed,
             threads=threads,
             progress=progress,

@@ -14,8 +14,9 @@ from locplan._util.reading import parsed_json
 from locplan.errors import ConfigError, LocplanError, one_line
 
 if TYPE_CHECKING:
-    from locplan.costs import Footprint, Path as Route, RobotSize
+    from locplan.costs import Path as Route
     from locplan.maps import OccupancyGrid
+    from locplan.robots import Footprint, RobotSize
 
 
 def load(map_file: Path) -> OccupancyGrid:
@@ -88,7 +89,7 @@ def settings_of(
 
 def outline_of(text: str | None) -> Footprint | None:
     """A footprint as Nav2's parameter files have it, such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]]."""
-    from locplan.costs import Footprint
+    from locplan.robots import Footprint
 
     try:
         return None if text is None else Footprint.from_text(text)
@@ -98,7 +99,7 @@ def outline_of(text: str | None) -> Footprint | None:
 
 def size_in(params: Path | None) -> RobotSize | None:
     """The robot's size in its parameters of Nav2, which is said on stderr, if there is one."""
-    from locplan.costs import read_robot_size
+    from locplan.robots import read_robot_size
 
     size = read_robot_size(params) if params else None
     if size:

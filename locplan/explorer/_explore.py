@@ -17,9 +17,10 @@ from locplan._util.extras import needed
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._notebook import frame_html, in_notebook
-from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Lidar, Sad
+from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad
 from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Lidar
 
 if TYPE_CHECKING:
     from locplan.explorer._scene import Opening

@@ -14,7 +14,7 @@ from locplan.landmarks import Box, Landmarks, place_landmarks
 from locplan.landmarks._landmarks import PAYS
 from locplan.landmarks._objects import parsed_object
 from locplan.landmarks._verification import Verification
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work

@@ -14,11 +14,10 @@ from locplan._util.checks import printable
 from locplan.costs import ROBOT_RADIUS
 from locplan.explorer._simulating import MOST_DRIVES, PATH_SHOWN
 from locplan.explorer._view import View
-from locplan.field import PRESETS, Estimator, FieldConfig, Lidar, Sad
+from locplan.field import SHORT_LIDAR, Estimator, FieldConfig, Sad, lidar_of
 from locplan.planners import AnyAngle
 from locplan.planners._plan import AWARE
-from locplan.simulation import Amcl, Disturbances
-from locplan.simulation._settings import SHORT_LIDAR, lidar_of
+from locplan.robots import PRESETS, Amcl, Disturbances, Lidar
 
 if TYPE_CHECKING:
     from locplan.costs import CostSettings

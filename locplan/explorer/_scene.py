@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.explorer._floor import Floor
 from locplan.explorer._snap import Parts
-from locplan.field import CovarianceField, FieldConfig, Lidar
+from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Position
+from locplan.robots import Lidar
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from locplan.explorer._textures import Texture, textures_of
 from locplan.explorer._upkeep import Upkeep
 from locplan.explorer._view import View
 from locplan.explorer._wire import Ask
-from locplan.field import CovarianceField, Lidar
+from locplan.field import CovarianceField, lidar_of
 from locplan.maps import OccupancyGrid
 from locplan.planners import Position
-from locplan.simulation._settings import lidar_of
+from locplan.robots import Lidar
 
 KEPT_BYTES = 520e6
 """Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two costmaps, searches on both

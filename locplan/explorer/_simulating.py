@@ -17,16 +17,9 @@ from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.explorer._view import STEPS, View, given, rounded
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation import (
-    Amcl,
-    Disturbances,
-    Drives,
-    choose,
-    simulate as simulate_paths,
-    verdict,
-)
+from locplan.robots import Amcl, Disturbances, changed
+from locplan.simulation import Drives, choose, simulate as simulate_paths, verdict
 from locplan.simulation._scores import FLOOR
-from locplan.simulation._settings import changed
 from locplan.simulation.choice._choice import count_of, in_one_line
 from locplan.simulation.choice._choose import FEW_DRIVES
 from locplan.simulation.choice._verdict import is_one_way

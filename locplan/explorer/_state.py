@@ -8,9 +8,9 @@ from locplan import __version__
 from locplan._util.tables import finite
 from locplan.explorer._scene import Scene
 from locplan.explorer._session import GREATEST_WEIGHT, Session
-from locplan.field import ESTIMATORS, PRESETS
-from locplan.field._lidar_presets import Preset
+from locplan.field import ESTIMATORS
 from locplan.field._registry import estimator_class
+from locplan.robots import PRESETS, Preset
 
 TITLES = {
     "sad": "SAD, the paper's",

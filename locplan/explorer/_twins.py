@@ -13,8 +13,8 @@ from locplan._util.tables import finite
 from locplan.costs import ROBOT_RADIUS
 from locplan.errors import ConfigError
 from locplan.explorer._snap import snapped
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
+from locplan.robots import Lidar
 from locplan.twins import ScanDatabase, find_twins
 
 if TYPE_CHECKING:

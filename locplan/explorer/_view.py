@@ -11,11 +11,11 @@ import numpy as np
 
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, Lidar
+from locplan.field import CovarianceField, lidar_of
 from locplan.maps import OccupancyGrid
 from locplan.planners import Plan, Position, plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation._settings import lidar_of
+from locplan.robots import Lidar
 
 T = TypeVar("T")
 STEPS = 400

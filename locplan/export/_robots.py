@@ -10,12 +10,11 @@ from pathlib import Path
 
 from locplan.export._distros import Distribution, distribution
 from locplan.export._travel_costs import PLANNERS
-from locplan.maps._ros_parameters import (
+from locplan.robots import (
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
-    listed_names,
     read_parameters,
 )
 
@@ -106,5 +105,5 @@ class Robot:
     def _plugins(self) -> dict[str, str]:
         """The plugin of each of its planners by name, as the file has it."""
         server = self.parameters.of(PLANNER_SERVER)
-        names = listed_names(server, "planner_plugins", [])
+        names = self.parameters.names(PLANNER_SERVER, "planner_plugins")
         return {name: str(server.get(f"{name}.plugin", "")) for name in names}

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Path
-from locplan.field import Lidar
 from locplan.landmarks._outcomes import Outcome
 from locplan.maps import FREE, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Drives, Simulator
+from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.simulation import Drives, Simulator
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulate import drive_paths
 from locplan.simulation._simulator import random_of

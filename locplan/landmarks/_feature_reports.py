@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from locplan._util.checks import differing
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table, wrapped
 from locplan.landmarks._feature_drives import FeatureDrives
@@ -18,7 +19,6 @@ from locplan.landmarks._outcomes import (
     outcomes_rows,
     outcomes_table,
 )
-from locplan.simulation._settings import differing
 from locplan.simulation._writing import write_json, write_rows
 
 FEATURES = Results(

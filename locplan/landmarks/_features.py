@@ -15,10 +15,9 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.landmarks._feature_drives import FeatureDrives, driven_without
 from locplan.maps import OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._simulate import DRIVES
 
 MATTERS = 0.1

@@ -12,7 +12,6 @@ from locplan._util.checks import number, positive, whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._features import Feature, KeyFeatures
 from locplan.landmarks._objects import Shape
@@ -20,7 +19,7 @@ from locplan.landmarks._pieces import pieces_of
 from locplan.landmarks._problem import robot_of, routes_of
 from locplan.landmarks._surroundings import lines_along, step_of, surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances, Lidar
 
 COUNT = 3
 """Default number of features that are taken away together."""

@@ -13,7 +13,6 @@ from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.landmarks._candidates import (
     WHERE,
     Candidates,
@@ -45,7 +44,7 @@ from locplan.landmarks._surroundings import (
     surroundings,
 )
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._motion import Poses
 
 MARGIN = 0.2

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from locplan._util.checks import instance, position, shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
+from locplan.field import SHORT_LIDAR
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
-from locplan.simulation import Amcl, Disturbances
-from locplan.simulation._settings import SHORT_LIDAR
+from locplan.robots import Amcl, Disturbances, Lidar
 
 Robot: TypeAlias = tuple[Lidar, Amcl, Disturbances]
 """The robot's lidar, its filter, and the disturbances."""

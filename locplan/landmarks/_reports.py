@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from locplan._util.checks import differing
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table, wrapped
 from locplan.landmarks._landmarks import PAYS, Landmarks
@@ -21,7 +22,6 @@ from locplan.landmarks._outcomes import (
     outcomes_table,
 )
 from locplan.landmarks._verification import Verification
-from locplan.simulation._settings import differing
 from locplan.simulation._writing import write_json, write_rows
 
 MAP = "map_with_landmarks"

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.field import Lidar
 from locplan.landmarks._objects import LandmarkObject
 from locplan.maps import OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances, Lidar
 
 
 @dataclass(frozen=True, eq=False)

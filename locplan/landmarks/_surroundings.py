@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 from locplan._util.machine import check_memory
 from locplan.costs import Path
 from locplan.errors import LocplanError
-from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks._objects import Shape
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar
 from locplan.simulation._arguments import compared_beams, reach_of
 from locplan.simulation._motion import Poses, poses_along
-from locplan.simulation._settings import OMNIDIRECTIONAL
 
 SIGMA = 2.0
 """Standard deviation of what a beam tells, in times of the filter's own sigma_hit [1].

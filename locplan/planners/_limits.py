@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import positive
-from locplan.costs import Costmap, Footprint, Path
+from locplan.costs import Costmap, Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
 from locplan.planners._budget import rounded_up
 from locplan.planners._grid import bordered_index
 from locplan.planners._protocol import Found, Position, Wrapper
 from locplan.planners._spaces import CURVED
+from locplan.robots import Footprint
 
 
 @dataclass(frozen=True)

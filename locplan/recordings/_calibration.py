@@ -10,7 +10,7 @@ from locplan._util.checks import instance
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
-from locplan.field import Estimator, FieldConfig, Fused, Lidar
+from locplan.field import Estimator, FieldConfig, Fused
 from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._field_level import calibrated_field
@@ -22,7 +22,8 @@ from locplan.recordings._odometry_noise import (
 )
 from locplan.recordings._recording import Recording
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
-from locplan.simulation import Amcl, Calibration, Disturbances
+from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.simulation import Calibration
 
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 FILTER_NOTE = (

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from locplan._util.checks import Settings
-from locplan.field import Lidar
+from locplan.robots import Lidar
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -23,7 +23,8 @@ from locplan.recordings._blocks import blocks_along, mean_interval
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
-from locplan.simulation import Amcl, Disturbances, Drives
+from locplan.robots import Amcl, Disturbances
+from locplan.simulation import Drives
 from locplan.simulation._simulator import random_of
 
 RUNS = 20

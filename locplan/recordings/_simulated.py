@@ -7,11 +7,11 @@ import numpy as np
 from locplan._util.checks import instance, positive
 from locplan.costs import Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.recordings._contents import Source
 from locplan.recordings._recording import Recording
-from locplan.simulation import Disturbances, Simulator
+from locplan.robots import Disturbances, Lidar
+from locplan.simulation import Simulator
 from locplan.simulation._motion import SPACING, poses_along
 
 PAUSE = 0.01

@@ -11,7 +11,7 @@ from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid
 from locplan.recordings._geometry import Numbers, way_length, wrapped
 from locplan.recordings._recording import Recording
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances
 from locplan.simulation._arguments import Arguments, arguments_of, beam_step
 
 REPLAY = 14

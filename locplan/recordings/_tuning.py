@@ -17,7 +17,8 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
-from locplan.simulation import Amcl, Disturbances, Tuning
+from locplan.robots import Amcl, Disturbances
+from locplan.simulation import Tuning
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import random_of
 from locplan.simulation.tuning._bench import LONGEST, AnyBench

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.simulation._settings import OMNIDIRECTIONAL, Amcl, Disturbances
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar
 
 NEAREST, FARTHEST = 0.5, 2.0
 """Least and greatest distance of an object that occludes the lidar [m]."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan.field import Lidar
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners._ahead import prepared_beside
+from locplan.robots import Lidar
 from locplan.simulation._simulator import Simulator
 
 

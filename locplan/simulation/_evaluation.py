@@ -16,13 +16,13 @@ from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import ROBOT_RADIUS
-from locplan.field import Lidar
+from locplan.field import SHORT_LIDAR
 from locplan.maps import OccupancyGrid
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._conclusion import FAILED_MATCH, Ranked, Sizes, conclusion
 from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, places_of
 from locplan.simulation._predictors import PLANNED, Predictor, configs, predictions
 from locplan.simulation._ranking import Rank, Resamples, rank
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 
 KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
 KIND_LABELS: dict[ErrorKind, str] = {

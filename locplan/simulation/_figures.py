@@ -15,13 +15,13 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
-from locplan.field import Lidar
 from locplan.field._field import SATURATION
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
 from locplan.plotting._plans import PATH_STYLES
 from locplan.plotting._ticks import label_plainly, make_logarithmic
 from locplan.plotting._views import draw_inset, zoomed_to
+from locplan.robots import Lidar
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation

@@ -13,12 +13,12 @@ from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
-from locplan.field import FieldConfig, Lidar
+from locplan.field import FieldConfig
 from locplan.field._lattice import stride_cells, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._drives import LOST, MAX_DRIVES
 from locplan.simulation._motion import approaches
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
 
 APART = 1.0

@@ -9,12 +9,11 @@ from typing import Any
 
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
-from locplan.field import Lidar
+from locplan.robots import Amcl, Lidar
 from locplan.simulation._drives import PROFILE, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, SIZES, Evaluation
 from locplan.simulation._formats import digits_of, in_degrees, in_percent, plain, short, with_unit
 from locplan.simulation._routes import COLUMNS, Routes
-from locplan.simulation._settings import Amcl
 from locplan.simulation._simulate import Simulation
 from locplan.simulation._writing import file_name, write_json, write_rows
 

@@ -14,12 +14,12 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import lidar_of
 from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._drives import Drives, check_drives, contrasts
-from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
 

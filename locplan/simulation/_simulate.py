@@ -13,11 +13,10 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._drives import Drives, check_drives, contrasts
 from locplan.simulation._motion import poses_along
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator
 
 DRIVES = 100

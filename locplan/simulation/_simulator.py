@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from locplan._util.checks import instance, whole
 from locplan._util.machine import check_memory, check_threads
 from locplan._util.progress import ProgressCallback
-from locplan.field import Lidar
+from locplan.field import SHORT_LIDAR
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.maps.environments import with_boundary_noise
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._arguments import Arguments, arguments_of
 from locplan.simulation._drives import Drives
 from locplan.simulation._motion import Poses
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 
 MATCH_WINDOW = 2.0
 """Half width of the window in which single scans are matched [m]."""

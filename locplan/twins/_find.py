@@ -14,8 +14,8 @@ from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Lidar
 from locplan.twins._database import Database, make_database, places_every, wrapped
 from locplan.twins._looks import LISTED, Looks, look_around
 from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS, Matching

@@ -9,7 +9,7 @@ import numpy as np
 import locplan
 from locplan.landmarks._objectives import MeanDegeneracy
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl
+from locplan.robots import Amcl
 
 SIZE = 800
 FEW = 20

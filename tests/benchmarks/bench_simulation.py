@@ -13,7 +13,8 @@ import pytest
 from locplan import Path
 from locplan._kernels import particles
 from locplan.maps import environments
-from locplan.simulation import Amcl, Simulator
+from locplan.robots import Amcl
+from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
 
 FIXED = Amcl(min_particles=500, max_particles=500)

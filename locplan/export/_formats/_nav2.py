@@ -10,7 +10,7 @@ from pathlib import Path
 from locplan._util.checks import number
 from locplan.export._names import Distro, NavPlannerName
 from locplan.export._registry import ExportJob, ExportSummary, Format
-from locplan.maps._ros_parameters import read_parameters
+from locplan.robots import read_parameters
 
 
 @dataclass(frozen=True, kw_only=True)

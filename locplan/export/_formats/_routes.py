@@ -11,7 +11,7 @@ from locplan._util.checks import whole
 from locplan.errors import ConfigError
 from locplan.export._names import Distro
 from locplan.export._registry import ExportJob, ExportSummary, Format
-from locplan.maps._ros_parameters import read_parameters
+from locplan.robots import read_parameters
 
 if TYPE_CHECKING:
     from locplan.costs import Path as Route
@@ -93,8 +93,8 @@ def _chosen(
     """The choices for the queries in a file."""
     from locplan._util.progress import progress_bar
     from locplan.planners import read_queries
-    from locplan.simulation import Amcl, choose_many
-    from locplan.simulation._nav2 import read_amcl
+    from locplan.robots import Amcl, read_amcl
+    from locplan.simulation import choose_many
 
     queries = read_queries(file)
     for query in queries:

@@ -13,11 +13,10 @@ from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.notebook import Pictured
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, PathMetrics, about_costs
-from locplan.field import Lidar
 from locplan.planners import Position
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._drives import Drives
 from locplan.simulation._scores import CLEARLY, FLOOR, SLIGHT, Minimise, front_of, is_slight
-from locplan.simulation._settings import Amcl, Disturbances
 
 MANY_LOST = 0.5
 """Share of lost drives of the recommended path from which on paths are not the remedy."""

@@ -13,10 +13,11 @@ from locplan._util.checks import number, one_of, positive
 from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, Fused, Lidar, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Fused, lidar_of, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.planners import Position, check_ends, plan, planned_near_paths
 from locplan.planners._alternatives import LONGEST, alternatives
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import Poses, poses_along
 from locplan.simulation._scores import (
@@ -28,7 +29,6 @@ from locplan.simulation._scores import (
     selected,
     worst_error,
 )
-from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
 from locplan.simulation.choice._candidates import Candidates, own_paths
 from locplan.simulation.choice._choice import Candidate, Choice

@@ -16,12 +16,12 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Costmap
 from locplan.costs._named_maps import named_maps
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Fused, Lidar, load_or_compute
+from locplan.field import SHORT_LIDAR, Fused, load_or_compute
 from locplan.planners import Query, check_random
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._queries import queries_of
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._scores import Minimise
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choices import Choices, MapChoice
 from locplan.simulation.choice._choose import FEW_DRIVES, check_request, check_way, choose

@@ -18,9 +18,9 @@ from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, ma
 from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import label_plainly
 from locplan.plotting._views import around, draw_inset
+from locplan.robots import differing
 from locplan.simulation._drives import LOST
 from locplan.simulation._formats import in_metres
-from locplan.simulation._settings import differing
 from locplan.simulation.choice._choice import Choice, count_of, in_one_line
 
 if TYPE_CHECKING:

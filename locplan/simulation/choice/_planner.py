@@ -9,14 +9,12 @@ import numpy as np
 
 from locplan._util.checks import instance, whole
 from locplan.costs import Costmap
-from locplan.field import Lidar
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AnyAngle, Position
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._protocol import Found
-from locplan.simulation._nav2 import read_filter, warn_of
+from locplan.robots import Amcl, Disturbances, Lidar, read_filter, warn_of
 from locplan.simulation._scores import Minimise
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation.choice._choose import FEW_DRIVES, check_request, choose
 
 

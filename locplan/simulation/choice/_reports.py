@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from locplan._util.checks import differing
 from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
 from locplan.simulation._drives import PROFILE
 from locplan.simulation._formats import digits_of
-from locplan.simulation._settings import differing
 from locplan.simulation._writing import file_name, write_json, write_rows
 from locplan.simulation.choice._choice import (
     MANY_LOST,

@@ -15,9 +15,10 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import lidar_of
 from locplan.planners import Plan
 from locplan.planners._plan import AWARE, SHORTEST
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._formats import digits_of
 from locplan.simulation._motion import poses_along
@@ -29,7 +30,6 @@ from locplan.simulation._scores import (
     log_errors,
     worst_error,
 )
-from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
 from locplan.simulation.choice._choice import MANY_LOST, UNTUNED
 from locplan.simulation.choice._choose import FEW_DRIVES

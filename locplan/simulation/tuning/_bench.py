@@ -16,14 +16,13 @@ from locplan._util.checks import FARTHEST
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._arguments import Arguments, arguments_of, beam_scores, reach_of
 from locplan.simulation._drives import LOST
 from locplan.simulation._motion import Poses, poses_along
 from locplan.simulation._scores import FLOOR
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import DRIVE, Simulator, random_of
 from locplan.simulation.tuning._space import LEVELS, Level
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan._util.tables import finite
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
-from locplan.simulation._settings import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation.tuning._bench import AnyBench
 from locplan.simulation.tuning._lint import BeamsLeft
 from locplan.simulation.tuning._space import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan.simulation._settings import MODELS, OMNIDIRECTIONAL, Amcl, Disturbances
+from locplan.robots import MODELS, OMNIDIRECTIONAL, Amcl, Disturbances
 
 Value = float | str
 """A value of a parameter."""

@@ -9,10 +9,9 @@ from locplan._util.checks import instance, whole
 from locplan._util.machine import check_memory
 from locplan._util.progress import ProgressCallback
 from locplan.costs import ROBOT_RADIUS, Costmap
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._drives import check_drives
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator, random_of
 from locplan.simulation.tuning._bench import AnyBench, Bench, random_paths
 from locplan.simulation.tuning._lint import BeamsLeft, beams_left, lint
