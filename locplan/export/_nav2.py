@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,6 @@ from locplan.export._servers import (
 )
 from locplan.export._travel_costs import Conversion, planner_named, values_for
 from locplan.plotting._captions import made_of
-from typing import Any
 from locplan.robots import Nav2Parameters
 
 PARAMS = "nav2.yaml"

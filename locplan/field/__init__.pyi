@@ -2,6 +2,7 @@ from ._compute import covariance_field as covariance_field
 from ._config import (
     SHORT_LIDAR as SHORT_LIDAR,
     FieldConfig as FieldConfig,
+    equipped as equipped,
     lidar_of as lidar_of,
 )
 from ._config_files import (

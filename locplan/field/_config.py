@@ -14,7 +14,7 @@ from locplan.field._estimator import Estimator
 from locplan.field._registry import estimator_class
 from locplan.field._settings import made_of, settings_of
 from locplan.field.estimators._sad import PAPER_RANGE, Sad
-from locplan.robots import Lidar
+from locplan.robots import Lidar, Robot
 
 MAX_HEADINGS = 360
 SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
@@ -127,3 +127,23 @@ def lidar_of(config: FieldConfig | None) -> Lidar:
         return SHORT_LIDAR
     own: Lidar | None = getattr(config.estimator, "lidar", None)
     return own or replace(SHORT_LIDAR, range=config.estimator.reach)
+
+
+def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
+    """The robot, or one by default, with the lidar of a field's settings if it names none.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot.
+    config : FieldConfig, optional
+        The field's settings, see `lidar_of`.
+
+    Raises
+    ------
+    ConfigError
+        If it is no robot.
+    """
+    robot = Robot() if robot is None else robot
+    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    return robot if robot.lidar else replace(robot, lidar=lidar_of(config))

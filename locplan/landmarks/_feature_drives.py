@@ -154,9 +154,7 @@ def simulator_without(
     lidar, amcl, disturbances = setting
 
     def on(own: OccupancyGrid) -> Simulator:
-        return Simulator(
-            own, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
-        )
+        return Simulator(own, robot=robot, seed=seed, threads=threads)
 
     simulator = on(grid)
     if lacking:

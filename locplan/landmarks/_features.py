@@ -17,7 +17,6 @@ from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.landmarks._feature_drives import FeatureDrives, driven_without
 from locplan.maps import OccupancyGrid
-from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._simulate import DRIVES
 
 MATTERS = 0.1
@@ -133,12 +132,8 @@ class KeyFeatures(Pictured):
     """The map."""
     routes: Mapping[str, Path]
     """Routes of the robot by name."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     features: tuple[Feature, ...]
     """All features that rays meet, the greatest loss first."""
     together: tuple[int, ...]
@@ -298,9 +293,7 @@ class KeyFeatures(Pictured):
                 "stand_in": self.stand_in,
                 "shift_m": self.shift,
                 "routes": {name: path.length for name, path in self.routes.items()},
-                "lidar": dataclasses.asdict(self.lidar),
-                "amcl": dataclasses.asdict(self.amcl),
-                "disturbances": dataclasses.asdict(self.disturbances),
+                "robot": self.robot.summary(),
             }
         )
 

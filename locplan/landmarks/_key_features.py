@@ -19,7 +19,6 @@ from locplan.landmarks._pieces import pieces_of
 from locplan.landmarks._problem import robot_of, routes_of
 from locplan.landmarks._surroundings import lines_along, step_of, surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
-from locplan.robots import Amcl, Disturbances, Lidar
 
 COUNT = 3
 """Default number of features that are taken away together."""
@@ -45,9 +44,7 @@ def key_features(
     *,
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
+    robot: Robot | None = None,
     robot_radius: float = ROBOT_RADIUS,
     count: int = COUNT,
     piece: float = PIECE,
@@ -71,13 +68,9 @@ def key_features(
         Routes of the robot in the world [m], within the free cells.
     places : sequence of (x, y), or mapping of str to (x, y), optional
         Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m].
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
-        indoors by default.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     robot_radius : float, default 0.25
         Radius of the robot, for the shortest paths [m], >= 0.
     count : int, default 3

@@ -44,7 +44,6 @@ from locplan.landmarks._surroundings import (
     surroundings,
 )
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation._motion import Poses
 
 MARGIN = 0.2
@@ -63,9 +62,7 @@ def place_landmarks(
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
     region: ArrayLike | None = None,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
+    robot: Robot | None = None,
     robot_radius: float = ROBOT_RADIUS,
     margin: float = MARGIN,
     where: Where = "both",
@@ -100,13 +97,9 @@ def place_landmarks(
     region : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
         Instead of paths: the robot may go anywhere in these cells, or rectangles in the world [m].
         Of parts that no way joins, the largest counts. Drives between places far apart verify it.
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
-        indoors by default.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     robot_radius : float, default 0.25
         Radius of the robot [m], >= 0.
     margin : float, default 0.2

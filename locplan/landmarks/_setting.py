@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from locplan.costs import Path
 from locplan.landmarks._objects import LandmarkObject
 from locplan.maps import OccupancyGrid
-from locplan.robots import Amcl, Disturbances, Lidar
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +27,7 @@ class Setting:
     """Cells in which the robot may be anywhere, (H, W), or None where it drives the routes."""
     planned: bool
     """True if the routes are shortest paths, to be planned again among the objects."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     robot_radius: float
     """Radius of the robot [m]."""

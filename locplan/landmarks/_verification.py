@@ -164,9 +164,7 @@ def drive_on(
     """Drives of each route on a map that the robot's filter has, too."""
     simulator = Simulator(
         grid,
-        lidar=setting.lidar,
-        amcl=setting.amcl,
-        disturbances=setting.disturbances,
+        robot=setting.robot,
         seed=seed,
         threads=threads,
     )

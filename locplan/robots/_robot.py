@@ -207,6 +207,13 @@ class Robot(Settings):
         return f"{lidar}; {size} + {self.margin:g} m; {self.filter.title}{changed}"
 
     @property
+    def known_lidar(self) -> Lidar:
+        """The lidar; a ConfigError where it is not known."""
+        if self.lidar is None:
+            raise ConfigError('the lidar is not known; name it, as in Robot("turtlebot4")')
+        return self.lidar
+
+    @property
     def outline(self) -> Footprint | None:
         """The footprint, where it is no circle."""
         return self.footprint if isinstance(self.footprint, Footprint) else None
@@ -220,6 +227,8 @@ class Robot(Settings):
     def changed(self, changes: Mapping[str, Any]) -> Robot:
         """Robot with other settings, whichever part they belong to.
 
+        A setting of a lidar that is not known makes one, of 12 m that sees all round by default.
+
         Parameters
         ----------
         changes : mapping of str to value
@@ -228,8 +237,7 @@ class Robot(Settings):
         Raises
         ------
         ConfigError
-            If there is no such setting, a part that has it is not known, or a value is out of its
-            range.
+            If there is no such setting, or a value is out of its range.
         """
         parts: dict[str, dict[str, Any]] = {}
         own: dict[str, Any] = {}
@@ -244,10 +252,7 @@ class Robot(Settings):
                     f"a robot has no setting {shown(name)}; it has {', '.join(_all_names())}"
                 )
         for part, given in parts.items():
-            before = getattr(self, part)
-            if before is None and part == "lidar":
-                raise ConfigError(f"{next(iter(given))} is of a lidar; name the lidar, too")
-            own[part] = dataclasses.replace(before or PARTS[part](), **given)
+            own[part] = dataclasses.replace(getattr(self, part) or PARTS[part](), **given)
         return dataclasses.replace(self, **own)
 
 

@@ -14,7 +14,7 @@ from locplan._util.notebook import Pictured
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, PathMetrics, about_costs
 from locplan.planners import Position
-from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.robots import Robot
 from locplan.simulation._drives import Drives
 from locplan.simulation._scores import CLEARLY, FLOOR, SLIGHT, Minimise, front_of, is_slight
 
@@ -76,12 +76,8 @@ class Choice(Pictured):
     """Error that the recommended path has least of: "rmse", "goal-error", "heading" or "lost"."""
     price: float | None
     """Detour that is accepted for a halved error [m]; None counts no length."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     drives: int
     """Greatest number of drives of each candidate."""
     seed: int
@@ -194,9 +190,7 @@ class Choice(Pictured):
             },
             "most_drives": self.drives,
             "seed": self.seed,
-            "lidar": dataclasses.asdict(self.lidar),
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
+            "robot": self.robot.summary(),
         }
         return finite(about)
 

@@ -18,7 +18,6 @@ from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, ma
 from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import label_plainly
 from locplan.plotting._views import around, draw_inset
-from locplan.robots import differing
 from locplan.simulation._drives import LOST
 from locplan.simulation._formats import in_metres
 from locplan.simulation.choice._choice import Choice, count_of, in_one_line
@@ -92,8 +91,7 @@ def _titles(choice: Choice) -> list[str]:
     name = choice.costs.grid.name or "map"
     if choice.chosen is None:
         return [f"{name}: {choice.why}"]
-    own = ", ".join(differing(choice.disturbances))
-    settings = f"with {choice.amcl.title}", choice.lidar.title, count_of(choice), own
+    settings = f"with {choice.robot.title}", count_of(choice)
     return [
         f"{name}: {in_one_line(choice)}",
         "; ".join(filter(None, settings)),

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from locplan._util.checks import differing
 from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
@@ -74,14 +73,12 @@ def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
         *(["median: of the error on the way; kept: RMSE of drives not lost; all: of all"] * whole),
         "lost: > 1 m at any time",
     ]
-    kinds = ", ".join(differing(choice.disturbances))
     lines = [
         in_one_line(choice),
         *([_about_nearly(choice, choice.nearly)] if choice.nearly else []),
         *([f"{price:g} m of detour count as much as half the error"] if price else []),
         *([UNTUNED] if choice.chosen.drives.lost_rate.value >= MANY_LOST else []),
-        f"with {choice.amcl.title}; {choice.lidar.title}; {count_of(choice)}",
-        *([f"disturbances: {kinds}"] if kinds else []),
+        f"with {choice.robot.title}; {count_of(choice)}",
         *([f"not simulated: {', '.join(not_simulated)}"] if not_simulated else []),
     ]
     said = ["; ".join(heads), *lines]

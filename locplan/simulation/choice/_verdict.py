@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +14,10 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import lidar_of
+from locplan.field import equipped
 from locplan.planners import Plan
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._formats import digits_of
 from locplan.simulation._motion import poses_along
@@ -54,12 +53,8 @@ class Verdict:
     """Drives of both paths by label, in pairs of one world and seed; none if they are one path."""
     log_errors: Mapping[str, float]
     """Mean over the drives of the logarithm of the position's RMSE (m), by label [ln m]."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     not_simulated: tuple[str, ...]
     """Names of the robot's parameters that were not simulated."""
     seed: int
@@ -88,9 +83,7 @@ class Verdict:
             },
             "not_simulated": list(self.not_simulated),
             "seed": self.seed,
-            "lidar": dataclasses.asdict(self.lidar),
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
+            "robot": self.robot.summary(),
         }
         return finite(about)
 
@@ -98,10 +91,8 @@ class Verdict:
 def verdict(
     costs: Costmap,
     plans: Mapping[str, Plan],
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     not_simulated: Sequence[str] = (),
     drives: int = FEW_DRIVES,
     seed: int = 1,
@@ -120,12 +111,9 @@ def verdict(
         Costmap on which the paths were planned.
     plans : mapping of str to Plan
         Both plans, as `locplan.planners.plan_beside_shortest` gives them.
-    lidar : Lidar, optional
-        The robot's lidar; by default that of the costmap's field.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     not_simulated : sequence of str, default ()
         Names of the robot's parameters that are not simulated, which the verdict tells.
     drives : int, default 8
@@ -166,9 +154,7 @@ def verdict(
     shortest, aware = plans[SHORTEST].path, plans[AWARE].path
     simulator = Simulator(
         costs.grid,
-        lidar=lidar or lidar_of(costs.settings.config if costs.settings else None),
-        amcl=amcl,
-        disturbances=disturbances,
+        equipped(robot, costs.settings.config if costs.settings else None),
         seed=seed,
         threads=threads,
     )
@@ -196,15 +182,15 @@ def verdict(
         more_lost = driven[AWARE].lost.mean() - driven[SHORTEST].lost.mean() >= CLEARLY_FEWER
         recommended = AWARE if gained <= CLEARLY and not more_lost else SHORTEST
         worse = more_lost or gained >= -CLEARLY
-        text = _of_drives(recommended, worse, scores, driven, simulator.amcl)
+        text = _of_drives(recommended, worse, scores, driven, simulator.robot.filter)
         before, after = (math.exp(scores[label]) for label in (SHORTEST, AWARE))
         lost = int(driven[SHORTEST].lost.sum())
         if recommended == AWARE and is_slight(before, after, lost):
             text += SLIGHT
     if not_simulated and driven:
         text += f" (not simulated: {', '.join(not_simulated)})"
-    settings = simulator.lidar, simulator.amcl, simulator.disturbances
-    return Verdict(recommended, text, driven, scores, *settings, tuple(not_simulated), seed)
+    robot, left_out = simulator.robot, tuple(not_simulated)
+    return Verdict(recommended, text, driven, scores, robot, left_out, seed)
 
 
 def is_one_way(path: Path, other: Path) -> bool:

@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
-from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation._arguments import Arguments, arguments_of, beam_scores, reach_of
 from locplan.simulation._drives import LOST
 from locplan.simulation._motion import Poses, poses_along
@@ -223,7 +223,7 @@ class Bench(AnyBench):
 
     Parameters
     ----------
-    grid, lidar, disturbances, seed
+    grid, robot, seed
         See `Simulator`; all settings have the same worlds and seeds.
     paths : sequence of Path
         The paths that are driven.
@@ -236,8 +236,7 @@ class Bench(AnyBench):
     def __init__(
         self,
         grid: OccupancyGrid,
-        lidar: Lidar,
-        disturbances: Disturbances,
+        robot: Robot,
         paths: Sequence[Path],
         drives: int,
         *,
@@ -247,8 +246,7 @@ class Bench(AnyBench):
         self.simulators = [
             Simulator(
                 grid,
-                lidar=lidar,
-                disturbances=level.of(disturbances),
+                level.of(robot),
                 seed=seed,
                 threads=threads,
             )
@@ -257,7 +255,7 @@ class Bench(AnyBench):
         first = self.simulators[0]
         lines = [first.on_grid(poses_along(path, grid)) for path in paths]
         own: Any = {"seed": seed, "threads": first.threads}
-        super().__init__(grid, first.lidar, LEVELS, lines, drives, **own)
+        super().__init__(grid, first.robot.known_lidar, LEVELS, lines, drives, **own)
         self.lengths = np.array([path.length for path in paths])
 
     def arguments(self, amcl: Amcl) -> list[Arguments]:
@@ -266,7 +264,7 @@ class Bench(AnyBench):
             _ = each.worlds  # made once, not by every thread
         scores = self.scores(amcl)
         return [
-            arguments_of(each.grid, each.lidar, amcl, each.disturbances, scores=scores)
+            arguments_of(each.grid, replace(each.robot, filter=amcl), scores=scores)
             for each in self.simulators
         ]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from locplan._util.checks import instance, whole
+from locplan._util.checks import whole
 from locplan._util.machine import check_memory
 from locplan._util.progress import ProgressCallback
-from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.robots import Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator, random_of
 from locplan.simulation.tuning._bench import AnyBench, Bench, random_paths
@@ -29,13 +29,10 @@ SEARCH, JUDGE, DRAW = 11, 12, 13
 
 def tune(
     grid: OccupancyGrid,
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     paths: int = PATHS,
     drives: int = DRIVES,
-    robot_radius: float = ROBOT_RADIUS,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -55,12 +52,9 @@ def tune(
     ----------
     grid : OccupancyGrid
         The map.
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round.
-    amcl : Amcl, optional
-        The user's own settings, from which the search begins; Nav2's by default.
-    disturbances : Disturbances, optional
-        Disturbances at the level in the middle; by default those of a small robot indoors.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     paths : int, default 20
         Number of random paths, 5 to 1000; the search and the judgement have their own. More of
         them narrow the intervals.
@@ -92,30 +86,28 @@ def tune(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> result = tune(grid, amcl=Amcl(min_particles=20, max_particles=20), paths=5, drives=2)
+    >>> robot = locplan.Robot().changed({"min_particles": 20, "max_particles": 20})
+    >>> result = tune(grid, robot, paths=5, drives=2)
     >>> result.judged[0].name, result.winner.min_particles
     ('your settings', 20)
     """
     check_grid(grid)
     whole("paths", paths, MIN_PATHS, MAX_PATHS)
     check_drives(drives)
-    own = amcl or Amcl()
-    instance("amcl", own, Amcl)
-    about = Simulator(
-        grid, lidar=lidar, amcl=own, disturbances=disturbances, seed=seed, threads=threads
+    about = Simulator(grid, robot=robot, seed=seed, threads=threads)
+    size = 5 * grid.cells.size * len(LEVELS) * about.robot.disturbances.worlds
+    check_memory(
+        f"{len(LEVELS)} levels of {about.robot.disturbances.worlds} worlds", size, "set fewer"
     )
-    size = 5 * grid.cells.size * len(LEVELS) * about.disturbances.worlds
-    check_memory(f"{len(LEVELS)} levels of {about.disturbances.worlds} worlds", size, "set fewer")
-    costs = Costmap.blank(grid, robot_radius=robot_radius)
-    left = beams_left(about, robot_radius=robot_radius)
+    costs = Costmap.blank(grid, robot_radius=about.robot.radius)
+    left = beams_left(about, robot_radius=about.robot.radius)
 
     def bench_of(stream: int) -> Bench:
         own_seed = int(random_of(seed, stream).integers(2**31))
         lines = random_paths(costs, paths, own_seed)
         return Bench(
             grid,
-            about.lidar,
-            about.disturbances,
+            about.robot,
             lines,
             drives,
             seed=own_seed,
@@ -124,8 +116,7 @@ def tune(
 
     return searched(
         bench_of,
-        about.disturbances,
-        own,
+        about.robot,
         paths,
         drives,
         left=left,
@@ -137,8 +128,7 @@ def tune(
 
 def searched(
     bench_of: Callable[[int], AnyBench],
-    disturbances: Disturbances,
-    own: Amcl,
+    robot: Robot,
     paths: int,
     drives: int,
     *,
@@ -150,7 +140,7 @@ def searched(
     notes: Sequence[str] = (),
 ) -> Tuning:
     """Search on one bench and judge on another, which `bench_of` makes of `SEARCH` and `JUDGE`."""
-    steps = _steps(progress)
+    steps, own = _steps(progress), robot.filter
     bench = bench_of(SEARCH)
     search = Search(bench, own, paths, drives)
     found = search.run(candidates(own, random_of(seed, DRAW)), steps)
@@ -164,9 +154,7 @@ def searched(
     judge.drive([*order], paths, drives, progress=next(steps))
     return Tuning(
         judge.grid,
-        judge.lidar,
-        disturbances,
-        own,
+        robot,
         found.kept,
         tuple(judged(judge, names[each], each, own) for each in order),
         found.without,
