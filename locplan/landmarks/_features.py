@@ -17,6 +17,7 @@ from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.landmarks._feature_drives import FeatureDrives, driven_without
 from locplan.maps import OccupancyGrid
+from locplan.robots import Robot
 from locplan.simulation._simulate import DRIVES
 
 MATTERS = 0.1
@@ -270,7 +271,7 @@ class KeyFeatures(Pictured):
         return driven_without(
             self.grid,
             self.routes,
-            (self.lidar, self.amcl, self.disturbances),
+            self.robot,
             taken,
             [each.cells for each in self.features if each.number not in taken],
             drives,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from locplan.costs import Path
 from locplan.landmarks._objects import LandmarkObject
 from locplan.maps import OccupancyGrid
+from locplan.robots import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,5 +30,3 @@ class Setting:
     """True if the routes are shortest paths, to be planned again among the objects."""
     robot: Robot
     """The robot that was simulated."""
-    robot_radius: float
-    """Radius of the robot [m]."""

@@ -163,8 +163,7 @@ def queries_figure(routes: Routes) -> Figure:
     robot: Any = routes.about.get("robot")
     lidar = f", {Robot.from_summary(robot).known_lidar.title}" if robot else ""
     lines = [
-        f"{routes.grid.name or 'map'}{lidar},"
-        f" {len(routes.routes)} queries: {routes.verdict}",
+        f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
         *([] if lost.any() else ["no drive was lost on either path"]),

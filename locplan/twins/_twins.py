@@ -307,7 +307,7 @@ class Twins(Pictured):
         whole("seed", seed, 0)
         disturbances = disturbances or Disturbances()
         if not isinstance(disturbances, Disturbances):
-            raise ConfigError("disturbances must be locplan.simulation.Disturbances")
+            raise ConfigError("disturbances must be locplan.robots.Disturbances")
         return global_matches(
             self.grid,
             self.matching,

@@ -43,9 +43,9 @@ class _Case(NamedTuple):
 def choose_many(
     maps: Any,
     queries: Any = 10,
+    robot: Robot | None = None,
     *,
     executor: Executor | None = None,
-    robot: Robot | None = None,
     longest: float = LONGEST,
     minimise: Minimise = "rmse",
     price: float | None = None,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shutil
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -55,11 +54,8 @@ NAME_LENGTH = 60
 """Greatest number of characters of a candidate's name in the name of its file."""
 
 
-def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
-    """Table with a row per candidate, the reason for the choice, and what was simulated.
-
-    `not_simulated` names parameters of the robot's filter that are left out.
-    """
+def choice_table(choice: Choice) -> str:
+    """Table with a row per candidate, the reason for the choice, and what was simulated."""
     if choice.chosen is None:
         return f"unreachable: {choice.why}"
     width = shutil.get_terminal_size((WIDEST, 24)).columns
@@ -79,7 +75,6 @@ def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
         *([f"{price:g} m of detour count as much as half the error"] if price else []),
         *([UNTUNED] if choice.chosen.drives.lost_rate.value >= MANY_LOST else []),
         f"with {choice.robot.title}; {count_of(choice)}",
-        *([f"not simulated: {', '.join(not_simulated)}"] if not_simulated else []),
     ]
     said = ["; ".join(heads), *lines]
     wrapped = [part for line in said for part in textwrap.wrap(line, min(width, WIDE))]
@@ -117,9 +112,7 @@ def _about_nearly(choice: Choice, nearly: Candidate) -> str:
     return f"{nearly.name} does nearly as well, {at_length(choice.shortest, nearly)}"
 
 
-def write_choice(
-    results: ResultFolder, choice: Choice, not_simulated: Sequence[str] = ()
-) -> list[Path]:
+def write_choice(results: ResultFolder, choice: Choice) -> list[Path]:
     """Write choice.json, choice.png, the paths, and tables of the candidates and their errors.
 
     Raises
@@ -133,7 +126,7 @@ def write_choice(
     names = {each.name: _file_of(n, each.name) for n, each in enumerate(choice.candidates, 1)}
     with results.writing() as folder:
         about, picture, candidates, chosen, errors = (folder / name for name in CHOICE.names)
-        write_json(about, choice_summary(choice, not_simulated))
+        write_json(about, choice.summary())
         save_figure(_figures.choice_figure(choice), picture)
         every, front = choice.candidates, choice.front
         rows = (_values(choice, each, names[each.name], each in front) for each in every)
@@ -146,11 +139,6 @@ def write_choice(
         write_rows(errors, ["path", *PROFILE], profiles)
         written = sorted(file.name for file in folder.iterdir())
     return [results.folder / name for name in written]
-
-
-def choice_summary(choice: Choice, not_simulated: Sequence[str] = ()) -> dict[str, object]:
-    """Summary of a choice with the names of what is not simulated, fit for JSON."""
-    return {**choice.summary(), "not_simulated": list(not_simulated)}
 
 
 def _values(choice: Choice, each: Candidate, file: str, on_front: bool) -> list[str | float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,8 +55,6 @@ class Verdict:
     """Mean over the drives of the logarithm of the position's RMSE (m), by label [ln m]."""
     robot: Robot
     """The robot that was simulated."""
-    not_simulated: tuple[str, ...]
-    """Names of the robot's parameters that were not simulated."""
     seed: int
     """Seed of the worlds and the drives, of which the n-th of both paths have the same."""
 
@@ -81,7 +79,6 @@ class Verdict:
                 }
                 for label, each in self.drives.items()
             },
-            "not_simulated": list(self.not_simulated),
             "seed": self.seed,
             "robot": self.robot.summary(),
         }
@@ -93,7 +90,6 @@ def verdict(
     plans: Mapping[str, Plan],
     robot: Robot | None = None,
     *,
-    not_simulated: Sequence[str] = (),
     drives: int = FEW_DRIVES,
     seed: int = 1,
     threads: int | None = None,
@@ -114,8 +110,6 @@ def verdict(
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
-    not_simulated : sequence of str, default ()
-        Names of the robot's parameters that are not simulated, which the verdict tells.
     drives : int, default 8
         Number of drives of each path, 2 to 100,000. Raise it where the verdict is close.
     seed : int, default 1
@@ -187,10 +181,7 @@ def verdict(
         lost = int(driven[SHORTEST].lost.sum())
         if recommended == AWARE and is_slight(before, after, lost):
             text += SLIGHT
-    if not_simulated and driven:
-        text += f" (not simulated: {', '.join(not_simulated)})"
-    robot, left_out = simulator.robot, tuple(not_simulated)
-    return Verdict(recommended, text, driven, scores, robot, left_out, seed)
+    return Verdict(recommended, text, driven, scores, simulator.robot, seed)
 
 
 def is_one_way(path: Path, other: Path) -> bool:
