@@ -11,6 +11,8 @@ from locplan.cli._drive_options import DriveOptions
 from locplan.cli._groups import (
     GENERAL,
     INPUT,
+    DriveSeed,
+    Folder,
     Force,
     Json,
     MapFiles,
@@ -20,7 +22,7 @@ from locplan.cli._groups import (
     option_group,
 )
 from locplan.cli._options import Computing, CostOptions, FieldOptions
-from locplan.cli._simulation_options import Folder, SimulationOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import read_paths, refuse, show, two_numbers
 from locplan.errors import ConfigError
 
@@ -29,7 +31,7 @@ app = command(
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
     "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
     "simulate lab.yaml --random 20 -o queries",
-    "simulate lab.yaml --drive monday.mcap --params nav2_params.yaml -o replayed",
+    "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
 )
 
 DRIVES = 100
@@ -43,17 +45,17 @@ class Driven:
     """The paths that are driven, and how often."""
 
     path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """This path (x_m,y_m) is driven, as plan wrote it; repeatable."""
+    """Path that is driven (x_m,y_m), as plan wrote it; repeatable."""
     start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The shortest and the aware path from here are driven [m]."""
+    """Start of the shortest and the aware path, x,y in metres."""
     goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The shortest and the aware path lead here [m]."""
+    """Goal of both paths, x,y in metres."""
     random: Pair | None = None
-    """Both paths of so many random queries on each map are driven; 5 or more give intervals."""
+    """Number of random queries on each map, in place of a start; 5 or more give intervals."""
     least_distance: float | None = None
-    """Random queries are this far from start to goal at least [m]; 10 by default."""
+    """Least distance from start to goal of random queries, in metres; 10 by default."""
     drives: Pair | None = None
-    """The number of drives along each path is 100 by default, and that of replays 20."""
+    """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
 
 
 @app.default
@@ -63,7 +65,8 @@ def simulate(
     *,
     driven: Driven = Driven(),
     recorded: DriveOptions = DriveOptions(),
-    simulation: SimulationOptions = SimulationOptions(),
+    robot_options: RobotOptions = RobotOptions(),
+    seed: DriveSeed = 1,
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
@@ -86,10 +89,19 @@ def simulate(
     recorded.check()
     if recorded.drive:
         unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
-        of_field = {name: value for name, value in vars(options).items() if name != "config"}
-        refuse("with --drive", **unread, **vars(costs), **of_field)
+        refuse("with --drive", **unread, **vars(costs), **vars(options))
         refuse("with --drive", scheduler=computing.scheduler, cache_dir=computing.cache_dir)
-        _replay(maps, driven.drives, recorded, simulation, options, computing, output, force, json)
+        _replay(
+            maps,
+            driven.drives,
+            recorded,
+            robot_options,
+            seed,
+            computing.threads,
+            output,
+            force,
+            json,
+        )
         return
     start, goal = driven.start, driven.goal
     asked = bool(driven.path), bool(start or goal), driven.random is not None
@@ -99,17 +111,14 @@ def simulate(
     if driven.random is None:
         refuse("without --random", least_distance=driven.least_distance)
     else:
-        planners.check_random(driven.random, simulation.seed, least)
+        planners.check_random(driven.random, seed, least)
     if driven.path:
         own = {
             name: getattr(options, name) for name in ("preset", "template", "headings", "stride")
         }
         refuse("with --path: no path is planned", **vars(costs), **own)
-    config = options.to_config()
+    robot, config = options.simulated(robot_options)
     costs.check(config)
-    simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
-    if not driven.path:
-        costs = costs.sized(simulation.params)
     drives, threads = driven.drives or DRIVES, computing.threads
     files = find_maps(*maps)
     if driven.random is None and len(files) > 1:
@@ -125,15 +134,24 @@ def simulate(
         folder = reports.SIMULATION.into(output, force=force)
 
     def drive_at_random(costmap: Costmap, count: int) -> routes.Routes:
-        queries = planners.random_queries(costmap, count, simulation.seed, least_distance=least)
+        queries = planners.random_queries(costmap, count, seed, least_distance=least)
         with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
             return routes.simulate_queries(
-                costmap, queries, **simulated, drives=drives, threads=threads, progress=progress
+                costmap,
+                queries,
+                robot,
+                drives=drives,
+                seed=seed,
+                threads=threads,
+                progress=progress,
             )
 
     with computing.of(config) as compute:
         if driven.random is not None:
-            every = [drive_at_random(costs.costmap(g, compute(g)), driven.random) for g in grids]
+            every = [
+                drive_at_random(costs.costmap(each, compute(each), robot), driven.random)
+                for each in grids
+            ]
             with working("writing the results"):
                 written = reports.write_routes(folder, every) if folder else []
             show(json, reports.routes_summary(every), reports.routes_table(every), *written)
@@ -142,8 +160,9 @@ def simulate(
             paths, costmap = read_paths(driven.path), None
         else:
             query = planners.Query("asked", two_numbers("start", start), two_numbers("goal", goal))
-            planners.check_ends(costs.blank(grids[0]), query.start, query.goal)
-            costmap = costs.costmap(grids[0], compute(grids[0]))
+            blank = Costmap.blank(grids[0], robot_radius=robot.radius)
+            planners.check_ends(blank, query.start, query.goal)
+            costmap = costs.costmap(grids[0], compute(grids[0]), robot)
             paths = routes.planned(costmap, query)
     if not paths:
         show(json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
@@ -152,8 +171,9 @@ def simulate(
         result = drive(
             grids[0],
             paths,
-            **simulated,
+            robot,
             drives=drives,
+            seed=seed,
             threads=threads,
             costs=costmap,
             progress=progress,
@@ -167,9 +187,9 @@ def _replay(
     maps: list[Path],
     runs: int | None,
     recorded: DriveOptions,
-    simulation: SimulationOptions,
-    options: FieldOptions,
-    computing: Computing,
+    robot_options: RobotOptions,
+    seed: int,
+    threads: int | None,
     output: Path | None,
     force: bool,
     json: bool,
@@ -181,15 +201,16 @@ def _replay(
 
     folder = reports.REPLAY.into(output, force=force) if output else None
     grid, recording = recorded.on_map(maps)
-    replayed = simulation.replayed(recording.lidar, config=options.config)
+    robot = robot_options.on_drive(recording.lidar)
+    robot_options.warn(robot)
     with progress_bar("replaying", "runs") as progress:
         result = core.replay(
             recording,
             grid,
-            **replayed,
+            robot,
             runs=core.RUNS if runs is None else runs,
-            seed=simulation.seed,
-            threads=computing.threads,
+            seed=seed,
+            threads=threads,
             progress=progress,
         )
     with working("writing the results"):
