@@ -176,9 +176,8 @@ def served(
     grid: OccupancyGrid, field: CovarianceField, *, port: int = 0, **options: Any
 ) -> Iterator[Any]:
     """An explorer's server."""
-    lidar = field.config.estimator.lidar
     ends = {name: _placed(grid, along) for name, along in (("start", 2.0), ("goal", 38.0))}
-    opening = Opening(field.config, lidar=lidar, **(ends | options))
+    opening = Opening(field.config, **(ends | options))
     with opened(grid, opening, port=port, field=field) as explorer:
         yield explorer
 
