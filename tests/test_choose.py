@@ -35,7 +35,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners._alternatives import LEAST_SHARE, alternatives, is_another_way
-from locplan.robots import Amcl, Disturbances
+from locplan.robots import Amcl, Disturbances, Robot
 from locplan.simulation import choice_figure, simulate
 from locplan.simulation._scores import (
     CLEARLY,
@@ -334,7 +334,7 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
 
 def test_a_path_is_driven_as_it_is_alone_by_simulate(grid, choice):
     last = choice.candidates[-1]
-    alone = simulate(grid, {"alone": last.path}, amcl=FEW, drives=3)
+    alone = simulate(grid, {"alone": last.path}, robot=Robot(filter=FEW), drives=3)
     np.testing.assert_array_equal(alone.drives["alone"].errors, last.drives.errors)
 
 
@@ -570,7 +570,7 @@ def test_json_is_what_python_gives(run, box, grid):
     field = load_or_compute(grid, FieldConfig(Scan(lidar), stride=0.5))
     costs = Costmap.from_field(grid, field)
     choice = choose(
-        grid, START, GOAL, costs=costs, lidar=lidar, amcl=FEW, drives=2, price=3.0, seed=4
+        grid, START, GOAL, robot=Robot(lidar, filter=FEW), costs=costs, drives=2, price=3.0, seed=4
     )
     expected = json.loads(json.dumps(choice.summary()))
     about = json.loads(out)

@@ -15,7 +15,7 @@ from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.field import FieldConfig, Fisher
 from locplan.maps import environments
 from locplan.planners import Query
-from locplan.robots import Amcl
+from locplan.robots import Amcl, Robot
 from locplan.simulation import choose, choose_many
 from locplan.simulation.choice import _choose_many as module
 from locplan.simulation.choice._choices import COLUMNS
@@ -60,7 +60,7 @@ class Late(Executor):
 def test_each_choice_is_that_of_choose(costs, made):
     for query, each in zip(QUERIES, made, strict=True):
         single = choose(
-            costs.grid, query.start, query.goal, costs=costs, lidar=LIDAR, threads=1, **QUICK
+            costs.grid, query.start, query.goal, robot=Robot(LIDAR), costs=costs, threads=1, **QUICK
         )
         assert (each.map, each.query) == ("two_corridors", query)
         assert each.choice.summary() == single.summary()
@@ -212,7 +212,7 @@ def test_fields_are_those_of_the_lidar(monkeypatch):
 
     monkeypatch.setattr(module, "load_or_compute", field_of)
     grid = environments.make("hall", resolution=0.1)
-    found = choose_many(grid, 2, lidar=LIDAR, **QUICK, robot_radius=0.4, threads=1)
+    found = choose_many(grid, 2, robot=Robot(LIDAR, footprint=0.4, margin=0.0), **QUICK, threads=1)
     assert asked == [("hall", locplan.Fused.of(LIDAR), 1)]
     assert {each.choice.costs.robot_radius for each in found} == {0.4}
 

@@ -20,7 +20,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Sad
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, Query, options_of, with_options
-from locplan.robots import Amcl, Lidar, ParameterWarning
+from locplan.robots import Amcl, Lidar, ParameterWarning, Robot
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 
@@ -431,9 +431,8 @@ def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
             corridors.grid,
             CORRIDOR.start,
             CORRIDOR.goal,
+            robot=Robot(LIDAR, filter=Amcl(alpha1=0.05, max_particles=500)),
             costs=corridors,
-            lidar=LIDAR,
-            amcl=Amcl(alpha1=0.05, max_particles=500),
             drives=2,
             minimise="lost",
             seed=run.task.seed,

@@ -23,7 +23,7 @@ from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_i
 from locplan.recordings._geometry import moved
 from locplan.recordings._odometry_noise import _moved, as_disturbances, odometry_noise
 from locplan.recordings._scan_noise import _in_runs, scan_noise
-from locplan.robots import Amcl, Disturbances, read_robot
+from locplan.robots import Amcl, Disturbances, Robot, read_robot
 from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
 
@@ -69,7 +69,7 @@ def driven(poses, odometry, noise=(0.0, 0.0), seed=0):
 
 
 def reported(grid, poses, seed=1, **disturbances):
-    own = Simulator(grid, disturbances=Disturbances(**disturbances)).arguments.odometry
+    own = Simulator(grid, robot=Robot(disturbances=Disturbances(**disturbances))).arguments.odometry
     return odometry_along(np.random.default_rng(seed), poses, own)
 
 
@@ -116,7 +116,7 @@ def test_noise_of_the_poses_is_told_from_that_of_odometry(grid, winding, few_res
 
 def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
     true = Amcl(alpha1=0.05, alpha2=0.02, alpha3=0.04, alpha4=0.03, update_min_d=0.01)
-    settings = Simulator(grid, amcl=true).arguments.filter
+    settings = Simulator(grid, robot=Robot(filter=true)).arguments.filter
     random, poses = np.random.default_rng(2), [np.zeros(3)]
     steps = _moved(winding, np.arange(len(winding) - 1), np.arange(1, len(winding)))
     for ahead, aside, turn in steps:
@@ -243,7 +243,7 @@ def drive(grid, line):
 
 @pytest.fixture(scope="module")
 def calibrated(grid, drive):
-    return calibrate_drive(drive, grid, amcl=Amcl(max_particles=900), threads=2)
+    return calibrate_drive(drive, grid, robot=Robot(filter=Amcl(max_particles=900)), threads=2)
 
 
 def test_the_field_gets_the_level_of_the_measured_deviations(grid, drive, calibrated):

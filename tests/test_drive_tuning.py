@@ -16,7 +16,7 @@ from locplan.maps import environments
 from locplan.recordings import replay, tune_on_drive
 from locplan.recordings._tracks import Tracks
 from locplan.recordings._tuning import RecordedBench, _stretches
-from locplan.robots import Amcl, Disturbances, read_amcl
+from locplan.robots import Amcl, Disturbances, Robot, read_amcl
 from locplan.simulation import tuning_figure
 from locplan.simulation._motion import poses_along
 from locplan.simulation.tuning._reports import conclusion, tuning_table
@@ -40,7 +40,7 @@ def drive(grid):
 
 @pytest.fixture(scope="module")
 def tuned(grid, drive):
-    return tune_on_drive(drive, grid, amcl=POOR, drives=2)
+    return tune_on_drive(drive, grid, robot=Robot(filter=POOR), drives=2)
 
 
 def test_stretches_are_the_whole_drive_in_equal_parts(drive):
@@ -58,7 +58,12 @@ def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(grid, drive):
     still = Amcl(**FEW, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
     bench.drive([still], 1, 3)
     # Without noise all particles are one, whatever the random numbers.
-    alone = replay(drive[stretch], grid, amcl=still, runs=2, start_sigma=0.0, start_sigma_deg=0.0)
+    alone = replay(
+        drive[stretch],
+        grid,
+        robot=Robot(filter=still, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0)),
+        runs=2,
+    )
     expected = alone.drives.mean_squares[0]
     assert bench.driven[still].squares == pytest.approx(np.full((1, 1, 3), expected))
     assert bench.lengths == pytest.approx([drive[stretch].length])
@@ -110,7 +115,9 @@ def test_search_and_judgement_have_other_stretches(monkeypatch, grid, drive):
         made(self, tracks, stretches, *others, **named)
 
     monkeypatch.setattr(RecordedBench, "__init__", noted)
-    tune_on_drive(drive, grid, amcl=Amcl(min_particles=20, max_particles=20), drives=2)
+    tune_on_drive(
+        drive, grid, robot=Robot(filter=Amcl(min_particles=20, max_particles=20)), drives=2
+    )
     search, judge = ({each.start for each in stretches} for stretches in seen)
     assert len(search) == len(judge) == 5
     assert not search & judge
@@ -127,7 +134,7 @@ def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
 
 def test_sparse_scans_are_a_warning(grid, drive):
     own = Amcl(min_particles=20, max_particles=20)
-    tuned = tune_on_drive(drive.every(5), grid, amcl=own, drives=2)
+    tuned = tune_on_drive(drive.every(5), grid, robot=Robot(filter=own), drives=2)
     assert "every 0.5 m for lack of scans" in tuned.lints[0]
 
 

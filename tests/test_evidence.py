@@ -28,7 +28,7 @@ from locplan.field import (
 from locplan.field._at_points import covariances_along, covariances_at
 from locplan.field._tiles import field_shapes
 from locplan.maps import environments
-from locplan.robots import Amcl, Lidar
+from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import (
     Places,
     _calibration_reports,
@@ -378,7 +378,7 @@ def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(
 ):
     good = calibrate([places])
     for result in (good, dataclasses.replace(good, r_squared=0.0)):
-        _calibration_reports.write_calibration(tmp_path / "c.json", result)
+        _calibration_reports.write_calibration(tmp_path / "c.json", result, Robot())
         about = json.loads((tmp_path / "c.json").read_text())
         assert about["in_metres"] is about["calibration"]["in_metres"] is result.in_metres
         if result.in_metres:
@@ -604,6 +604,6 @@ def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
 def test_a_real_map_is_evaluated_with_other_settings(real_maps):
     grid = locplan.load_map(next((real_maps / "aws_small_house").glob("*.yaml")))
     amcl = Amcl(min_particles=100, max_particles=100)
-    found = evaluate([grid], amcl=amcl, places=6, drives=2, scans=2)
+    found = evaluate([grid], robot=Robot(filter=amcl), places=6, drives=2, scans=2)
     assert found.places[0].position_rmse("match").max() < 0.5
     assert SHARED_DATA.exists()

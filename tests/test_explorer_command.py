@@ -21,7 +21,7 @@ from locplan.errors import LocplanError
 from locplan.explorer import _explore
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-ARGUMENTS = ("--range", "1", "--stride", "0.4", "--no-browser")
+ARGUMENTS = ("--disc", "1", "--stride", "0.4", "--no-browser")
 
 
 AS_IN_A_TERMINAL = (
@@ -82,33 +82,10 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     seen = {}
     monkeypatch.setattr(_explore.Explorer, "wait", lambda self: seen.update(page=self))
     monkeypatch.setattr(_explore.Explorer, "open", lambda self: seen.update(open=True))
-    code, out, err = run(
-        *(
-            "explore",
-            map_file,
-            "--disc",
-            "1.5",
-            "--start",
-            "1,2",
-            "--goal",
-            "3,2",
-            "--via",
-            "-0.5,2",
-        ),
-        *(
-            "--weight",
-            "7",
-            "--set",
-            "footprint=0.1",
-            "--set",
-            "margin=0",
-            "-o",
-            tmp_path / "out",
-            "--threads",
-            "1",
-        ),
-        *("--set", "alpha1=0.05", "--criterion", "heading_std", "--force"),
-    )
+    given = ["--set=footprint=0.1", "--set=margin=0", "--set=alpha1=0.05", "--disc=1.5"]
+    given += ["--start=1,2", "--goal=3,2", "--via=-0.5,2", "--weight=7", "--criterion=heading_std"]
+    given += ["--threads=1", "--force", "-o", tmp_path / "out"]
+    code, out, err = run("explore", map_file, *given)
     assert (code, err) == (0, f"locplan: {NEXT[False]}\n")
     session = seen["page"]._server.session
     assert out == f"{seen['page'].address}\n"
@@ -186,6 +163,8 @@ def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
         assert page._server.session.lidar is None
     with pytest.raises(LocplanError, match="grid must be"):
         locplan.explore(np.zeros((3, 3)))
+    with pytest.raises(LocplanError, match="robot must be"):
+        locplan.explore(room(), robot="turtlebot4")
 
 
 def test_in_a_notebook_the_page_is_a_frame(monkeypatch):

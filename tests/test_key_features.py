@@ -26,7 +26,7 @@ from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._pieces import CORNER, OBJECT, WALL, Pieces, pieces_of
 from locplan.landmarks._surroundings import hits_on, lines_along, step_of, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.robots import Amcl, Disturbances, Lidar, Robot
 from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
@@ -35,7 +35,7 @@ ROUTE = {"middle": np.array([[-6.0, 0.0], [6.0, 0.0]])}
 
 
 def found_on(grid, route=ROUTE, **settings):
-    return key_features(grid, paths=route, amcl=PRODUCT, lidar=SHORT, **settings)
+    return key_features(grid, robot=Robot(SHORT, filter=PRODUCT), paths=route, **settings)
 
 
 @pytest.fixture(scope="module")
@@ -433,7 +433,7 @@ def test_of_a_moved_feature_the_pose_follows_a_part(found):
 
 def test_without_walls_in_sight_there_is_no_feature():
     empty = OccupancyGrid(np.full((200, 200), FREE, np.uint8), 0.1)
-    found = key_features(empty, paths=np.array([[[8.0, 10.0], [12.0, 10.0]]]), lidar=SHORT)
+    found = key_features(empty, robot=Robot(SHORT), paths=np.array([[[8.0, 10.0], [12.0, 10.0]]]))
     assert len(found) == 0
     assert found.verdict.startswith("no feature is seen")
     assert found.together == ()
@@ -598,7 +598,7 @@ def test_a_hall_is_lost_without_three_objects(real_maps, name):
     grid = locplan.load_map(real_maps / name)
     route = {"across": np.array([[0.9, 5.1], [-1.8, 5.4], [-14.0, -6.8]])}
     amcl = Amcl(laser_model_type="likelihood_field_prob")
-    found = key_features(grid, paths=route, amcl=amcl)
+    found = key_features(grid, robot=Robot(filter=amcl), paths=route)
     assert [each.kind for each in found.features[:2]] == ["object", "object"]
     driven = found.verify(40)
     assert driven.hurts

@@ -53,7 +53,7 @@ from locplan.landmarks._surroundings import hits_on, motion_of, rays_at, swing_o
 from locplan.landmarks._trials import score
 from locplan.landmarks._verification import Verification, paths_on
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.robots import Amcl, Disturbances, Lidar, Robot
 from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
@@ -74,7 +74,7 @@ def hallway() -> OccupancyGrid:
 
 @pytest.fixture(scope="module")
 def placed(hallway):
-    return place_landmarks(hallway, Pole(0.2), 3, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
+    return place_landmarks(hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE)
 
 
 # Objects
@@ -433,7 +433,7 @@ def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
 
 
 def test_the_first_place_is_the_best_of_all_and_more_help_more(hallway, placed):
-    one = place_landmarks(hallway, Pole(0.2), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
+    one = place_landmarks(hallway, Pole(0.2), 1, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE)
     search = one.search
     search.objective.start(np.arange(0))
     assert one.curve[1] == pytest.approx(search.objective.values(search.among).min())
@@ -458,7 +458,7 @@ def test_exchanges_do_not_make_it_worse(placed):
 
 def test_landmarks_do_not_depend_on_the_threads(hallway, placed):
     again = place_landmarks(
-        hallway, Pole(0.2), 3, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, threads=3
+        hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE, threads=3
     )
     assert (again.poses == placed.poses).all()
 
@@ -494,7 +494,9 @@ def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
 
 def test_what_two_close_together_is_refused_beside_the_first(hallway):
     route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
-    made = place_landmarks(hallway, kind, 2, paths=route, amcl=PRODUCT, lidar=SHORT, margin=0.1)
+    made = place_landmarks(
+        hallway, kind, 2, robot=Robot(SHORT, filter=PRODUCT), paths=route, margin=0.1
+    )
     search = made.search
     at = search.in_world(hallway, np.arange(len(search.places)))
     one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
@@ -509,7 +511,7 @@ def test_what_two_close_together_is_refused_beside_the_first(hallway):
 
 def test_places_at_random_close_no_passage_either(hallway):
     made = place_landmarks(
-        hallway, Box(0.6, 0.5), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, margin=0.1
+        hallway, Box(0.6, 0.5), 1, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE, margin=0.1
     )
     search, costs = made.search, []
     for seed in range(5):
@@ -530,9 +532,8 @@ def test_an_existing_object_may_be_moved(hallway):
         stands,
         Pole(0.2),
         0,
+        robot=Robot(SHORT, filter=PRODUCT),
         paths=ROUTE,
-        amcl=PRODUCT,
-        lidar=SHORT,
         existing=[(-6.5, 0.9)],
     )
     assert len(made) == 1
@@ -540,14 +541,19 @@ def test_an_existing_object_may_be_moved(hallway):
     assert abs(made.poses[0, 0]) < 6
     assert made.grid.free[made.grid.world_to_cell(-6.5, 0.9)]
     stays = place_landmarks(
-        made.grid, Pole(0.2), 0, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, existing=made.poses
+        made.grid,
+        Pole(0.2),
+        0,
+        robot=Robot(SHORT, filter=PRODUCT),
+        paths=ROUTE,
+        existing=made.poses,
     )
     assert stays.kept == 1
 
 
 def test_places_are_joined_by_shortest_paths(hallway):
     ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0), "c": (0.0, 0.3)}
-    made = place_landmarks(hallway, Pole(0.2), 1, places=ends, amcl=PRODUCT, lidar=SHORT)
+    made = place_landmarks(hallway, Pole(0.2), 1, robot=Robot(SHORT, filter=PRODUCT), places=ends)
     assert list(made.setting.routes) == ["a to b", "a to c", "b to c"]
     assert made.verify(2, random_sets=1).after.number == 6
 
@@ -555,7 +561,12 @@ def test_places_are_joined_by_shortest_paths(hallway):
 def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
     with pytest.raises(LocplanError, match="kept out"):
         place_landmarks(
-            hallway, Pole(0.2), 1, paths=ROUTE, lidar=SHORT, keep_out=np.ones(hallway.shape, bool)
+            hallway,
+            Pole(0.2),
+            1,
+            robot=Robot(SHORT),
+            paths=ROUTE,
+            keep_out=np.ones(hallway.shape, bool),
         )
 
 
@@ -721,7 +732,7 @@ def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
 @pytest.fixture(scope="module")
 def in_region(hallway):
     region = [(-6.0, -1.2, 6.0, 1.2)]
-    return place_landmarks(hallway, Pole(0.2), 3, region=region, amcl=PRODUCT, lidar=SHORT)
+    return place_landmarks(hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), region=region)
 
 
 def test_a_region_is_marked_where_it_is_degenerate(hallway, in_region):
@@ -733,7 +744,7 @@ def test_a_region_is_marked_where_it_is_degenerate(hallway, in_region):
     rows, cols = np.indices(hallway.shape) + 0.5
     x, y = hallway.grid_to_world(rows, cols)
     mask[(np.abs(x) <= 6.0) & (np.abs(y) <= 1.2)] = True
-    again = place_landmarks(hallway, Pole(0.2), 3, region=mask, amcl=PRODUCT, lidar=SHORT)
+    again = place_landmarks(hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), region=mask)
     np.testing.assert_allclose(again.curve, in_region.curve, rtol=0.02)
 
 
@@ -1022,7 +1033,9 @@ def test_three_poles_keep_the_robot_in_a_bare_corridor(count):
     grid = locplan.maps.environments.make("two_corridors")
     route = {"straight": np.array([[2.0, 3.0], [38.0, 3.0]])}
     amcl = Amcl(laser_model_type="likelihood_field_prob")
-    driven = place_landmarks(grid, Pole(0.2), count, paths=route, amcl=amcl).verify(100)
+    driven = place_landmarks(grid, Pole(0.2), count, robot=Robot(filter=amcl), paths=route).verify(
+        100
+    )
     assert driven.helps
     assert driven.after.lost_rate.value <= 0.02
     assert driven.before.lost_rate.value >= 0.7

@@ -12,7 +12,7 @@ from conftest import random_rooms
 from locplan._kernels import drives, matches, measured, particles, shares as shares_kernels
 from locplan._kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.robots import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, Disturbances, Lidar
+from locplan.robots import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot
 from locplan.simulation import Simulator
 
 RESOLUTION = 0.1
@@ -28,7 +28,9 @@ def room(seed=3):
 
 
 def simulator(grid, amcl=None, lidar=SMALL, **disturbances):
-    return Simulator(grid, lidar=lidar, amcl=amcl, disturbances=Disturbances(**disturbances))
+    return Simulator(
+        grid, robot=Robot(lidar, filter=amcl, disturbances=Disturbances(**disturbances))
+    )
 
 
 def cloud(random, count):

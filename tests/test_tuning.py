@@ -11,7 +11,7 @@ import yaml
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
-from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, read_amcl
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot, read_amcl
 from locplan.simulation import Simulator, tune, tuning_figure
 from locplan.simulation._motion import poses_along
 from locplan.simulation.tuning import _bench
@@ -44,7 +44,7 @@ def hall() -> OccupancyGrid:
 
 @pytest.fixture(scope="module")
 def tuning():
-    return tune(hall(), lidar=LIDAR, amcl=Amcl(**FEW), paths=5, drives=4, threads=2)
+    return tune(hall(), robot=Robot(LIDAR, filter=Amcl(**FEW)), paths=5, drives=4, threads=2)
 
 
 def random() -> np.random.Generator:
@@ -148,7 +148,7 @@ def test_a_bench_drives_as_the_simulator_does():
     lines = random_paths(Costmap.blank(grid), 3, 1)
     for n, level in enumerate(LEVELS):
         simulator = Simulator(
-            grid, lidar=LIDAR, amcl=GOOD, disturbances=level.of(Disturbances()), seed=5
+            grid, robot=Robot(LIDAR, filter=GOOD, disturbances=level.of(Disturbances())), seed=5
         )
         for path, line in enumerate(lines):
             own = simulator.drive_along(poses_along(line, grid), 4, stream=path)
@@ -296,8 +296,7 @@ def test_equal_seeds_give_equal_results_on_any_number_of_threads(tuning):
     calls = []
     again = tune(
         hall(),
-        lidar=LIDAR,
-        amcl=Amcl(**FEW),
+        robot=Robot(LIDAR, filter=Amcl(**FEW)),
         paths=5,
         drives=4,
         threads=1,

@@ -15,7 +15,7 @@ from locplan.field import FieldConfig, Fisher, save_config
 from locplan.maps import environments
 from locplan.planners import plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.robots import Amcl
+from locplan.robots import Amcl, Robot
 from locplan.simulation import Drives, verdict
 from locplan.simulation._scores import log_errors
 from locplan.simulation.choice import _verdict
@@ -99,9 +99,9 @@ def test_the_errors_are_those_that_decide(found):
 
 
 def test_a_verdict_is_reproducible_and_takes_the_lidar_of_the_field(costs, plans, found):
-    again = verdict(costs, plans, lidar=LIDAR, seed=3, threads=1)
+    again = verdict(costs, plans, robot=Robot(LIDAR), seed=3, threads=1)
     assert again.summary() == found.summary()
-    other = verdict(costs, plans, lidar=dataclasses.replace(LIDAR, range=3.0), seed=3)
+    other = verdict(costs, plans, robot=Robot(dataclasses.replace(LIDAR, range=3.0)), seed=3)
     assert other.log_errors != found.log_errors
 
 
@@ -154,7 +154,9 @@ def test_where_both_paths_lose_the_robot_tuning_comes_first(costs, plans, monkey
 
 def test_the_filter_and_what_of_it_is_not_simulated_are_named(costs, plans, monkeypatch):
     errors_of(monkeypatch, 0.4, 0.3)
-    found = verdict(costs, plans, amcl=Amcl(alpha1=0.05), not_simulated=["do_beamskip", "odd"])
+    found = verdict(
+        costs, plans, robot=Robot(filter=Amcl(alpha1=0.05)), not_simulated=["do_beamskip", "odd"]
+    )
     assert "driven in simulation with AMCL's alpha1 0.05: " in found.text
     assert found.text.endswith("(not simulated: do_beamskip, odd)")
     assert found.summary()["not_simulated"] == ["do_beamskip", "odd"]

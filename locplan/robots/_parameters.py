@@ -52,20 +52,37 @@ class Nav2Parameters:
     """Namespace of the robot, such as "/robot1"."""
 
     def entries(self, node: str) -> list[Entry]:
-        """The entries for a node, such as amcl or global_costmap/global_costmap, as they count."""
+        """The entries for a node, in the order in which they count.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node, such as amcl or global_costmap/global_costmap.
+        """
         return [each for each in _entries(self.content) if each.is_for(f"{self.namespace}/{node}")]
 
     def of(self, node: str, *, shared: bool = True) -> Parameters:
         """Parameters of a node by their names in ROS, such as GridBased.plugin.
 
-        `shared` says whether those for nodes of any name are among them.
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        shared : bool, default True
+            Whether those for nodes of any name are among them.
         """
         entries = [each for each in self.entries(node) if shared or not each.is_shared]
         leaves = (leaf for each in entries for leaf in _leaves(each.parameters))
         return {".".join(path): value for path, value in leaves}
 
     def place(self, node: str, name: str) -> tuple[str, ...]:
-        """The keys that lead to the value in force of a parameter, or to where it belongs."""
+        """The keys that lead to the value in force of a parameter, or to where it belongs.
+
+        Parameters
+        ----------
+        node, name : str
+            Names of the node and the parameter.
+        """
         entries = self.entries(node)
         for entry in reversed(entries):
             for path, _ in _leaves(entry.parameters):
@@ -77,14 +94,35 @@ class Nav2Parameters:
         return (*(alone or own or [new])[-1], PARAMETERS, *name.split("."))
 
     def names(self, node: str, name: str, default: Sequence[str] = ()) -> list[str]:
-        """The names that a parameter of a node lists, or others without any."""
+        """The names that a parameter of a node lists, or others without any.
+
+        Parameters
+        ----------
+        node, name : str
+            Names of the node and the parameter.
+        default : sequence of str, default ()
+            The names where the parameter is missing.
+
+        Raises
+        ------
+        LocplanError
+            If the parameter is no list of names.
+        """
         listed = self.of(node).get(name) or list(default)
         if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
             raise LocplanError(f"{name} must be a list of names, not {shown(listed)}")
         return list(listed)
 
     def changed(self, node: str, values: Mapping[str, Any]) -> Nav2Parameters:
-        """Parameters with other values for a node, which stand where those in force stood."""
+        """Parameters with other values for a node, which stand where those in force stood.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        values : mapping
+            Values by the names of the parameters.
+        """
         content = copy.deepcopy(self.content)
         for name, value in values.items():
             *path, last = self.place(node, name)

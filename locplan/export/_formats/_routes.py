@@ -91,16 +91,16 @@ def _chosen(
     file: Path, paths: Mapping[str, Route], job: ExportJob, options: RoutesOptions
 ) -> Choices:
     """The choices for the queries in a file."""
-    from locplan import robots
     from locplan._util.progress import progress_bar
     from locplan.planners import read_queries
+    from locplan.robots import Robot as DrivenRobot
     from locplan.simulation import choose_many
 
     queries = read_queries(file)
     for query in queries:
         if query.name in paths:
             raise ConfigError(f"a path and a query are both named {query.name}; rename one")
-    robot = robots.Robot.from_nav2(options.params) if options.params else None
+    robot = DrivenRobot.from_nav2(options.params) if options.params else None
     with progress_bar("driving the candidates", "queries") as progress:
         return choose_many(job.costs, queries, robot, drives=options.drives, progress=progress)
 

@@ -60,8 +60,6 @@ def tune(
         them narrow the intervals.
     drives : int, default 8
         Number of drives along each path at each level, 2 to 100,000.
-    robot_radius : float, default 0.25
-        Radius of the robot [m], >= 0.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1
