@@ -33,6 +33,17 @@ from locplan.landmarks._objects import (
 )
 from locplan.landmarks._passages import Passages
 from locplan.landmarks._problem import cells_in, routes_of
+from locplan.landmarks._region import poses_in, routes_across, where_robot_is
+from locplan.landmarks._rows import without_rows
+from locplan.landmarks._search import Search, in_world
+from locplan.landmarks._setting import Setting
+from locplan.landmarks._sight import Sight
+from locplan.landmarks._surroundings import (
+    Surroundings,
+    lines_along,
+    step_of,
+    surroundings,
+)
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
 from locplan.simulation._motion import Poses
