@@ -98,7 +98,7 @@ def parts_of(path: str | os.PathLike[str]) -> dict[str, Any]:
         "inflation": _inflation(path, parameters),
         "kinematics": _kinematics(path, parameters),
     }
-    return {name: part for name, part in found.items() if part}
+    return {name: part for name, part in found.items() if part is not None}
 
 
 def filter_of(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Amcl | None:
