@@ -135,8 +135,10 @@ def test_from_python_a_field_that_is_there_is_shown():
     field = locplan.covariance_field(
         room(), locplan.FieldConfig(locplan.Sad(range=1.0), stride=0.4)
     )
-    with locplan.explore(room(), field, locplan.Robot(footprint=0.1), open_browser=False) as page:
+    robot = locplan.Robot("lds-01", footprint=0.1)
+    with locplan.explore(room(), field, robot, open_browser=False) as page:
         page._server.session.upkeep.latest.result()
+        assert page._server.session.robot == robot
         assert page.field is field
         assert page.grid == room()
         assert page.address in repr(page)
