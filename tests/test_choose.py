@@ -35,7 +35,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners._alternatives import LEAST_SHARE, alternatives, is_another_way
-from locplan.robots import Amcl, Disturbances, Robot
+from locplan.robots import Amcl, Footprint, Robot
 from locplan.simulation import choice_figure, simulate
 from locplan.simulation._scores import (
     CLEARLY,
@@ -56,7 +56,8 @@ from locplan.simulation.choice._reports import CHOICE, COLUMNS, choice_table, wr
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
 FEW = Amcl(min_particles=100, max_particles=100)
-QUICK = {"amcl": FEW, "drives": 3, "robot_radius": 0.2}
+ROBOT = Robot(filter=FEW, footprint=0.2, margin=0.0)
+QUICK = {"robot": ROBOT, "drives": 3}
 
 
 @pytest.fixture(autouse=True)
@@ -90,9 +91,9 @@ def many(grid, costs):
     above = [(1, 3), (2, 5), (10, 5), (11, 3)]
     own = {f"{'a long name ' * 6}{n}": Path(np.array(above) + 0.05 * n) for n in range(4)}
     own |= {"shortest": Path([(1, 3), (2.5, 1), (9.5, 1), (11, 3)]), "w": "grid", "$x$": "grid"}
-    amcl = dataclasses.replace(FEW, **{f"alpha{n}": 0.12345 for n in range(1, 6)})
-    disturbances = Disturbances(outliers=0.1, occlusion=0.3, boundary_noise=0.2, worlds=3)
-    other = {**QUICK, "amcl": amcl, "disturbances": disturbances}
+    noisy = {"outliers": 0.1, "occlusion": 0.3, "boundary_noise": 0.2, "worlds": 3}
+    robot = ROBOT.changed({f"alpha{n}": 0.12345 for n in range(1, 6)} | noisy)
+    other = {**QUICK, "robot": robot}
     return choose(grid, START, GOAL, costs=costs, candidates=own, **other)
 
 
@@ -103,7 +104,8 @@ def corridors():
 
 def two_ways(corridors, **options):
     """The choice between a featureless corridor and a well-marked way around."""
-    options = {"amcl": Amcl(min_particles=300, max_particles=300), "drives": 4, **options}
+    robot = Robot(filter=Amcl(min_particles=300, max_particles=300))
+    options = {"robot": robot, "drives": 4, **options}
     return choose(corridors.grid, (2.0, 3.0), (38.0, 3.0), costs=corridors, **options)
 
 
@@ -500,7 +502,7 @@ def box(grid, tmp_path):
 
 ENDS = "--start", "1,3", "--goal", "11,3"
 SETTINGS = "--drives", "2", "--set", "min_particles=100", "--set", "max_particles=100"
-SETTINGS += "--stride", "0.5", "--range", "3"
+SETTINGS += "--stride", "0.5", "--set", "range=3"
 
 
 def test_parameters_that_work_badly_are_warned_of(run, box):
@@ -516,7 +518,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     (tmp_path / "nav2.yaml").write_text(params)
     Path([START, (2, 5), (10, 5), GOAL]).save(tmp_path / "my way?.csv")
     own = "--path", tmp_path / "my way?.csv", "--planner", "grid", "--front"
-    options = *own, "--params", tmp_path / "nav2.yaml", "--set", "outliers=0.1"
+    options = *own, "--robot", tmp_path / "nav2.yaml", "--set", "outliers=0.1"
     code, out, err = run("choose", box, *ENDS, *SETTINGS, *options, "-o", tmp_path / "out")
     assert code == 0
     assert "warning" not in err
@@ -544,7 +546,6 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     with (tmp_path / "out" / "errors.csv").open() as file:
         assert {row["path"] for row in csv.DictReader(file)} == set(names)
     assert (tmp_path / "out" / "choice.png").stat().st_size > 10_000
-    assert about["not_simulated"] == ["beam_count"]
     lines = out.splitlines()
     assert sum(line.startswith("  >") for line in lines) == 1
     assert any(line.startswith(f"  >* {about['chosen']} ") for line in lines)
@@ -600,7 +601,7 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
         ((*ENDS, "--path", "far.csv"), "'far' has its goal"),
         ((*ENDS, "--path", "grid.csv", "--planner", "grid"), "rename it"),
         ((*ENDS, "--planner", "fastest"), "--planner must be one of"),
-        ((*ENDS, "--set", "alpha9=1"), "nothing simulated is called 'alpha9'"),
+        ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'"),
         ((*ENDS, "--price", "-1"), "price must be positive"),
         ((*ENDS, "--preset", "paper"), "--estimator sad"),
     ],
@@ -722,3 +723,19 @@ def test_the_filters_title_names_what_differs_from_the_defaults():
     listed = "alpha1 0.05, alpha2 0.05, alpha3 0.05, alpha4 0.05, alpha5 0.05"
     assert Amcl(**many).title == f"AMCL's {listed} and 2 more"
     assert Amcl(max_particles=1_000_000).title == "AMCL's max_particles 1000000"
+
+
+def test_candidates_on_which_the_outline_meets_a_wall_are_left_out(corridors):
+    ends = (2.0, 3.0), (38.0, 3.0)
+    long = Footprint([(1.2, 0.3), (1.2, -0.3), (-1.2, -0.3), (-1.2, 0.3)])
+    robot = Robot(footprint=long, margin=0.0)
+    found = choose(corridors.grid, *ends, robot, costs=corridors, drives=2)
+    assert found.left_out
+    for each in found.candidates:
+        assert long.first_collision(corridors.grid, each.path) is None
+    assert all(each.name not in found.left_out for each in found.candidates)
+    assert found.summary()["left_out"] == list(found.left_out)
+    square = Footprint([(1.6, 1.6), (1.6, -1.6), (-1.6, -1.6), (-1.6, 1.6)])
+    none = choose(corridors.grid, *ends, Robot(footprint=square), costs=corridors, drives=2)
+    assert (none.path, none.status) == (None, "not found")
+    assert "every candidate" in none.why

@@ -68,6 +68,8 @@ class Limited(Wrapper):
             return self._over(costs, stops)
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         meets, timeout = None, None
+        wider = f"planned for the footprint's outer circle (radius {outer:.3g} m), since it meets a"
+        wider += " wall on the path of the inner one: there may be a better path between"
         for radius in (inner, outer):
             wide = costs.with_robot_radius(max(radius, costs.robot_radius))
             if not _free(wide, stops):
@@ -78,7 +80,7 @@ class Limited(Wrapper):
             if found.path is not None:
                 collision = self.outline.first_collision(costs.grid, found.path)
                 if collision is None:
-                    return found
+                    return dataclasses.replace(found, note=wider) if radius > inner else found
                 meets = meets or collision
         if not self._joins(self._thin(costs), stops):
             without = self._over(costs, stops)

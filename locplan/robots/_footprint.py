@@ -95,7 +95,7 @@ class Footprint:
     def __hash__(self) -> int:
         return hash(self.vertices.tobytes())
 
-    def first_collision(self, grid: OccupancyGrid, poses: ArrayLike) -> tuple[float, float] | None:
+    def first_collision(self, grid: OccupancyGrid, poses: Any) -> tuple[float, float] | None:
         """Position along a path where the outline first meets an occupied cell, or None.
 
         A path without headings is driven forward: the robot heads along each line and turns on
@@ -106,9 +106,9 @@ class Footprint:
         ----------
         grid : OccupancyGrid
             The map.
-        poses : (n, 2) or (n, 3) array
+        poses : Path, or (n, 2) or (n, 3) array
             Positions of the robot's centre along the path in the world, with headings or without
-            [m, m, rad], such as `Path.xy` or `Path.poses`.
+            [m, m, rad].
 
         Returns
         -------
@@ -117,7 +117,9 @@ class Footprint:
         """
         outline = self.vertices / grid.resolution
         occupied = grid.cells == OCCUPIED
-        for xy, to, heading, turn in _moves(grid, np.asarray(poses, np.float64)):
+        for xy, to, heading, turn in _moves(
+            grid, np.asarray(getattr(poses, "poses", poses), np.float64)
+        ):
             count = max(1, math.ceil(abs(turn) / TURN))
             grown = outline / math.cos(turn / count / 2)
             for part in range(count):

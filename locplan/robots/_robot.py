@@ -280,6 +280,8 @@ def _parts_in(path: str | os.PathLike[str]) -> dict[str, Any]:
                 return _made(content["robot"])
             except ConfigError as error:
                 raise ConfigError(f"{path}: {error}") from None
+        if file.suffix.lower() == ".json":  # a calibration that is older, or one of a field alone
+            raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
     return parts_of(path)
 
 

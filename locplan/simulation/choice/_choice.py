@@ -82,14 +82,21 @@ class Choice(Pictured):
     """Greatest number of drives of each candidate."""
     seed: int
     """Seed of all random numbers."""
+    left_out: tuple[str, ...] = ()
+    """Names of the candidates on which the robot's outline meets a wall."""
 
     def __repr__(self) -> str:
         return f"Choice({self.costs.grid.name or 'map'}, {self.why})"
 
     @property
-    def status(self) -> Literal["solved", "unreachable"]:
-        """The status is "unreachable" if no path leads to the goal."""
-        return "solved" if self.candidates else "unreachable"
+    def status(self) -> Literal["solved", "unreachable", "not found"]:
+        """The status is "unreachable" if no path leads to the goal.
+
+        It is "not found" if the robot's outline meets a wall on all paths that were found.
+        """
+        if self.candidates:
+            return "solved"
+        return "not found" if self.left_out else "unreachable"
 
     @property
     def shortest(self) -> Candidate | None:
@@ -118,6 +125,8 @@ class Choice(Pictured):
         """Reason for the choice in one line."""
         chosen, shortest = self.chosen, self.shortest
         if chosen is None or shortest is None:
+            if self.left_out:
+                return "the robot's outline meets a wall on every candidate; no other was searched"
             return "no path leads to the goal"
         if len(self.candidates) == 1:
             return "there is no other way that is not much longer: the shortest"
@@ -172,6 +181,7 @@ class Choice(Pictured):
             "start": list(self.start),
             "goal": list(self.goal),
             "chosen": self.chosen.name if self.chosen else None,
+            "left_out": list(self.left_out),
             "why": self.why,
             "minimise": self.minimise,
             "price_m": self.price,

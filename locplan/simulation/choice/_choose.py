@@ -103,7 +103,8 @@ def choose(
     Returns
     -------
     Choice
-        Its `path` is None, and its `status` "unreachable", if no path leads to the goal.
+        Its `path` is None if no path leads to the goal (`status` "unreachable"), or if the robot's
+        outline meets a wall on all that were found ("not found": headings are not searched).
 
     Raises
     ------
@@ -144,6 +145,7 @@ def choose(
         raise ConfigError("the costmap is that of another map")
     own = own_paths(costs, begin, end, candidates)
     paths = alternatives(costs, begin, end, longest=longest, others=own)
+    left_out = without_collisions(paths, robot, grid)
     lines = lines_along(paths, grid)
     extra = np.array([path.length for path in paths.values()])
     prices = price_of(extra - extra[:1], price)
@@ -160,7 +162,20 @@ def choose(
         for (name, path), score, cost in zip(paths.items(), scores, prices, strict=True)
     )
     best = selected(scores + prices, lost, minimise)[0] if made else 0
-    return Choice(costs, begin, end, made, best, minimise, price, robot, drives, seed)
+    return Choice(costs, begin, end, made, best, minimise, price, robot, drives, seed, left_out)
+
+
+def without_collisions(
+    paths: dict[str, Path], robot: Robot, grid: OccupancyGrid
+) -> tuple[str, ...]:
+    """Drop the paths on which the robot's outline meets a wall, and return their names."""
+    outline = robot.outline
+    if outline is None:
+        return ()
+    met = [name for name, path in paths.items() if outline.first_collision(grid, path)]
+    for name in met:
+        del paths[name]
+    return tuple(met)
 
 
 def costmap_near_candidates(

@@ -50,6 +50,7 @@ WIDE, WIDEST = 105, 120
 """Usual and greatest width of the whole table [characters]; narrower terminals get less of it."""
 COMMON = ("rmse", "lost")
 """What is minimised that has a column in any case; the others' takes that of degenerate metres."""
+LEFT_OUT = "left out, since the robot's outline meets a wall: "
 NAME_LENGTH = 60
 """Greatest number of characters of a candidate's name in the name of its file."""
 
@@ -57,7 +58,7 @@ NAME_LENGTH = 60
 def choice_table(choice: Choice) -> str:
     """Table with a row per candidate, the reason for the choice, and what was simulated."""
     if choice.chosen is None:
-        return f"unreachable: {choice.why}"
+        return f"{choice.status}: {choice.why}"
     width = shutil.get_terminal_size((WIDEST, 24)).columns
     whole = width >= WIDE
     front, price = choice.front, choice.price
@@ -74,6 +75,7 @@ def choice_table(choice: Choice) -> str:
         *([_about_nearly(choice, choice.nearly)] if choice.nearly else []),
         *([f"{price:g} m of detour count as much as half the error"] if price else []),
         *([UNTUNED] if choice.chosen.drives.lost_rate.value >= MANY_LOST else []),
+        *([LEFT_OUT + ", ".join(choice.left_out)] if choice.left_out else []),
         f"with {choice.robot.title}; {count_of(choice)}",
     ]
     said = ["; ".join(heads), *lines]

@@ -14,6 +14,7 @@ from locplan.robots import Robot
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator, random_of
 from locplan.simulation.tuning._bench import AnyBench, Bench, random_paths
+from locplan.simulation.tuning._files import PRODUCT
 from locplan.simulation.tuning._lint import BeamsLeft, beams_left, lint
 from locplan.simulation.tuning._results import NAV2, OWN, Tuning, judged
 from locplan.simulation.tuning._search import Search
@@ -147,6 +148,9 @@ def searched(
     for each in (found.kept, found.frugal, found.best):
         names.setdefault(each, described(own, each))
     order = dict.fromkeys([own, found.kept, found.frugal, found.best, defaults])
+    changes_model = found.kept.laser_model_type == PRODUCT != own.laser_model_type
+    if changes_model and (others or {}).get("do_beamskip"):
+        notes = (*notes, SKIPS)
     del bench, search
     judge = bench_of(JUDGE)
     judge.drive([*order], paths, drives, progress=next(steps))
@@ -167,6 +171,10 @@ def searched(
     )
 
 
+SKIPS = (
+    "do_beamskip becomes false with the laser model, since only this one reads it, and it was not"
+    " simulated"
+)
 SHARES = (0.17, 0.2, 0.23, 0.13, 0.27)
 """Shares of the time that the steps take: three rungs, what is put back, and the judgement."""
 
