@@ -23,7 +23,7 @@ from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_i
 from locplan.recordings._geometry import moved
 from locplan.recordings._odometry_noise import _moved, as_disturbances, odometry_noise
 from locplan.recordings._scan_noise import _in_runs, scan_noise
-from locplan.robots import Amcl, Disturbances, Robot, read_robot
+from locplan.robots import Amcl, Disturbances, Odometry, Robot
 from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
 
@@ -68,8 +68,8 @@ def driven(poses, odometry, noise=(0.0, 0.0), seed=0):
     return Recording(np.ones((len(poses), LIDAR.beams)), LIDAR, recorded_poses, odometry=odometry)
 
 
-def reported(grid, poses, seed=1, **disturbances):
-    own = Simulator(grid, robot=Robot(disturbances=Disturbances(**disturbances))).arguments.odometry
+def reported(grid, poses, seed=1, **odometry):
+    own = Simulator(grid, Robot(odometry=Odometry(**odometry))).arguments.odometry
     return odometry_along(np.random.default_rng(seed), poses, own)
 
 
@@ -261,16 +261,16 @@ def test_the_field_gets_the_level_of_the_measured_deviations(grid, drive, calibr
 
 
 def test_the_disturbances_are_those_that_were_found(calibrated):
-    assert calibrated.disturbances.outliers == calibrated.scans.outliers.value
-    assert calibrated.disturbances.outliers == pytest.approx(0.08, abs=0.02)
+    assert calibrated.robot.disturbances.outliers == calibrated.scans.outliers.value
+    assert calibrated.robot.disturbances.outliers == pytest.approx(0.08, abs=0.02)
     odometry = calibrated.odometry
-    assert calibrated.disturbances.distance_drift == odometry.distance_drift.value
-    assert calibrated.disturbances.heading_drift_deg == Disturbances().heading_drift_deg
+    assert calibrated.robot.odometry.distance_drift == odometry.distance_drift.value
+    assert calibrated.robot.odometry.heading_drift_deg == Odometry.heading_drift_deg
     assert "which are not written" in " ".join(odometry.notes)
     turned = dataclasses.replace(odometry, turned=7.0)
     assert as_disturbances(turned)["heading_drift_deg"] == odometry.heading_drift_deg.value
-    assert calibrated.disturbances.boundary_noise == Disturbances.boundary_noise
-    assert calibrated.amcl == Amcl(max_particles=900)
+    assert calibrated.robot.disturbances.boundary_noise == Disturbances.boundary_noise
+    assert calibrated.robot.filter == Amcl(max_particles=900)
     sigma = calibrated.scans.range_sigma.value
     assert calibrated.config.estimator.lidar.range_sigma == sigma
 
@@ -278,7 +278,7 @@ def test_the_disturbances_are_those_that_were_found(calibrated):
 def test_a_drive_without_odometry_calibrates_the_rest(grid, drive):
     found = calibrate_drive(dataclasses.replace(drive, odometry=None), grid)
     assert found.odometry is None
-    assert found.disturbances.heading_drift_deg == Disturbances.heading_drift_deg
+    assert found.robot.odometry == Odometry()
     assert "no odometry" in " ".join(found.notes)
 
 
@@ -308,43 +308,41 @@ def test_one_file_of_settings_goes_to_every_command(files, monkeypatch, capsys):
     for said in ("noise level k of fused", "outliers", "alpha1", "deg/√m", "95 %"):
         assert said in out
     about = json.loads(target.read_text())
-    amcl, disturbances = read_robot(target)
-    assert amcl == Amcl(min_particles=100, max_particles=200)
-    assert dataclasses.asdict(disturbances) == about["disturbances"]
+    robot = Robot.load(target)
+    assert robot.filter == Amcl(min_particles=100, max_particles=200)
+    assert robot.summary() == about["robot"]
     assert load_config(target).estimator.lidar.beams == LIDAR.beams
     coarse = about | {"config": about["config"] | {"stride": 0.8}}  # its field is quick
     target.write_text(json.dumps(coarse))
     path = ["--start", "2,3", "--goal", "6,3", "--drives", "2", "--json"]
-    used = ["--config", target, "--set", "occlusion=0.5", "--cache-dir", files / "cache"]
+    used = ["--config", target, "--robot", target, "--set", "occlusion=0.5"]
+    used += ["--cache-dir", files / "cache"]
     code, out, err = run(monkeypatch, capsys, "simulate", files / "map.yaml", *path, *used)
     assert code == 0, err
     simulated = json.loads(out)
-    assert simulated["amcl"]["max_particles"] == 200
-    assert simulated["disturbances"]["occlusion"] == 0.5
-    assert simulated["disturbances"]["outliers"] == disturbances.outliers
-    sigma = about["config"]["lidar"]["range_sigma"] if "lidar" in about["config"] else None
-    assert sigma is None or simulated["lidar"]["range_sigma"] == sigma
+    assert simulated["robot"] == robot.changed({"occlusion": 0.5}).summary()
 
 
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ({"amcl": {"alpha9": 1}}, "amcl has no 'alpha9'"),
+        ({"filter": {"alpha9": 1}}, "filter has no 'alpha9'"),
         ({"disturbances": {"outliers": 2}}, "disturbances: outliers must be 0 to 1"),
         ({"disturbances": [1]}, "disturbances must hold settings by name"),
     ],
 )
 def test_wrong_files_of_settings_are_one_clear_line(tmp_path, content, said):
     file = tmp_path / "robot.json"
-    file.write_text(json.dumps(content))
-    with pytest.raises(ConfigError, match=said):
-        read_robot(file)
+    file.write_text(json.dumps({"robot": content}))
+    with pytest.raises(ConfigError, match=f"robot.json: {said}"):
+        Robot.load(file)
 
 
-def test_older_files_of_settings_have_the_defaults(tmp_path):
+def test_older_files_of_settings_are_refused(tmp_path):
     file = tmp_path / "older.json"
-    file.write_text(json.dumps({"config": {}}))
-    assert read_robot(file) == (Amcl(), Disturbances())
+    file.write_text(json.dumps({"config": {}, "amcl": {"alpha1": 0.1}}))
+    with pytest.raises(ConfigError, match=r"older\.json: has no entry \"robot\"; .* calibrate"):
+        Robot.load(file)
 
 
 @pytest.mark.parametrize(

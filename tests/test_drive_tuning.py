@@ -53,17 +53,12 @@ def test_stretches_are_the_whole_drive_in_equal_parts(drive):
 
 def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(grid, drive):
     stretch = slice(100, 140)
-    start = Disturbances(start_sigma=0.0, start_sigma_deg=0.0)
-    bench = RecordedBench(Tracks(drive, grid), [stretch], start, 3, seed=1, threads=1)
     still = Amcl(**FEW, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
+    robot = Robot(filter=still, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
+    bench = RecordedBench(Tracks(drive, grid), [stretch], robot, 3, seed=1, threads=1)
     bench.drive([still], 1, 3)
     # Without noise all particles are one, whatever the random numbers.
-    alone = replay(
-        drive[stretch],
-        grid,
-        robot=Robot(filter=still, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0)),
-        runs=2,
-    )
+    alone = replay(drive[stretch], grid, robot, runs=2)
     expected = alone.drives.mean_squares[0]
     assert bench.driven[still].squares == pytest.approx(np.full((1, 1, 3), expected))
     assert bench.lengths == pytest.approx([drive[stretch].length])
@@ -76,7 +71,7 @@ def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
     stretch, amcl = slice(100, 140), Amcl(**FEW)
 
     def tracked(tracks, part):
-        random, own = np.random.default_rng(4), tracks.arguments(amcl, Disturbances())
+        random, own = np.random.default_rng(4), tracks.arguments(Robot(filter=amcl))
         return tracks.track(random, tracks.ends(amcl), own, part)
 
     errors, covariances = tracked(Tracks(drive, grid), stretch)
@@ -154,7 +149,7 @@ def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch,
     assert code == 0, said.err
     assert "on 5 stretches of " in said.out
     assert read_amcl(tmp_path / "tuned" / "nav2_params.yaml").max_particles == 40
-    for more, fault in ((["--paths", "8"], "--paths"), (["--range", "5"], "--range")):
+    for more, fault in ((["--paths", "8"], "--paths"), (["--set", "range=5"], "--set range")):
         code, said = run(*more)
         assert code == 2
         assert f"{fault} is not read with --drive" in said.err

@@ -431,7 +431,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     assert "simulation.png" in err
     about = json.loads((out / "simulation.json").read_text())
     assert set(about["paths"]) == {"shortest", "localizability-aware"}
-    assert about["lidar"]["range"] == 6.0
+    assert about["robot"]["lidar"]["range"] == 6.0
     assert about["weight"] == 4.0
     with (out / "errors.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -452,10 +452,10 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     about = json.loads(out)
     assert code == 0
     assert list(about["paths"]) == ["shortest"]
-    assert about["amcl"]["max_particles"] == 600
-    assert about["amcl"]["laser_model_type"] == "likelihood_field_prob"
-    assert about["disturbances"]["outliers"] == 0.1
-    assert about["lidar"]["range"] == 12.0
+    assert about["robot"]["filter"]["max_particles"] == 600
+    assert about["robot"]["filter"]["laser_model_type"] == "likelihood_field_prob"
+    assert about["robot"]["disturbances"]["outliers"] == 0.1
+    assert about["robot"]["lidar"]["range"] == 12.0
 
 
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
@@ -518,10 +518,10 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert config.estimator.noise_level != 1.0
     code, out, _ = run("field", map_file, "--config", target, "--json")
     assert json.loads(out)["config"]["estimator"]["noise_level"] == config.estimator.noise_level
-    code, out, _ = run("field", map_file, "--config", target, "--range", 4, "--json")
+    code, out, _ = run("field", map_file, "--config", target, "--set", "range=4", "--json")
     assert json.loads(out)["config"]["estimator"]["range"] == 4.0
     err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))
-    assert "--config has all settings of the field; besides it only a lidar" in err
+    assert "--config has all settings of the field; leave out --stride" in err
 
 
 @pytest.mark.usefixtures("inline_workers", "few_resamples")
@@ -568,12 +568,12 @@ def test_simulations_that_are_not_made_are_refused(run, map_file):
         (("--start", "2,3", "--random", "3"), "give one of --path"),
         (("--goal", "2,3", "--path", "a.csv"), "give one of --path"),
         ((*ENDS, "--random", "3"), "give one of --path"),
-        ((*ENDS, "--set", "alpha9=1"), "nothing simulated is called 'alpha9'; there are alpha1,"),
+        ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'; it has footprint,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be at least 0"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
         ((*ENDS, "--lidar", "sonar"), "--lidar must be one of rplidar-a1"),
-        ((*ENDS, "--params", "none.yaml"), "none.yaml: there is no such file"),
+        ((*ENDS, "--robot", "none.yaml"), "none.yaml: there is no such file"),
         ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
         ((*ENDS, "--weight", "-1"), "weight"),
         (("--start", "0,0.1", "--goal", "6,9"), "start"),
@@ -595,7 +595,7 @@ def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
         run("calibrate", map_file, "--error", "both")
     )
     assert "must end in .json" in refused(run("calibrate", map_file, "-o", tmp_path / "c.txt"))
-    assert "robot fits" in refused(run("evaluate", map_file, "--robot-radius", 20))
+    assert "robot fits" in refused(run("evaluate", map_file, "--set", "footprint=20"))
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
     several = map_file, tmp_path / "other.yaml"
     assert "name one of these 2, or give --random" in refused(run("simulate", *several, *ENDS))

@@ -26,7 +26,7 @@ from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._pieces import CORNER, OBJECT, WALL, Pieces, pieces_of
 from locplan.landmarks._surroundings import hits_on, lines_along, step_of, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.robots import Amcl, Disturbances, Lidar, Robot
+from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
@@ -58,7 +58,7 @@ def sights_of(grid, route=ROUTE, *, lidar=SHORT, amcl=PRODUCT, gap=0.0, largest=
     half = Shape(grid.resolution, grid.resolution, is_round=True)
     step = step_of(amcl)
     lines = lines_along(grid, routes, step)
-    seen = surroundings(grid, lines, step, half, lidar, amcl, Disturbances())
+    seen = surroundings(grid, lines, step, half, Robot(lidar, filter=amcl))
     occupied = grid.cells == OCCUPIED
     met = met_cells(occupied, grid.resolution, seen.rays)
     pieces = pieces_of(occupied, met, grid.resolution, 1.0, largest, gap)
@@ -462,10 +462,7 @@ def test_progress_ends_with_all(with_pole):
         ({"largest": -1.0}, "largest"),
         ({"gap": -0.1}, "gap"),
         ({"shift": math.nan}, "shift"),
-        ({"robot_radius": -1}, "robot_radius"),
-        ({"lidar": "rplidar-a1"}, "lidar"),
-        ({"amcl": {}}, "amcl"),
-        ({"disturbances": 1}, "disturbances"),
+        ({"robot": "rplidar-a1"}, "robot must be a Robot"),
         ({"paths": None}, "not both"),
         ({"places": [(0, 0), (1, 0)]}, "not both"),
         ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
@@ -497,9 +494,9 @@ def test_features_are_verified_by_drives_in_a_world_that_lacks_them(found, drive
 
 
 def test_the_world_lacks_what_the_map_still_shows(found):
-    setting = found.lidar, found.amcl, dataclasses.replace(found.disturbances, boundary_noise=0.0)
+    robot = found.robot.changed({"boundary_noise": 0.0})
     cells = found.features[0].cells
-    made = simulator_without(found.grid, [cells], setting, 1, 1)
+    made = simulator_without(found.grid, [cells], robot, 1, 1)
     assert made.grid is found.grid
     gone = without_cells(found.grid, cells)
     assert (made.worlds[0] == empty_squares(gone.cells == OCCUPIED)).all()
@@ -541,7 +538,7 @@ ENDS = ["--start", "-6,0", "--goal", "6,0"]
 
 def test_the_command_writes_features(run, map_file, tmp_path):
     out = tmp_path / "found"
-    options = ["--drives", 2, "--range", 3, "--count", 2, "-o", out]
+    options = ["--drives", 2, "--set", "range=3", "--count", 2, "-o", out]
     code, said, err = run("features", map_file, *ENDS, *FEW, *options)
     assert code == 0, err
     assert said.index("lost") < said.index("hangs on 1 feature") < said.index("object")
@@ -560,7 +557,8 @@ def test_the_command_writes_features(run, map_file, tmp_path):
 
 def test_the_command_takes_places_and_its_options(run, map_file, tmp_path):
     (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
-    given = ["--places", tmp_path / "places.csv", "--drives", 0, "--range", 3, "--json", "--count"]
+    given = ["--places", tmp_path / "places.csv", "--drives", 0, "--set", "range=3", "--json"]
+    given += ["--count"]
     code, said, err = run("features", map_file, *given, 1, *FEW)
     assert code == 0, err
     usual = json.loads(said)

@@ -53,7 +53,7 @@ from locplan.landmarks._surroundings import hits_on, motion_of, rays_at, swing_o
 from locplan.landmarks._trials import score
 from locplan.landmarks._verification import Verification, paths_on
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.robots import Amcl, Disturbances, Lidar, Robot
+from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
@@ -260,7 +260,7 @@ def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
     grid = open_floor()
     lidar = Lidar(range=3.0, field_of_view_deg=300.0)
     shape = Box(1.0, 0.1).shape
-    rays = rays_at(np.array([[6.0, 4.0, 0.0]]), shape, lidar, Amcl(), grid.resolution)
+    rays = rays_at(np.array([[6.0, 4.0, 0.0]]), shape, Robot(lidar), grid.resolution)
     assert not rays.all_round
     hits = hits_on(grid, rays)
     before = hits.copy()
@@ -400,8 +400,8 @@ def test_a_ray_from_within_an_object_meets_nothing():
 
 def test_a_hit_tells_a_likelihood_field_some_22_times_less_where_all_beams_hit():
     lidar, rays = Lidar(range=6.0), 360
-    product = told_by(PRODUCT, lidar, rays, 0.05, 1.0)
-    summed = told_by(Amcl(), lidar, rays, 0.05, 1.0)
+    product = told_by(Robot(lidar, filter=PRODUCT), rays, 0.05, 1.0)
+    summed = told_by(Robot(lidar), rays, 0.05, 1.0)
     ratio = product.share / (summed.share / (1 + summed.other * rays))
     assert 20 < ratio < 24
 
@@ -413,9 +413,9 @@ def test_far_beams_tell_less_the_more_the_filters_heading_errs():
 
 
 def test_the_motion_is_the_filters():
-    slow = motion_of(Amcl(alpha3=0.1, update_min_d=0.5), Disturbances(distance_drift=0.0))
-    assert slow.along == pytest.approx(0.05)
-    assert motion_of(Amcl(alpha2=0.4), Disturbances()).turn == pytest.approx(
+    slow = Robot().changed({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
+    assert motion_of(slow).along == pytest.approx(0.05)
+    assert motion_of(Robot(filter=Amcl(alpha2=0.4))).turn == pytest.approx(
         2 * 0.4 * 0.25 + math.radians(1) ** 2
     )
 
@@ -476,7 +476,7 @@ def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
     turn = np.array([(cos, sin), (-sin, cos)])  # rows times this are turned counter-clockwise
     x, y = np.array(hallway.origin[:2]) @ turn
     turned = dataclasses.replace(hallway, origin=(x, y, hallway.origin[2] + yaw))
-    given = {"amcl": PRODUCT, "lidar": lidar}
+    given = {"robot": Robot(lidar, filter=PRODUCT)}
     stands = np.array([(-3.0, 0.8, math.pi / 2)])
     kind = Box(0.4, 0.2)
     found = []
@@ -586,8 +586,7 @@ def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
         ({"existing": [(3.0, 1.2), (3.0, 1.25)]}, "two existing objects are given at one place"),
         ({"keep_out": [(0, 0, 1, 1), (0, 0, 1)]}, "keep_out must be a mask"),
         ({"keep_out": [(0, 0, 1, math.nan)]}, "keep_out must be a mask"),
-        ({"lidar": 0}, "lidar"),
-        ({"amcl": {}}, "amcl"),
+        ({"robot": 0}, "robot must be a Robot"),
         ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
         ({"paths": {}}, "at least one"),
     ],
@@ -857,7 +856,7 @@ def test_a_regular_row_is_broken_where_that_costs_little(placed):
 
 def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
     bent = np.array([[-6.0, 0.0], [-3.0, 0.5], [0.0, -0.5], [6.0, 0.0]])
-    settings = {"amcl": PRODUCT, "lidar": SHORT}
+    settings = {"robot": Robot(SHORT, filter=PRODUCT)}
     made = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, **settings)
     assert not made.setting.planned
     assert (paths_on(made.setting, made.grid)["bent"].xy == bent).all()
@@ -871,7 +870,7 @@ def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
 
 def test_an_existing_object_on_a_path_is_refused(hallway):
     stands = with_objects(hallway, Pole(0.3), [(1.0, 0.0)])
-    given = {"amcl": PRODUCT, "lidar": SHORT, "existing": [(1.0, 0.0)]}
+    given = {"robot": Robot(SHORT, filter=PRODUCT), "existing": [(1.0, 0.0)]}
     with pytest.raises(LocplanError, match="path middle"):
         place_landmarks(stands, Pole(0.3), 1, paths=ROUTE, **given)
 
@@ -962,8 +961,8 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
         2,
         "--trials",
         1,
-        "--range",
-        3,
+        "--set",
+        "range=3",
         "-o",
         out,
     ]
@@ -992,7 +991,7 @@ def test_the_command_takes_places_and_existing_objects(run, map_file, hallway, t
     save_map(with_objects(hallway, Pole(0.2), [(-6, 0.9)]), map_file)
     (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
     given = ["--places", tmp_path / "places.csv", "--existing", "-6,0.9,10", "--drives", 0]
-    code, said, err = run("landmarks", map_file, *given, "--count", 1, "--range", 3, "--json")
+    code, said, err = run("landmarks", map_file, *given, "--count", 1, "--set", "range=3", "--json")
     assert code == 0, err
     about = json.loads(said)
     assert len(about["landmarks"]) == 2
@@ -1000,7 +999,7 @@ def test_the_command_takes_places_and_existing_objects(run, map_file, hallway, t
 
 
 def test_the_command_takes_a_region(run, map_file, tmp_path):
-    given = ["--region", "all", "--count", 1, "--range", 3, "--drives", 2, "--trials", 1]
+    given = ["--region", "all", "--count", 1, "--set", "range=3", "--drives", 2, "--trials", 1]
     fast = ["--set", "max_particles=100", "--set", "min_particles=100", "-o", tmp_path / "out"]
     code, said, err = run("landmarks", map_file, *given, *fast)
     assert code == 0, err

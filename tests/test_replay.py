@@ -62,7 +62,8 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
     lidar = Lidar(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_yaw_deg=20)
     amcl = Amcl(min_particles=20, max_particles=60, resample_interval=interval)
     disturbances = Disturbances(boundary_noise=0.0, start_sigma=0.05)
-    here = Simulator(room, robot=Robot(lidar, filter=amcl, disturbances=disturbances))
+    robot = Robot(lidar, filter=amcl, disturbances=disturbances)
+    here = Simulator(room, robot)
     truth = np.array([[1.0 + n / 25, 1.1 + 0.05 * math.sin(n), 0.1 * n] for n in range(20)])
     log: list = []
     expected = naive.drive(
@@ -71,10 +72,8 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
         cells,
         cells,
         RESOLUTION,
-        lidar,
+        robot,
         here.arguments.lidar.angles,
-        amcl,
-        disturbances,
         own=np.random.default_rng(7),
         log=log,
     )
@@ -259,7 +258,7 @@ def test_the_command_replays_a_drive(files, monkeypatch, capsys):
     about = json.loads(out)
     assert code == 0
     assert about["runs"] == 2
-    assert about["amcl"]["max_particles"] == 300
+    assert about["robot"]["filter"]["max_particles"] == 300
     assert {each.name for each in (files / "out").iterdir()} >= {
         "replay.png",
         "replay.json",

@@ -136,7 +136,7 @@ def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
     result = simulate(
         grid,
         {"a": path},
-        robot=Robot(filter=Amcl(**STILL, **FEW), disturbances=Disturbances(**QUIET)),
+        robot=Robot(filter=Amcl(**STILL, **FEW)).changed(QUIET),
         drives=2,
     )
     assert abs(result.drives["a"].errors).max() < 1e-9
@@ -148,10 +148,7 @@ def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
         simulate(
             two_corridors,
             {"a": in_room},
-            robot=Robot(
-                filter=dataclasses.replace(amcl, half_cell=half_cell),
-                disturbances=Disturbances(**QUIET),
-            ),
+            robot=Robot(filter=amcl).changed({**QUIET, "half_cell": half_cell}),
             drives=20,
         ).drives["a"]
         for half_cell in (True, False)
@@ -164,11 +161,10 @@ def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
 def test_odometry_alone_drifts_where_nothing_is_seen():
     grid = open_space()
     path = Path(np.array([[10.0, 20.0], [30.0, 20.0]]))
-    disturbances = Disturbances(**{**QUIET, "distance_bias": 0.05})
     result = simulate(
         grid,
         {"a": path},
-        robot=Robot(filter=Amcl(**STILL, **FEW), disturbances=disturbances),
+        robot=Robot(filter=Amcl(**STILL, **FEW)).changed({**QUIET, "distance_bias": 0.05}),
         drives=200,
     )
     errors = result.drives["a"].errors
@@ -179,11 +175,9 @@ def test_odometry_alone_drifts_where_nothing_is_seen():
 
 
 def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
-    disturbances = Disturbances(boundary_noise=0.0, distance_bias=0.1, heading_bias_deg=5.0)
+    poor = {"boundary_noise": 0.0, "distance_bias": 0.1, "heading_bias_deg": 5.0}
     seeing, not_seeing = (
-        simulate(
-            two_corridors, {"a": in_room}, robot=Robot(lidar, disturbances=disturbances), drives=20
-        )
+        simulate(two_corridors, {"a": in_room}, robot=Robot(lidar).changed(poor), drives=20)
         .drives["a"]
         .rmse.value
         for lidar in (SHORT_LIDAR, Lidar(range=0.2))
@@ -361,7 +355,7 @@ def test_queries_without_a_path_are_left_out(two_corridors):
     near, far = Query("near", (2, 3), (6, 3)), Query("far", (2, 3), (38, 3))
     routes = simulate_queries(cut, [near, far], drives=2)
     assert [route.query.name for route in routes.routes] == ["near"]
-    assert routes.about["lidar"]["range"] == 1.0  # that of the field
+    assert routes.about["robot"]["lidar"]["range"] == 1.0  # that of the field
     with pytest.raises(LocplanError, match="no query has a path"):
         simulate_queries(cut, [far], drives=2)
 
@@ -571,7 +565,7 @@ def test_impossible_filters_are_refused(changes, reason):
 )
 def test_impossible_realities_are_refused(changes, reason):
     with pytest.raises(LocplanError, match=reason):
-        Disturbances(**changes)
+        Robot().changed(changes)
 
 
 def test_beams_are_thinned_out_as_amcl_does():

@@ -475,14 +475,14 @@ def test_specks_of_free_space_are_not_reachable_unless_asked_for():
         ({"spacing": math.nan}, "spacing must be"),
         ({"spacing": 0.09}, "spacing must be at least a cell of the map"),
         ({"global_effective_beams": -1.0}, "global_effective_beams must be"),
-        ({"robot_radius": 9.0}, "fits nowhere"),
-        ({"lidar": "rplidar-a1"}, "lidar must be a Lidar"),
+        ({"robot": Robot(LIDAR, footprint=9.0)}, "fits nowhere"),
+        ({"robot": "rplidar-a1"}, "robot must be a Robot"),
         ({"threads": 0}, "threads"),
     ],
 )
 def test_bad_arguments_are_refused(settings, says):
     with pytest.raises(LocplanError, match=says):
-        find_twins(**({"grid": side_by_side(room()), "lidar": LIDAR} | settings))
+        find_twins(**({"grid": side_by_side(room()), "robot": Robot(LIDAR)} | settings))
 
 
 def test_a_database_serves_many_searches(monkeypatch):
@@ -497,9 +497,8 @@ def test_a_database_serves_many_searches(monkeypatch):
         {"places": [(1.2, 3.0), closet], "global_effective_beams": 20.0},
         {"spacing": 2.0},
     ]
-    expected = [
-        find_twins(grid, robot=Robot(LIDAR, footprint=0.15, margin=0.0), **each) for each in asked
-    ]
+    robot = Robot(LIDAR, footprint=0.15, margin=0.0)
+    expected = [find_twins(grid, robot, **each) for each in asked]
     database = ScanDatabase(grid, LIDAR, 0.15)
     assert not database.everywhere.fits[grid.world_to_cell(*closet)]
     made = []
@@ -507,9 +506,7 @@ def test_a_database_serves_many_searches(monkeypatch):
         _find, "make_database", lambda *given: made.append(given) or make_database(*given)
     )
     for each, twins in zip(asked, expected, strict=True):
-        found = find_twins(
-            grid, robot=Robot(LIDAR, footprint=0.15, margin=0.0), database=database, **each
-        )
+        found = find_twins(grid, robot, database=database, **each)
         np.testing.assert_array_equal(found.places, twins.places)
         np.testing.assert_array_equal(found.twins, twins.twins)
         for name in twins.values:
@@ -517,11 +514,11 @@ def test_a_database_serves_many_searches(monkeypatch):
         assert found.matching == twins.matching
     assert len(made) == 1  # for the closet
     for other, says in (
-        ({"lidar": Lidar(range=5.0)}, "of another map or lidar"),
+        ({"robot": dataclasses.replace(robot, lidar=Lidar(range=5.0))}, "of another map or lidar"),
         ({"grid": two_rooms()}, "of another map or lidar"),
-        ({"robot_radius": 0.2}, r"clearance of 0\.15 m, not the robot"),
+        ({"robot": robot.changed({"footprint": 0.2})}, r"clearance of 0\.15 m, not the robot"),
     ):
-        given = {"grid": grid, "lidar": LIDAR, "robot_radius": 0.15, **other}
+        given = {"grid": grid, "robot": robot, **other}
         with pytest.raises(LocplanError, match=says):
             find_twins(**given, database=database)
 
@@ -560,7 +557,7 @@ def map_file(tmp_path):
 @pytest.mark.draws
 def test_the_command_writes_layers_starts_and_a_picture(run, map_file, tmp_path):
     folder = tmp_path / "alike"
-    options = "--range", 8, "--starts", 2, "--matches", 20, "-o", folder
+    options = "--set", "range=8", "--starts", 2, "--matches", 20, "-o", folder
     code, said, err = run("twins", map_file, *options)
     assert (code, err) == (0, f"wrote {folder}\n")
     assert "100% of" in said
@@ -580,11 +577,11 @@ def test_the_command_writes_layers_starts_and_a_picture(run, map_file, tmp_path)
 
 
 def test_the_command_tells_the_twins_of_a_place(run, map_file):
-    code, said, _ = run("twins", map_file, "--range", 8, "--at", "1.2,3.0")
+    code, said, _ = run("twins", map_file, "--set", "range=8", "--at", "1.2,3.0")
     assert code == 0
     assert "of the posterior lies more than 2 m away" in said
     assert "6.60" in said
-    code, said, _ = run("twins", map_file, "--range", 8, "--at", "1.2,3.0", "--json")
+    code, said, _ = run("twins", map_file, "--set", "range=8", "--at", "1.2,3.0", "--json")
     best = json.loads(said)["at"]["twins"][0]
     assert best["x"] == pytest.approx(6.6, abs=0.05)
 
@@ -600,7 +597,7 @@ def test_the_command_tells_the_twins_of_a_place(run, map_file):
         ("--matches", 1),
         ("--seed", 3),
         ("--lidar", "none-such"),
-        ("--robot-radius", 40),
+        ("--set", "footprint=40"),
     ],
 )
 def test_the_command_refuses_in_one_line(run, map_file, options):
