@@ -272,16 +272,11 @@ def test_an_unreachable_goal_has_no_verdict(run, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--robot", "FILE"), "--robot is not read unless the lidar is named (--lidar)"),
-        (("--set", "alpha1=1"), "--set is not read unless the lidar is named (--lidar)"),
-        (("--lidar", "tim571", "--no-verdict", "--set", "alpha1=1"), "not read with --no-verdict"),
         (("--seed", "3"), "has no option 'seed'"),
         (("--lidar", "tim571", "--set", "nothing=1"), "a robot has no setting 'nothing'"),
     ],
 )
 def test_options_of_drives_that_are_not_made_are_refused(run, files, options, said):
-    (files / "nav2.yaml").write_text("amcl:\n  ros__parameters: {}\n")
-    options = [files / "nav2.yaml" if option == "FILE" else option for option in options]
     assert said in refused(run("plan", files / "map.yaml", *ASKED, *options))
 
 
