@@ -174,7 +174,9 @@ def _kinematics(path: str | os.PathLike[str], parameters: Nav2Parameters) -> Kin
                 return Kinematics(drive=CAR_LIKE, turning_radius=radius, reverse=SMAC[model])
             except ConfigError as error:
                 raise ConfigError(f"{path}: planner_server: {planner}: {error}") from None
-    return None
+    model = parameters.of(AMCL).get("robot_model_type")
+    sideways = OLDER_NAMES.get(str(model), model) == OMNIDIRECTIONAL
+    return Kinematics(drive="omnidirectional") if sideways else None
 
 
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:

@@ -277,9 +277,11 @@ def _parts_in(path: str | os.PathLike[str]) -> dict[str, Any]:
         content = _content_of(file)
         if isinstance(content.get("robot"), dict):
             try:
-                return _made(content["robot"])
+                parts = _made(content["robot"])
+                Robot(**parts)  # refuses what is out of range, beside the file's name
             except ConfigError as error:
                 raise ConfigError(f"{path}: {error}") from None
+            return parts
         if file.suffix.lower() == ".json":  # a calibration that is older, or one of a field alone
             raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
     return parts_of(path)
