@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -114,8 +113,7 @@ def _from_drive(
 
     grid, recording = recorded.on_map(maps)
     config = options.of_drive(recording.lidar)
-    refuse("with --drive, whose lidar is taken", lidar=robot_options.lidar)
-    robot = replace(robot_options.load(), lidar=recording.lidar)
+    robot = robot_options.on_drive(recording.lidar, replayed=False)
     with progress_bar("calibrating", "") as progress:
         result = calibration.calibrate_drive(
             recording, grid, config, robot=robot, threads=threads, progress=progress

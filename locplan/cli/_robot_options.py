@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 BEYOND = 10.0
 """Ratio to the data sheet's range above which a range was hardly meant in metres."""
+START = ("start_sigma", "start_sigma_deg")
+"""Disturbances of the filter alone, with which recorded drives are replayed."""
 
 
 def _keep_files(_: object, files: Sequence[Path]) -> None:
@@ -48,7 +50,7 @@ class RobotOptions:
     boundary_noise=0.1; repeatable; examples/guides/evidence.md lists all."""
 
     def load(self, lidar: Lidar | None = None) -> Robot:
-        """The robot; where the options name no lidar it has this one."""
+        """The robot, with this lidar where the options name none; its title goes to stderr."""
         from locplan.robots import Lidar, Robot
 
         robot = Robot.load(*self.robot)
@@ -64,21 +66,23 @@ class RobotOptions:
             print(one_line(f"robot: {robot.title}"), file=sys.stderr)
         return robot
 
-    def on_drive(self, lidar: Lidar) -> Robot:
-        """The robot that a recorded drive is replayed with, whose lidar it has.
+    def on_drive(self, lidar: Lidar, *, replayed: bool = True) -> Robot:
+        """The robot of a recorded drive, whose lidar it has.
 
         Raises
         ------
         ConfigError
-            If a setting is given that the recording has of its own.
+            If a setting is given that the recording has of its own: one of the lidar, and, where it
+            is replayed, one of the noise.
         """
-        from locplan.robots import Amcl
+        from locplan.robots import Disturbances, Lidar, Odometry
 
         refuse("with --drive, whose lidar is taken", lidar=self.lidar)
-        robot = self.load()
-        read = (*field_names(Amcl), "start_sigma", "start_sigma_deg")
+        robot = self.load(lidar)
+        own = [Lidar, *([Odometry, Disturbances] if replayed else [])]
+        names = {name for kind in own for name in field_names(kind)} - {*START}
         for name in (text.partition("=")[0] for text in self.set):
-            if name not in read:
+            if name in names:
                 raise ConfigError(f"--set {name} is not read with --drive, which has its own")
         return dataclasses.replace(robot, lidar=lidar)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -26,6 +27,11 @@ from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import read_paths, refuse, show, two_numbers
 from locplan.errors import ConfigError
 
+if TYPE_CHECKING:
+    from locplan.costs import Costmap
+    from locplan.maps import OccupancyGrid
+    from locplan.robots import Robot
+
 app = command(
     "simulate",
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
@@ -38,6 +44,8 @@ DRIVES = 100
 """Number of drives along each path."""
 LEAST_DISTANCE = 10.0
 """Least distance from start to goal of random queries [m]."""
+OF_PLANS = ("preset", "disc", "template", "headings", "stride")
+"""Settings of a field that is only planned on."""
 
 
 @option_group(GENERAL)
@@ -56,6 +64,23 @@ class Driven:
     """Least distance from start to goal of random queries, in metres; 10 by default."""
     drives: Pair | None = None
     """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
+
+    @property
+    def least(self) -> float:
+        """Least distance from start to goal of random queries [m]."""
+        return LEAST_DISTANCE if self.least_distance is None else self.least_distance
+
+    def check(self, seed: int) -> None:
+        """Raise a ConfigError unless one kind of paths was asked for; to be called early."""
+        from locplan.planners import check_random
+
+        asked = bool(self.path), bool(self.start or self.goal), self.random is not None
+        if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
+            raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
+        if self.random is None:
+            refuse("without --random", least_distance=self.least_distance)
+        else:
+            check_random(self.random, seed, self.least)
 
 
 @app.default
@@ -79,117 +104,113 @@ def simulate(
     With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
     errors are those against the recorded poses.
     """
-    from locplan import planners
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
-    from locplan.costs import Costmap
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _reports as reports, _routes as routes, simulate as drive
 
     recorded.check()
+    every = {"seed": seed, "threads": computing.threads}
     if recorded.drive:
         unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
         refuse("with --drive", **unread, **vars(costs), **vars(options))
         refuse("with --drive", scheduler=computing.scheduler, cache_dir=computing.cache_dir)
-        _replay(
-            maps,
-            driven.drives,
-            recorded,
-            robot_options,
-            seed,
-            computing.threads,
-            output,
-            force,
-            json,
-        )
+        _replay(recorded, maps, driven.drives, robot_options, every, output, force, json)
         return
-    start, goal = driven.start, driven.goal
-    asked = bool(driven.path), bool(start or goal), driven.random is not None
-    if asked.count(True) != 1 or bool(start) != bool(goal):
-        raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
-    least = LEAST_DISTANCE if driven.least_distance is None else driven.least_distance
-    if driven.random is None:
-        refuse("without --random", least_distance=driven.least_distance)
-    else:
-        planners.check_random(driven.random, seed, least)
+    driven.check(seed)
     if driven.path:
-        own = {
-            name: getattr(options, name) for name in ("preset", "template", "headings", "stride")
-        }
-        refuse("with --path: no path is planned", **vars(costs), **own)
+        unread = {name: value for name, value in vars(options).items() if name in OF_PLANS}
+        refuse("with --path: no path is planned", **vars(costs), **unread)
     robot, config = options.simulated(robot_options)
     costs.check(config)
-    drives, threads = driven.drives or DRIVES, computing.threads
+    every["drives"] = driven.drives or DRIVES
     files = find_maps(*maps)
     if driven.random is None and len(files) > 1:
         raise ConfigError(
             f"one path is of one map: name one of these {len(files)}, or give --random"
         )
     grids = [load_map(file) for file in files]
-    folder = None
-    if output and driven.random is not None:
-        pictures = reports.picture_names([grid.name for grid in grids])
-        folder = reports.QUERIES.into(output, *pictures, force=force)
-    elif output:
-        folder = reports.SIMULATION.into(output, force=force)
-
-    def drive_at_random(costmap: Costmap, count: int) -> routes.Routes:
-        queries = planners.random_queries(costmap, count, seed, least_distance=least)
-        with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
-            return routes.simulate_queries(
-                costmap,
-                queries,
-                robot,
-                drives=drives,
-                seed=seed,
-                threads=threads,
-                progress=progress,
-            )
-
     with computing.of(config) as compute:
-        if driven.random is not None:
-            every = [
-                drive_at_random(costs.costmap(each, compute(each), robot), driven.random)
-                for each in grids
-            ]
-            with working("writing the results"):
-                written = reports.write_routes(folder, every) if folder else []
-            show(json, reports.routes_summary(every), reports.routes_table(every), *written)
-            return
-        if not (start and goal):
-            paths, costmap = read_paths(driven.path), None
+
+        def costmap_of(grid: OccupancyGrid) -> Costmap:
+            return costs.costmap(grid, compute(grid), robot)
+
+        if driven.random is None:
+            _along_paths(grids[0], driven, robot, costmap_of, every, output, force, json)
         else:
-            query = planners.Query("asked", two_numbers("start", start), two_numbers("goal", goal))
-            blank = Costmap.blank(grids[0], robot_radius=robot.radius)
-            planners.check_ends(blank, query.start, query.goal)
-            costmap = costs.costmap(grids[0], compute(grids[0]), robot)
-            paths = routes.planned(costmap, query)
+            _at_random(grids, driven, robot, costmap_of, every, output, force, json)
+
+
+def _along_paths(
+    grid: OccupancyGrid,
+    driven: Driven,
+    robot: Robot,
+    costmap_of: Callable[[OccupancyGrid], Costmap],
+    every: dict[str, Any],
+    output: Path | None,
+    force: bool,
+    json: bool,
+) -> None:
+    """Drive the paths that were given, or the shortest and the aware one between two places."""
+    from locplan import planners
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.costs import Costmap
+    from locplan.simulation import _reports as reports, _routes as routes, simulate as drive
+
+    folder = reports.SIMULATION.into(output, force=force) if output else None
+    paths, costmap = read_paths(driven.path), None
+    if driven.start and driven.goal:
+        ends = two_numbers("start", driven.start), two_numbers("goal", driven.goal)
+        planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
+        costmap = costmap_of(grid)
+        paths = routes.planned(costmap, planners.Query("asked", *ends))
     if not paths:
         show(json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
         return
     with progress_bar("simulating", "drives") as progress:
-        result = drive(
-            grids[0],
-            paths,
-            robot,
-            drives=drives,
-            seed=seed,
-            threads=threads,
-            costs=costmap,
-            progress=progress,
-        )
+        result = drive(grid, paths, robot, costs=costmap, progress=progress, **every)
     with working("writing the results"):
         written = reports.write_simulation(folder, result) if folder else []
     show(json, result.summary(), reports.simulation_table(result), *written)
 
 
+def _at_random(
+    grids: list[OccupancyGrid],
+    driven: Driven,
+    robot: Robot,
+    costmap_of: Callable[[OccupancyGrid], Costmap],
+    every: dict[str, Any],
+    output: Path | None,
+    force: bool,
+    json: bool,
+) -> None:
+    """Drive both paths of random queries on each map."""
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.planners import random_queries
+    from locplan.simulation import _reports as reports, _routes as routes
+
+    pictures = reports.picture_names([grid.name for grid in grids])
+    folder = reports.QUERIES.into(output, *pictures, force=force) if output else None
+    found = []
+    for grid in grids:
+        costmap = costmap_of(grid)
+        queries = random_queries(
+            costmap, driven.random or 0, every["seed"], least_distance=driven.least
+        )
+        with progress_bar(f"simulating in {grid.name}", "drives") as progress:
+            found.append(
+                routes.simulate_queries(costmap, queries, robot, progress=progress, **every)
+            )
+    with working("writing the results"):
+        written = reports.write_routes(folder, found) if folder else []
+    show(json, reports.routes_summary(found), reports.routes_table(found), *written)
+
+
 def _replay(
+    recorded: DriveOptions,
     maps: list[Path],
     runs: int | None,
-    recorded: DriveOptions,
     robot_options: RobotOptions,
-    seed: int,
-    threads: int | None,
+    every: dict[str, Any],
     output: Path | None,
     force: bool,
     json: bool,
@@ -205,13 +226,7 @@ def _replay(
     robot_options.warn(robot)
     with progress_bar("replaying", "runs") as progress:
         result = core.replay(
-            recording,
-            grid,
-            robot,
-            runs=core.RUNS if runs is None else runs,
-            seed=seed,
-            threads=threads,
-            progress=progress,
+            recording, grid, robot, runs=runs or core.RUNS, progress=progress, **every
         )
     with working("writing the results"):
         written = reports.write_replay(folder, result) if folder else []

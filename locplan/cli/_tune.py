@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -76,73 +76,30 @@ def tune(
     """
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
+    from locplan.recordings import tune_on_drive
     from locplan.robots import read_parameters
     from locplan.simulation.tuning import _files as files, _reports as reports
     from locplan.simulation.tuning._tune import PATHS, tune as search
 
     recorded.check()
+    folder = reports.TUNING.into(output, force=force) if output else None
+    params = robot_options.nav2_file("amcl")
+    if output:
+        files.check_parameters(params)
+    every: dict[str, Any] = {"drives": amount.drives, "seed": seed, "threads": threads}
+    every["others"] = read_parameters(params).of("amcl")
+    # The table tells what works badly, which other commands warn of.
     if recorded.drive:
         refuse("with --drive", paths=amount.paths)
-        _on_drive(map_file, amount, recorded, robot_options, seed, threads, output, force, json)
-        return
-    robot = robot_options.load()  # the table tells what works badly
-    params = robot_options.nav2_file("amcl")
-    grid = load(map_file)
-    folder = reports.TUNING.into(output, force=force) if output else None
-    if output:
-        files.check_parameters(params)
-    with progress_bar(f"tuning in {grid.name}", "") as progress:
-        result = search(
-            grid,
-            robot,
-            paths=amount.paths or PATHS,
-            drives=amount.drives,
-            others=read_parameters(params).of("amcl"),
-            seed=seed,
-            threads=threads,
-            progress=progress,
-        )
-    with working("writing the results"):
-        written = reports.write_tuning(folder, result, params) if folder else []
-    about = {**result.summary(), "conclusion": reports.conclusion(result)}
-    show(json, about, reports.tuning_table(result), *written)
-
-
-def _on_drive(
-    map_file: Path,
-    amount: Amount,
-    recorded: DriveOptions,
-    robot_options: RobotOptions,
-    seed: int,
-    threads: int | None,
-    output: Path | None,
-    force: bool,
-    json: bool,
-) -> None:
-    """Tune on stretches of a recorded drive."""
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
-    from locplan.recordings import tune_on_drive
-    from locplan.robots import read_parameters
-    from locplan.simulation.tuning import _files as files, _reports as reports
-
-    folder = reports.TUNING.into(output, force=force) if output else None
-    params = robot_options.nav2_file("amcl")
-    if output:
-        files.check_parameters(params)
-    grid, recording = recorded.on_map([map_file])
-    robot = robot_options.on_drive(recording.lidar)
-    with progress_bar(f"tuning on {recorded.drive.name if recorded.drive else ''}", "") as progress:
-        result = tune_on_drive(
-            recording,
-            grid,
-            robot,
-            drives=amount.drives,
-            others=read_parameters(params).of("amcl"),
-            seed=seed,
-            threads=threads,
-            progress=progress,
-        )
+        grid, recording = recorded.on_map([map_file])
+        robot = robot_options.on_drive(recording.lidar)
+        with progress_bar(f"tuning on {recorded.drive.name}", "") as progress:
+            result = tune_on_drive(recording, grid, robot, progress=progress, **every)
+    else:
+        robot, grid = robot_options.load(), load(map_file)
+        paths = amount.paths or PATHS
+        with progress_bar(f"tuning in {grid.name}", "") as progress:
+            result = search(grid, robot, paths=paths, progress=progress, **every)
     with working("writing the results"):
         written = reports.write_tuning(folder, result, params) if folder else []
     about = {**result.summary(), "conclusion": reports.conclusion(result)}
