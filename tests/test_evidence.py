@@ -215,7 +215,7 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     reports.write_evaluation(reports.EVALUATION.into(tmp_path / "out"), evaluation)
     about = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert [each["name"] for each in about["maps"]] == ["two_corridors", "places"]
-    assert about["amcl"]["sigma_hit"] == 0.2
+    assert about["robot"]["filter"]["sigma_hit"] == 0.2
     with (tmp_path / "out" / "places.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == sum(len(each.points) for each in evaluation.places)

@@ -68,14 +68,14 @@ def choose_many(
         Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
         goal_y [m], or of name, x, y [m] of stations, each two of which are one; `Query` objects, or
         (start, goal) pairs [m].
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     executor : concurrent.futures.Executor, optional
         Executor that runs each choice as one task on one thread: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
         choices are made here, one after the other. The results do not depend on it.
-    robot : Robot, optional
-        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
-    amcl, disturbances, robot_radius, longest, minimise, price, drives, seed
+    longest, minimise, price, drives, seed
         See `choose`.
     least_distance : float, default 10.0
         Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
