@@ -100,7 +100,7 @@ def export(
             raise ConfigError(f"no path leads from --start to --goal: {reason}")
         paths["aware"] = found.path
     with nullcontext() if format.tells else working(f"writing {target.name}"):
-        summary = format.write(target, ExportJob(costmap, field, paths), chosen)
+        summary = format.write(target, ExportJob(costmap, field, paths, robot=robot), chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
     show(json, about, table([], rows), target)

@@ -91,7 +91,7 @@ class Robot:
         if isinstance(own, (int, float)) and own > radius + 1e-9 and math.isfinite(own):
             yield (
                 f"its robot_radius is {own:g} m, but the ways are for {radius:g} m; give"
-                f" --robot-radius {own:g}"
+                f" --set footprint={own:g}"
             )
 
     def _misspelt(self) -> Iterator[str]:
