@@ -1,4 +1,4 @@
-"""The size of a robot in its parameters of Nav2."""
+"""The robot on the command line, and its size in parameters of Nav2."""
 
 import json
 import math
@@ -6,9 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from locplan.cli._exit_codes import NOT_IN_METRES
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
-from locplan.robots import Robot
+from locplan.recordings import Recording
+from locplan.robots import Lidar, Robot
 
 OUTLINE = '"[[0.5, 0.3], [0.5, -.3], [-0.5, -0.3], [-0.5, 0.3]]"'
 AMCL = "amcl: {ros__parameters: {alpha1: 0.1}}\n"
@@ -154,3 +156,47 @@ def test_a_robots_file_is_not_written_over(run, hall):
     assert code == 2
     assert "another input; choose another name" in err
     assert (hall / "nav2.yaml").read_text() == before
+
+
+def test_the_ways_of_queries_are_driven_by_the_robot(run, hall, monkeypatch):
+    driven = []
+
+    def stop(costs, queries, robot, **_):
+        driven.append(robot)
+        raise ConfigError("stopped")
+
+    monkeypatch.setattr("locplan.simulation.choose_many", stop)
+    (hall / "q.csv").write_text("name,x,y\na,0.75,0.75\nb,7.5,0.75\n")
+    asked = "export", hall / "m.yaml", "--to", "nav2-routes", "--queries", hall / "q.csv"
+    given = "--robot", hall / "nav2.yaml", "--set", "range=1", "--set", "outliers=0.5"
+    assert "stopped" in run(*asked, *given, "-o", hall / "out")[2]
+    assert driven == [Robot.load(hall / "nav2.yaml").changed({"range": 1, "outliers": 0.5})]
+
+
+def test_calibrate_writes_the_robot(run, hall):
+    given = "--robot", hall / "nav2.yaml", "--set", "range=1", "--places", "10", "--drives", "2"
+    code, _, err = run("calibrate", hall / "m.yaml", *given, "-o", hall / "own.json")
+    assert code in (0, NOT_IN_METRES), err
+    robot = Robot.load(hall / "nav2.yaml").changed({"range": 1})
+    assert Robot.load(hall / "own.json") == robot
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--set", "range=8"), "--set range is not read with --drive"),
+        (("--set", "outliers=0.1"), "--set outliers is not read with --drive"),
+        (("--set", "turn_bias=0"), "--set turn_bias is not read with --drive"),
+        (("--lidar", "tim571"), "--lidar is not read with --drive, whose lidar is taken"),
+        (("--set", "start=0.1"), "a robot has no setting 'start'"),
+    ],
+)
+def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):
+    poses = np.linspace((1.0, 1.0, 0.0), (2.0, 1.0, 0.0), 5)
+    lidar = Lidar(range=10.0, beams=8)
+    Recording(np.full((5, 8), 1.0), lidar, poses).save(hall / "d.npz")
+    drive = "--drive", hall / "d.npz", "--align", "0,0,0"
+    for command in ("simulate", "tune"):
+        code, _, err = run(command, hall / "m.yaml", *drive, *given)
+        assert code == 2
+        assert said in err
