@@ -56,7 +56,7 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
         front: "ParetoFront(",
         locplan.plan_field(costs, ENDS[1]): "CostToGo(two_corridors, to 38,3 m",
         drives: "Simulation(two_corridors, a: Drives(2 of 2.00 m, median error ",
-        Simulator(grid): "Simulator(two_corridors, lidar of 6 m, seed 1)",
+        Simulator(grid): "Simulator(two_corridors, lidar, 6 m, 360°; radius 0.2 m + 0.05 m; ",
         locplan.export.roadmap(costs): "RouteGraph(",
         locplan.Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, 0.0)]): "Footprint(3 corners, radii ",
     }
@@ -180,10 +180,10 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         (lambda g, f, c: locplan.pareto_front(c, *ENDS).plan(999), "paths, from 0 on; there is no"),
         (lambda g, f, c: simulate(g, Path([(2, 3), (4, 3)])), "paths must be a mapping of names"),
         (
-            lambda g, f, c: Simulator(g, robot=Robot("utm-30lx")),
-            "lidar must be a Lidar, not 'utm-30lx'",
+            lambda g, f, c: Simulator(g, robot="utm-30lx"),
+            "robot must be a Robot, not 'utm-30lx'; such as locplan.Robot(",
         ),
-        (lambda g, f, c: Simulator(g, robot=Robot(filter=3)), "amcl must be an Amcl"),
+        (lambda g, f, c: Simulator(g, Robot(filter=3)), "filter must be an Amcl"),
         (lambda g, f, c: Found(Path([(0, 0)]), "timeout"), "a path is found: its status is solved"),
     ],
 )
