@@ -200,3 +200,13 @@ def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):
         code, _, err = run(command, hall / "m.yaml", *drive, *given)
         assert code == 2
         assert said in err
+
+
+def test_a_robot_that_is_replayed_has_the_recorded_lidar(run, hall):
+    poses = np.linspace((1.0, 1.0, 0.0), (4.0, 1.0, 0.0), 20)
+    lidar = Lidar(range=10.0, beams=8, model="own")
+    Recording(np.full((20, 8), 1.0), lidar, poses).save(hall / "d.npz")
+    Robot("tim571").save(hall / "robot.yaml")
+    given = "--drive", hall / "d.npz", "--align", "0,0,0", "--robot", hall / "robot.yaml"
+    _, _, err = run("simulate", hall / "m.yaml", *given)
+    assert err.count("robot: own, 10 m") == 1

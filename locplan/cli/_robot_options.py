@@ -49,12 +49,16 @@ class RobotOptions:
     """Any setting of the robot, such as range=8, footprint=0.3, margin=0, alpha1=0.05 or
     boundary_noise=0.1; repeatable; examples/guides/evidence.md lists all."""
 
-    def load(self, lidar: Lidar | None = None) -> Robot:
-        """The robot, with this lidar where the options name none; its title goes to stderr."""
+    def load(self, lidar: Lidar | None = None, *, recorded: bool = False) -> Robot:
+        """The robot; the title of one from files goes to stderr.
+
+        It has this lidar where the options name none, or, where it was recorded, in any case.
+        """
         from locplan.robots import Lidar, Robot
 
         robot = Robot.load(*self.robot)
-        own = Lidar.preset(self.lidar) if self.lidar else robot.lidar or lidar
+        named = Lidar.preset(self.lidar) if self.lidar else robot.lidar
+        own = lidar if recorded else named or lidar
         settings = settings_of(self.set, "set", "alpha1=0.05", words=True)
         robot = dataclasses.replace(robot, lidar=own).changed(settings)
         if self.lidar and robot.known_lidar.range > BEYOND * PRESETS[self.lidar].range:
@@ -78,13 +82,13 @@ class RobotOptions:
         from locplan.robots import Disturbances, Lidar, Odometry
 
         refuse("with --drive, whose lidar is taken", lidar=self.lidar)
-        robot = self.load(lidar)
+        robot = self.load(lidar, recorded=True)
         own = [Lidar, *([Odometry, Disturbances] if replayed else [])]
         names = {name for kind in own for name in field_names(kind)} - {*START}
         for name in (text.partition("=")[0] for text in self.set):
             if name in names:
                 raise ConfigError(f"--set {name} is not read with --drive, which has its own")
-        return dataclasses.replace(robot, lidar=lidar)
+        return robot
 
     def warn(self, robot: Robot) -> None:
         """Warn of settings of the filter that work badly with the robot's lidar."""
