@@ -19,8 +19,9 @@ from locplan.planners import names
 
 if TYPE_CHECKING:
     from locplan.costs import Costmap
-    from locplan.field import CovarianceField
-    from locplan.planners import Plan
+    from locplan.field import CovarianceField, FieldConfig
+    from locplan.maps import OccupancyGrid
+    from locplan.planners import Plan, Planner
 
 app = groups.command(
     "plan",
@@ -111,7 +112,7 @@ def plan(
     Where the lidar is known, both paths are driven in simulation, and one of them is recommended.
     """
     from locplan import planners
-    from locplan._util.progress import in_turn, progress_bar
+    from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.costs import Costmap
     from locplan.export._plan_folders import PLAN, write_plans
@@ -144,20 +145,6 @@ def plan(
     history = ["history.png"] if planners.takes(planner, "progress") else []
     folder = PLAN.into(output, *history, force=force) if output else None
     asked = {"start": start, "goal": goal, "planner": planning.planner, **limits, **given}
-    slow, draft = planners.takes(planner, "progress"), asked
-    if slow:  # the default planner finds where the field must be fine
-        places = {"start": start[:2], "goal": goal[:2], "via": [xy[:2] for xy in stops]}
-        draft = {**limits, **places}
-
-    def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
-        costmap = costs.costmap(grid, field, robot)
-        return costmap, planners.plan_beside_shortest(costmap, **request)
-
-    def drafted(field: CovarianceField) -> tuple[Costmap, dict[str, Plan]]:
-        ready()
-        with working("planning"):
-            return planned(field, draft)
-
     near_paths = options.is_fine_near_paths(config)
     compiling = not computing.begun(grid, config, in_part=near_paths)
     driving: AbstractContextManager[Callable[[], None]] = nullcontext(lambda: None)
@@ -166,24 +153,16 @@ def plan(
 
         driving = drives_prepared_beside(needed=compiling)
     with prepared_beside(planner, needed=compiling) as ready, driving as drivable:
-        with computing.of(config) as compute:
-            if near_paths:
-                field, (costmap, plans) = planners.planned_near_paths(
-                    grid,
-                    config,
-                    lambda points: compute(grid, points),
-                    drafted,
-                    lambda found: [plan.path for plan in found[1].values() if plan.path],
-                )
-            else:
-                field = compute(grid)
-        if slow or not near_paths:
-            ready()
-            untimed = planning.iterations and planning.time_limit is None
-            with progress_bar(planner.name, "iterations" if untimed else "") as progress:
-                if slow:
-                    asked["progress"] = in_turn(progress, 2 * (len(stops) + 1))
-                costmap, plans = planned(field, asked)
+        field, (costmap, plans) = _planned(
+            grid,
+            config,
+            planner,
+            asked,
+            near_paths=near_paths,
+            costmap_of=lambda field: costs.costmap(grid, field, robot),
+            computing=computing,
+            ready=ready,
+        )
         drivable()
     found = None
     if driven:
@@ -207,3 +186,55 @@ def plan(
         lines.append("no weak spot for this lidar: u is 0 all over the map")
     about = plans_summary(plans) | {"verdict": found.summary() if found else None}
     show(json, about, "\n".join([*lines, said]), output)
+
+
+def _planned(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    planner: Planner,
+    asked: dict[str, Any],
+    *,
+    near_paths: bool,
+    costmap_of: Callable[[CovarianceField], Costmap],
+    computing: Computing,
+    ready: Callable[[], None],
+) -> tuple[CovarianceField, tuple[Costmap, dict[str, Plan]]]:
+    """The field, which need only be fine near the paths where that is so, and the plans on it."""
+    from locplan import planners
+    from locplan._util.progress import in_turn, progress_bar
+    from locplan._util.working import working
+
+    slow, draft = planners.takes(planner, "progress"), asked
+    if slow:  # the default planner finds where the field must be fine
+        draft = {name: asked[name] for name in ("max_e", "budget", "footprint")}
+        draft |= {"start": asked["start"][:2], "goal": asked["goal"][:2]}
+        draft["via"] = [xy[:2] for xy in asked["via"]]
+
+    def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
+        costmap = costmap_of(field)
+        return costmap, planners.plan_beside_shortest(costmap, **request)
+
+    def drafted(field: CovarianceField) -> tuple[Costmap, dict[str, Plan]]:
+        ready()
+        with working("planning"):
+            return planned(field, draft)
+
+    with computing.of(config) as compute:
+        if near_paths:
+            field, found = planners.planned_near_paths(
+                grid,
+                config,
+                lambda points: compute(grid, points),
+                drafted,
+                lambda found: [plan.path for plan in found[1].values() if plan.path],
+            )
+        else:
+            field = compute(grid)
+    if slow or not near_paths:
+        ready()
+        untimed = "iterations" in asked and "time_limit" not in asked
+        with progress_bar(planner.name, "iterations" if untimed else "") as progress:
+            if slow:
+                asked["progress"] = in_turn(progress, 2 * (len(asked["via"]) + 1))
+            found = planned(field, asked)
+    return field, found
