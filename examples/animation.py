@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import locplan
+from locplan.robots import Robot
 from locplan.simulation import Drives, simulate
 
 MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
@@ -34,7 +35,7 @@ def main(folder: str = "animation", step: float = 0.5, drives: int = DRIVES) -> 
         "shortest": locplan.plan(costs.with_weight(0.0), START, GOAL).path,
         "aware": locplan.plan(costs, START, GOAL).path,
     }
-    driven = simulate(grid, paths, lidar=lidar, drives=drives).drives
+    driven = simulate(grid, paths, robot=Robot(lidar), drives=drives).drives
     for name, each in driven.items():
         print(f"{name}: {each.distance[-1]:.1f} m, {each.lost_rate.value:.0%} of the drives lost")
 

@@ -15,18 +15,12 @@ import numpy as np
 
 import locplan
 from locplan._util.intervals import Interval
+from locplan.field import SHORT_LIDAR
 from locplan.planners import alternatives, random_queries
-from locplan.simulation import (
-    Amcl,
-    Drives,
-    Evaluation,
-    Simulator,
-    _reports as reports,
-    evaluate,
-)
+from locplan.robots import Amcl, Robot
+from locplan.simulation import Drives, Evaluation, Simulator, _reports as reports, evaluate
 from locplan.simulation._motion import poses_along
 from locplan.simulation._scores import log_errors, selected
-from locplan.simulation._settings import SHORT_LIDAR
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}
@@ -65,7 +59,7 @@ def main(
     print("\n\n".join(text), flush=True)
     evaluations = {}
     for name, amcl in PLACES_FILTERS.items():
-        evaluations[name] = evaluate(grids, amcl=amcl, places=places)
+        evaluations[name] = evaluate(grids, robot=Robot(filter=amcl), places=places)
         results = reports.EVALUATION.into(target / f"{name}, places")
         reports.write_evaluation(results, evaluations[name])
         print(f"{name}\n{reports.evaluation_table(evaluations[name])}", flush=True)
@@ -165,7 +159,9 @@ def routes_of(grid: locplan.OccupancyGrid, count: int) -> Iterator[Driven]:
             lengths = {name: path.length for name, path in paths.items()}
             for name, (amcl, own) in ROUTE_FILTERS.items():
                 if own is lidar:
-                    errors = Simulator(grid, lidar=lidar, amcl=amcl).drive_together(lines, count)
+                    errors = Simulator(grid, robot=Robot(lidar, filter=amcl)).drive_together(
+                        lines, count
+                    )
                     pairs = zip(paths, lines, errors, strict=True)
                     drives = {path: Drives(line, each) for path, line, each in pairs}
                     yield Driven(grid, name, lengths, drives, list(found))

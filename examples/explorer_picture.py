@@ -57,8 +57,7 @@ def main(folder: str = "explorer_picture", map_name: str = "hall") -> None:
     if browser is None:
         sys.exit(f"explorer_picture needs a browser; none of {', '.join(BROWSERS)} is here")
     grid = locplan.load_map(MAPS / f"{map_name}.yaml")
-    lidar = locplan.Lidar.preset("turtlebot4")
-    with locplan.explore(grid, lidar=lidar, open_browser=False) as explorer:
+    with locplan.explore(grid, robot=locplan.Robot("turtlebot4"), open_browser=False) as explorer:
         picture = photographed(explorer.address, browser)
     file = Path(folder) / "explorer.png"
     file.parent.mkdir(parents=True, exist_ok=True)

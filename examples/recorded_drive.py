@@ -64,8 +64,7 @@ def simulated(grid: locplan.OccupancyGrid) -> locplan.recordings.Recording:
     costs = locplan.Costmap.blank(grid, robot_radius=0.4)
     parts = [locplan.plan(costs, *ends).path for ends in pairwise(STOPS)]
     way = Route(np.concatenate([part.xy for part in parts if part is not None]))
-    lidar = locplan.Lidar.preset("turtlebot4")
-    return record_drive(grid, way, lidar)
+    return record_drive(grid, way, locplan.Robot("turtlebot4"))
 
 
 if __name__ == "__main__":

@@ -10,13 +10,13 @@ from . import (
     planners as planners,
     plotting as plotting,
     recordings as recordings,
+    robots as robots,
     simulation as simulation,
     twins as twins,
 )
 from .comparison import Comparison as Comparison, PlannerSpec as PlannerSpec, compare as compare
 from .costs import (
     Costmap as Costmap,
-    Footprint as Footprint,
     Path as Path,
     PathMetrics as PathMetrics,
 )
@@ -27,7 +27,6 @@ from .field import (
     FieldConfig as FieldConfig,
     Fisher as Fisher,
     Fused as Fused,
-    Lidar as Lidar,
     Sad as Sad,
     Scan as Scan,
     SearchWindow as SearchWindow,
@@ -54,6 +53,7 @@ from .planners import (
     plan as plan,
     plan_field as plan_field,
 )
+from .robots import Footprint as Footprint, Lidar as Lidar, Robot as Robot
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
 from .twins import (
     Location as Location,

@@ -18,10 +18,11 @@ from made_drives import recorded
 import locplan
 from locplan.explorer._explore import opened
 from locplan.explorer._scene import Opening
-from locplan.field import CovarianceField, FieldConfig, Fisher, Lidar, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
 from locplan.recordings import Recording
+from locplan.robots import Lidar
 
 STATIC = Path(locplan.__file__).parent / "explorer" / "static"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -175,9 +176,8 @@ def served(
     grid: OccupancyGrid, field: CovarianceField, *, port: int = 0, **options: Any
 ) -> Iterator[Any]:
     """An explorer's server."""
-    lidar = field.config.estimator.lidar
     ends = {name: _placed(grid, along) for name, along in (("start", 2.0), ("goal", 38.0))}
-    opening = Opening(field.config, lidar=lidar, **(ends | options))
+    opening = Opening(field.config, **(ends | options))
     with opened(grid, opening, port=port, field=field) as explorer:
         yield explorer
 

@@ -6,12 +6,14 @@ from functools import cache
 
 from locplan.costs import Costmap
 from locplan.explorer._view import View
-from locplan.field import CovarianceField, FieldConfig, Fisher, Lidar, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
+from locplan.robots import Lidar, Robot
 
 START, MIDDLE, GOAL = (2.0, 3.0), (20.0, 3.0), (38.0, 3.0)
 LIDAR = Lidar(range=6.0)
+ROBOT = Robot(LIDAR)
 
 
 @cache
@@ -21,8 +23,8 @@ def corridors() -> tuple[OccupancyGrid, CovarianceField]:
     return grid, load_or_compute(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
 
 
-def view(*, via=(), weight: float = 3.0, lidar: Lidar | None = LIDAR, **options) -> View:
+def view(*, via=(), weight: float = 3.0, robot: Robot = ROBOT, **options) -> View:
     """The way through both corridors, at a weight that is not the default."""
     grid, field = corridors()
     costs = Costmap.from_field(grid, field, weight=weight, **options)
-    return View(grid, field, costs, lidar, START, GOAL, tuple(via))
+    return View(grid, field, costs, robot, START, GOAL, tuple(via))

@@ -101,6 +101,8 @@ SETTINGS = (
     *("pf_err=1e-300", "alpha1=1e308", "boundary_noise=2", "laser_max_range=-5", "outliers=nan"),
     *("laser_model_type=beam", "heading_drift_deg=1e308", "start_sigma=1e12", "z_hit=0"),
     *("range=1.0", "goal_bias=2", "range=1e308", "samples_per_batch=10", "range=nan", "k=[[[[["),
+    *("range=4", "field_of_view_deg=90", "margin=0", "footprint=0.1", "beams=0", "footprint=1e308"),
+    *("footprint=[[0.1,0.1],[0.1,-0.1],[-0.1,0]]", "footprint=[[1]]", "turning_radius=1e308"),
     *("update_min_d=1e300", "resample_interval=1000000000000000000000", "nearest_k=true"),
 )
 USUAL = {
@@ -111,9 +113,8 @@ USUAL = {
     "--convergence": ("0.01",),
     "--criterion": ("e", "position_std", "heading_std", "entropy"),
     "--drives": ("2", "3"),
-    "--field-of-view": ("90", "360"),
+    "--disc": ("2", "4", "6"),
     "--figure": ("field", "e", "ellipses", "distribution", "models"),
-    "--footprint": ("[[0.1,0.1],[0.1,-0.1],[-0.1,0]]",),
     "--frame": ("map", "odom"),
     "--from-grid": (None,),
     "--goal": ("9.5,2.5",),
@@ -127,7 +128,6 @@ USUAL = {
     "--memory": ("1", "2"),
     "--name": ("hall", "two_corridors"),
     "--older-than": ("0", "30"),
-    "--params": ("in/params.yaml",),
     "--paths": ("5", "6"),
     "--path": ("in/path.csv", "in/far.csv"),
     "--patience": ("10",),
@@ -136,10 +136,9 @@ USUAL = {
     "--planner-param": ("1", "3"),
     "--queries": ("in/queries.csv",),
     "--random": ("2",),
-    "--range": ("2", "4", "6"),
     "--ranges": ("2,4", "3"),
     "--resolution": ("0.5", "1"),
-    "--robot-radius": ("0.1", "0.2", "0"),
+    "--robot": ("in/params.yaml", "in/robot.yaml", "in/params.yaml:robot1"),
     "--scalar": ("e", "position_std", "ambiguity"),
     "--scans": ("1", "2"),
     "--scheduler": ("xyz", "tcp://127.0.0.1:9", "tcp://", "127.0.0.1", ":", "http://["),
@@ -375,6 +374,7 @@ def prepare(folder: Path) -> None:
     (inputs / "path.csv").write_text("x_m,y_m\n1.5,1.5\n9.5,2.5\n")
     (inputs / "far.csv").write_text("x_m,y_m\n1.5,1.5\n1e12,1.5\n")
     (inputs / "params.yaml").write_text("amcl:\n  ros__parameters:\n    alpha1: 0.1\n")
+    (inputs / "robot.yaml").write_text("robot: {lidar: turtlebot4, footprint: 0.1, margin: 0.0}\n")
     (inputs / "config.json").write_text('{"config": {"stride": 0.4}}\n')
     (inputs / "queries.csv").write_text(
         "name,start_x,start_y,goal_x,goal_y\n$a_{,1.5,1.5,9.5,2.5\n"
@@ -447,7 +447,7 @@ def faults(
     for each in err.splitlines():
         own = "locplan: warning: " in each and any(words in each for words in OWN_WARNINGS)
         own = own or "; Ctrl-C ends " in each  # where a page is served
-        if not own and not each.startswith(("locplan.", "wrote ")):
+        if not own and not each.startswith(("locplan.", "robot: ", "wrote ")):
             lines.append(each)
     if any("warning" in each.lower() for each in lines):
         yield "warning"

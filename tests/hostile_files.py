@@ -42,7 +42,6 @@ from locplan.export._robots import Robot
 from locplan.field import (
     CovarianceField,
     FieldConfig,
-    Lidar,
     Sad,
     SearchWindow,
     _cache as cache,
@@ -53,11 +52,11 @@ from locplan.field._cache_table import cache_summary, cache_table
 from locplan.field._store import _Found, field_path
 from locplan.field._tiles import wanted_points
 from locplan.field._zarr import attributes, write
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, read_parameters, save_map
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map
 from locplan.maps._files import files_of
 from locplan.planners import read_queries
 from locplan.recordings import Recording, read_drive
-from locplan.simulation import read_amcl
+from locplan.robots import Lidar, read_amcl, read_parameters
 
 MAX_LINE = 1050
 """Length of a message [characters] that no error and no warning reaches."""
@@ -480,7 +479,8 @@ def read_settings(folder: Path) -> None:
 
 
 def settings_files(folder: Path) -> None:
-    from locplan.field import Fisher, Lidar, Scan
+    from locplan.field import Fisher, Scan
+    from locplan.robots import Lidar
 
     for n, estimator in enumerate((Sad(), Sad.paper(), Fisher(Lidar()), Scan(Lidar(mount_x=0.1)))):
         text = json.dumps({"config": FieldConfig(estimator).to_json()}, indent=1)

@@ -8,7 +8,8 @@ import numpy as np
 
 from locplan import Lidar
 from locplan.recordings import Recording
-from locplan.simulation import Disturbances, Simulator
+from locplan.robots import Disturbances, Robot
+from locplan.simulation import Simulator
 
 LIDAR = Lidar(
     range=8.0, least_range=0.1, field_of_view_deg=270.0, beams=91, range_sigma=0.02, mount_x=0.1
@@ -24,7 +25,7 @@ def recorded(grid, line, *, lidar=LIDAR, disturbances=None, seed=1, odometry=Non
     from locplan._kernels.measured import measured_ends
 
     disturbances = dataclasses.replace(disturbances or Disturbances(), worlds=1)
-    simulator = Simulator(grid, lidar=lidar, disturbances=disturbances, seed=seed, threads=1)
+    simulator = Simulator(grid, robot=Robot(lidar, disturbances=disturbances), seed=seed, threads=1)
     random = np.random.default_rng(seed)
     own = simulator.on_grid(line)
     if odometry is None:

@@ -1006,22 +1006,20 @@ def middle_of_hit(cells, row, col, bearing, reach, least=0.0):
     return (entry + leave) / 2
 
 
-def odometry_along(random, truth, disturbances):
+def odometry_along(random, truth, odometry):
     """What odometry makes of a drive."""
-    scale = 1 + disturbances.distance_bias * random.standard_normal()
-    bend = math.radians(disturbances.heading_bias_deg) * random.standard_normal()
-    turn_scale = 1 + disturbances.turn_bias * random.standard_normal()
+    scale = 1 + odometry.distance_bias * random.standard_normal()
+    bend = math.radians(odometry.heading_bias_deg) * random.standard_normal()
+    turn_scale = 1 + odometry.turn_bias * random.standard_normal()
     told = [truth[0]]
     for before, after in itertools.pairwise(truth):
         way = math.dist(before[:2], after[:2])
         turn = wrapped(after[2] - before[2])
         aside = math.atan2(after[1] - before[1], after[0] - before[0]) - before[2] if way else 0.0
-        own_way = (
-            scale * way + disturbances.distance_drift * math.sqrt(way) * random.standard_normal()
-        )
+        own_way = scale * way + odometry.distance_drift * math.sqrt(way) * random.standard_normal()
         spread = math.hypot(
-            math.radians(disturbances.heading_drift_deg) * math.sqrt(way),
-            math.radians(disturbances.turn_drift_deg) * math.sqrt(abs(turn)),
+            math.radians(odometry.heading_drift_deg) * math.sqrt(way),
+            math.radians(odometry.turn_drift_deg) * math.sqrt(abs(turn)),
         )
         x, y, heading = told[-1]
         own_turn = turn_scale * turn + bend * way + random.standard_normal() * spread
@@ -1035,16 +1033,15 @@ def odometry_along(random, truth, disturbances):
     return np.array(told)
 
 
-def drive(
-    random, truth, cells, world, resolution, sensor, angles, amcl, disturbances, own=None, log=None
-):
+def drive(random, truth, cells, world, resolution, robot, angles, own=None, log=None):
     """How far AMCL's pose is off along a drive, (n, 3).
 
     The filter has random numbers of its own if `own` is given. What it gets is kept in `log`: the
     odometry, and the index of each update with the scan and the covariance of the particles.
     """
+    sensor, amcl, disturbances = robot.lidar, robot.filter, robot.disturbances
     world_random, random = random, random if own is None else own
-    told = odometry_along(world_random, truth, disturbances)
+    told = odometry_along(world_random, truth, robot.odometry)
     log = [] if log is None else log
     log.append(told)
     spread = np.array(

@@ -11,9 +11,9 @@ from locplan._kernels.information import DONE, STOP, information
 from locplan._kernels.lidar import FRACTION, Lidar, move_ends, scan_ends
 from locplan._kernels.measured import BeamDisturbances, measured_ends
 from locplan._kernels.rays import cast, empty_squares
-from locplan.field import Lidar as Settings
 from locplan.field._surfaces import surface_normals
 from locplan.maps import FREE, OCCUPIED
+from locplan.robots import Lidar as Settings
 
 FULL_CIRCLE = 2 * np.pi * np.arange(360) / 360
 FAR = 1e6

@@ -13,10 +13,11 @@ from locplan._util import machine
 from locplan.comparison._journal import Journal
 from locplan.comparison._runs import Run, Task
 from locplan.errors import ConfigError
-from locplan.field import Lidar, SearchWindow
+from locplan.field import SearchWindow
 from locplan.field._lattice import standing_cells
 from locplan.planners import Ompl, random_queries
-from locplan.simulation import Amcl, Disturbances, evaluate, simulate
+from locplan.robots import Amcl, Disturbances, Lidar
+from locplan.simulation import evaluate, simulate
 from locplan.simulation._simulator import Simulator
 
 GRID = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)
@@ -101,8 +102,8 @@ def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
     ("command", "message"),
     [
         ("field MAP --threads 9999999", "threads must be at most"),
-        ("field MAP --range 1e308", "range must be a positive number of m"),
-        ("field MAP --range 1e12", "range must be 0 to 10000"),
+        ("field MAP --set range=1e308", "range must be a positive number of m"),
+        ("field MAP --set range=1e12", "range must be 0 to 10000"),
         ("field MAP --stride -0", "stride must be a positive number"),
         ("field MAP --stride inf", "stride"),
         ("field MAP --headings 99999999999999999999", "headings"),
@@ -117,7 +118,7 @@ def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
         ("plan MAP --start 1.5,2.5 --goal 1e12,1e12", "goal"),
         ("plan MAP --start 1.5,2.5 --goal 1e308,-1e308", "goal"),
         ("plan MAP --start 1.5,2.5 --goal 8.5,6.5 --planner RRT --seed 99999999999", "seed"),
-        ("plan MAP --start 1.5,2.5 --goal 8.5,6.5 --footprint " + "[" * 5000, "--footprint"),
+        ("plan MAP --start 1.5,2.5 --goal 8.5,6.5 --set footprint=" + "[" * 5000, "footprint"),
         ("compare MAP -o out --workers 100000", "workers must be at most"),
         ("compare MAP -o out --seeds 99999", "at most 1,000 seeds"),
         ("compare MAP -o out --seed -1", "--seed"),

@@ -9,7 +9,6 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field import (
     FieldConfig,
     Fused,
-    Lidar,
     Sad,
     Scan,
     SearchWindow,
@@ -18,6 +17,7 @@ from locplan.field import (
 )
 from locplan.field._cache_table import cache_table
 from locplan.maps import OccupancyGrid
+from locplan.robots import Lidar
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 

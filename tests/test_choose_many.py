@@ -15,7 +15,8 @@ from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.field import FieldConfig, Fisher
 from locplan.maps import environments
 from locplan.planners import Query
-from locplan.simulation import Amcl, choose, choose_many
+from locplan.robots import Amcl, Robot
+from locplan.simulation import choose, choose_many
 from locplan.simulation.choice import _choose_many as module
 from locplan.simulation.choice._choices import COLUMNS
 
@@ -26,7 +27,8 @@ QUERIES = (
     Query("near", (2.0, 3.0), (5.0, 10.0)),
     Query("back", (30.0, 3.0), (3.0, 10.0)),
 )
-QUICK = {"amcl": AMCL, "drives": 2}
+ROBOT = Robot(filter=AMCL)
+QUICK = {"robot": ROBOT, "drives": 2}
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +60,10 @@ class Late(Executor):
 
 def test_each_choice_is_that_of_choose(costs, made):
     for query, each in zip(QUERIES, made, strict=True):
-        single = choose(
-            costs.grid, query.start, query.goal, costs=costs, lidar=LIDAR, threads=1, **QUICK
-        )
+        single = choose(costs.grid, query.start, query.goal, costs=costs, threads=1, **QUICK)
         assert (each.map, each.query) == ("two_corridors", query)
         assert each.choice.summary() == single.summary()
-        assert each.choice.lidar == LIDAR
+        assert each.choice.robot.lidar == LIDAR
 
 
 @pytest.mark.parametrize("kind", ["late", "threads", "processes"])
@@ -181,7 +181,7 @@ def test_maps_have_their_own_queries(costs):
         ("hall", "random 1"),
     ]
     assert math.dist(found[1].query.start, found[1].query.goal) >= 10.0
-    assert found[1].choice.lidar.range == 6.0  # the default
+    assert found[1].choice.robot.lidar.range == 6.0  # the default
     assert "all maps" in found.table()
     assert len(found.of_map("hall")) == 1
     with pytest.raises(ConfigError, match="no queries for map 'hall'"):
@@ -211,7 +211,7 @@ def test_fields_are_those_of_the_lidar(monkeypatch):
 
     monkeypatch.setattr(module, "load_or_compute", field_of)
     grid = environments.make("hall", resolution=0.1)
-    found = choose_many(grid, 2, lidar=LIDAR, **QUICK, robot_radius=0.4, threads=1)
+    found = choose_many(grid, 2, robot=Robot(LIDAR, footprint=0.4, margin=0.0), drives=2, threads=1)
     assert asked == [("hall", locplan.Fused.of(LIDAR), 1)]
     assert {each.choice.costs.robot_radius for each in found} == {0.4}
 

@@ -85,7 +85,7 @@ def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(ru
 
 
 def test_usage_errors_are_one_line(run, room):
-    for arguments in (("plan", room), ("field",), ("field", room, "--range", "6m"), ("fly",)):
+    for arguments in (("plan", room), ("field",), ("field", room, "--disc", "6m"), ("fly",)):
         assert "--help" in refused(run(*arguments))
 
 
@@ -128,7 +128,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
     ],
 )
 def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, message):
-    arguments = "--start", start, "--goal", "4,3.5", "--robot-radius", "0.4", "-o", tmp_path / "o"
+    arguments = "--start", start, "--goal", "4,3.5", "--set", "footprint=0.35", "-o", tmp_path / "o"
     assert message in refused(run("plan", room, *arguments))
     assert not (tmp_path / "o").exists()
 
@@ -136,7 +136,11 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--range", "-1"), "range must be a positive number of m"),
+        (("--disc", "-1"), "range must be a positive number of m"),
+        (("--set", "range=-1"), "range must be a positive number of m"),
+        (("--set", "rnge=8"), "a robot has no setting 'rnge'; it has footprint, margin"),
+        (("--set", "range"), "--set must be NAME=VALUE"),
+        (("--robot", "none.yaml"), "none.yaml: there is no such file"),
         (("--preset", "best"), "--preset must be one of"),
         (("--stride", "nan"), "stride"),
         (("--threads", "0"), "threads"),
@@ -255,17 +259,16 @@ def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
     here = "--cache-dir", folder
     assert run("cache", "path", *here)[1].strip() == str(folder)
     assert run("cache", "list", *here)[1].startswith("0 fields, 0 B of at most 5 GB")
-    run("field", room, "--range", "3", *here)
+    run("field", room, "--disc", "3", *here)
     out = " ".join(run("cache", "list", *here)[1].split())
     assert "room sad, range 3 " in out
     assert "100%" in out
     (about,) = json.loads(run("cache", "list", "--json", *here)[1])
     assert about["map"] == "room"
     assert run("cache", "clear", "--older-than", "1", *here)[1].startswith("removed 0")
-    run("field", room, "--estimator", "fisher", "--range", "4", *here)
+    run("field", room, "--estimator", "fisher", *here)
     out = " ".join(run("cache", "list", *here)[1].split())
     assert "room fisher, no lidar named" in out
-    assert " range 4," in out
     run("field", room, "--lidar", "turtlebot4", "--headings", "2", "--stride", "0.5", *here)
     out = " ".join(run("cache", "list", *here)[1].split())
     assert "room fused, turtlebot4, stride" in out
@@ -297,12 +300,12 @@ def test_plans_can_have_limits_and_waypoints(run, room):
 
 
 def test_a_footprint_sets_the_radius(run, room):
-    ends = "--start", "1,2", "--goal", "4,3.5", "--footprint", "[[0.3,0.1],[0.3,-0.1],[-0.3,0]]"
+    ends = "--start", "1,2", "--goal", "4,3.5", "--set", "footprint=[[0.3,0.1],[0.3,-0.1],[-0.3,0]]"
     code, out, _ = run("plan", room, *ends)
     assert code == 0
     assert "solved" in out
-    for bad in ("0.3,0.1", "[[0,0],[1,1]]", "7"):
-        assert "footprint" in refused(run("plan", room, *ends[:-1], bad))
+    for bad in ("0.3,0.1", "[[0,0],[1,1]]", "-1"):
+        assert "footprint" in refused(run("plan", room, *ends[:-1], f"footprint={bad}"))
 
 
 @pytest.mark.draws
@@ -345,7 +348,7 @@ def test_ompls_planners_are_at_hand(run, room, tmp_path):
     options = "--space", "Dubins", "--turning-radius", "0.3", "--iterations", "400"
     code, out, _ = run(
         "plan", room, *ends, *options, "--planner", "RRTstar", "--setting", "range=1.5",
-        "--robot-radius", "0.1", "-o", folder,
+        "--set", "footprint=0.05", "-o", folder,
     )  # fmt: skip
     assert code == 0
     assert "solved" in out
@@ -390,13 +393,14 @@ def test_the_help_names_all_planners(run):
 
 @pytest.mark.draws
 def test_fields_that_know_the_sensor(run, room, tmp_path):
-    sensor = "--estimator", "scan", "--range", "3", "--field-of-view", "180", "--headings", "4"
+    sensor = "--estimator", "scan", "--headings", "4", "--set", "field_of_view_deg=180"
+    sensor += "--set", "range=3", "--set", "footprint=0.05"
     code, out, _ = run("field", room, *sensor, "-o", tmp_path / "f.zarr")
     assert code == 0
-    assert "one assumed, 3 m, 180°, 4 headings" in " ".join(out.split())
+    assert "scan, lidar, 3 m, 180°, 4 headings" in " ".join(out.split())
     field = CovarianceField.load(tmp_path / "f.zarr")
     assert field.covariance.shape[2] == 4
-    ends = "--start", "1,1", "--goal", "4,3.5", "--robot-radius", "0.1"
+    ends = "--start", "1,1", "--goal", "4,3.5", "--no-verdict"
     code, out, _ = run("plan", room, *ends, *sensor, "--criterion", "ambiguity")
     assert code == 0
     for scalar in ("ambiguity", "position_std"):
@@ -408,16 +412,17 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
 def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_path):
     _, out, _ = run("field", room, "--lidar", "utm-30lx")
     assert "fused, utm-30lx, 30 m, 270°, 8 headings" in " ".join(out.split())
-    _, out, _ = run("field", room, "--lidar", "turtlebot3", "--estimator", "sad", "--range", "3")
+    _, out, _ = run("field", room, "--lidar", "turtlebot3", "--estimator", "sad", "--disc", "3")
     assert "sad, disc, exponential, turtlebot3, 3 m" in " ".join(out.split())
     _, out, _ = run("field", room)
     assert "no lidar named: the paper's disc, 6 m assumed" in " ".join(out.split())
-    ends = "--start", "1,1", "--goal", "4,3", "--drives", "2", "--robot-radius", "0.1"
+    ends = "--start", "1,1", "--goal", "4,3", "--drives", "2", "--set", "footprint=0.05"
     for estimator in ("scan", "sad"):
         lidar = "--lidar", "tim571", "--estimator", estimator, "--headings", "2"
         options = (*ends, *lidar[: 4 if estimator == "sad" else 6], "--stride", "1")
         about = json.loads(run("simulate", room, *options, "--json")[1])
-        assert (about["lidar"]["model"], about["lidar"]["beams"]) == ("tim571", 811)
+        seen = about["robot"]["lidar"]
+        assert (seen["model"], seen["beams"]) == ("tim571", 811)
     _, _, err = run("field", room, "--config", "missing.json", "--lidar", "tim571")
     assert "missing.json: cannot be read" in err
 
@@ -425,7 +430,7 @@ def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_pat
 def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
     lines = ["#" * 16, *["#" + "." * 14 + "#"] * 14, "#" * 16]
     save_map(drawn(*lines, resolution=0.1), tmp_path / "small.yaml")
-    ends = "--start", "0.75,0.75", "--goal", "0.95,0.85", "--robot-radius", "0.1"
+    ends = "--start", "0.75,0.75", "--goal", "0.95,0.85", "--set", "footprint=0.05"
     said = "no weak spot for this lidar"
     for lidar, none in (("tim571", True), ("turtlebot4", False)):
         monkeypatch.setattr("locplan.field.estimators._beams.SHARP", 0.8 if none else 0.01)
@@ -459,14 +464,14 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--field-of-view", "90"), "--field-of-view is for --estimator fisher, scan, fused"),
+        (("--estimator", "scan", "--disc", "4"), "--disc is for --estimator sad, not for scan"),
         (("--lidar", "utm-30lx", "--template", "disc"), "--template is for --estimator sad"),
         (("--lidar", "kinect"), "lidar must be one of rplidar-a1"),
         (("--estimator", "icp"), "estimator must be one of sad, fisher, scan"),
         (("--estimator", "fisher", "--preset", "paper"), "--preset is for --estimator sad"),
         (("--estimator", "scan", "--template", "disc"), "--template is for --estimator sad"),
         (
-            ("--estimator", "fisher", "--field-of-view", "0"),
+            ("--estimator", "fisher", "--set", "field_of_view_deg=0"),
             "field_of_view_deg must be a positive number",
         ),
         (("--estimator", "scan", "--headings", "-1"), "headings must be a whole number"),
@@ -488,7 +493,7 @@ def test_impossible_sensors_are_refused(run, room, options, message):
     ],
 )
 def test_plot_draws_the_papers_figures(run, room, tmp_path, arguments):
-    code, _, err = run("plot", room, "-o", tmp_path / "p.png", "--range", "2", *arguments)
+    code, _, err = run("plot", room, "-o", tmp_path / "p.png", "--disc", "2", *arguments)
     assert code == 0, err
     assert (tmp_path / "p.png").stat().st_size > 5000
 
@@ -530,7 +535,7 @@ def test_plot_refuses_what_it_cannot_draw(run, room, tmp_path, arguments, messag
 )
 def test_export_writes_every_format(run, room, tmp_path, to, name):
     ends = ("--start", "1,1", "--goal", "4,1") if to in ("path", "bag") else ()
-    code, out, err = run("export", room, "--to", to, "-o", tmp_path / name, "--range", 2, *ends)
+    code, out, err = run("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, *ends)
     assert code == 0, err
     assert to in out
     assert (tmp_path / name).exists()
@@ -538,7 +543,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         ["room.yaml", "room.pgm", name]
     )
     code, out, _ = run(
-        *("export", room, "--to", to, "-o", tmp_path / name, "--range", 2, "--json", *ends),
+        *("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, "--json", *ends),
         "--force",
     )
     assert json.loads(out)["to"] == to
@@ -554,7 +559,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         (("--to", "nav2-keepout", "--planner", "teb"), "planner must be one of"),
         (("--to", "nav2-keepout", "--planner-param", "inf"), "must be a positive number"),
         (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
-        (("--to", "nav2-keepout", "--params", "none.yaml"), "none.yaml: there is no such file"),
+        (("--to", "nav2-keepout", "--robot", "none.yaml"), "none.yaml: there is no such file"),
         (("--to", "degenerate-areas", "--threshold", "1.5"), "threshold must be 0 to 1, not 1.5"),
         (("--to", "degenerate-areas", "--threshold", "nan"), "threshold must be 0 to 1, not nan"),
         (("--to", "degenerate-areas", "--min-area", "-1"), "min_area must be at least 0, not -1"),
@@ -577,7 +582,7 @@ def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arg
 
 
 def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
-    assert run("plot", tmp_path, "-o", tmp_path / "p.png", "--range", "2")[0] == 0
+    assert run("plot", tmp_path, "-o", tmp_path / "p.png", "--disc", "2")[0] == 0
     save_map(load_map(room), tmp_path / "other.yaml")
     assert "holds 2 maps; name one" in refused(run("plot", tmp_path, "-o", tmp_path / "p.png"))
 
@@ -591,9 +596,11 @@ def test_the_help_of_every_command_has_headings_and_an_example(run):
         assert f"Example\n  locplan {command}" in own
         assert "─ Output ─" in own
     _, out, _ = run("plan", "-h")
-    at = [out.index(f"─ {title} ─") for title in ("Planner", "Costs", "Field", "Computing")]
+    at = [
+        out.index(f"─ {title} ─") for title in ("Robot", "Planner", "Costs", "Field", "Computing")
+    ]
     assert at == sorted(at)
-    assert "--field.range" not in out
+    assert "--field.disc" not in out
 
 
 def test_slips_get_a_hint(run, room):
@@ -602,7 +609,7 @@ def test_slips_get_a_hint(run, room):
         run("plan", room, *way, "1", "2")
     )
     assert "unexpected: map (--help" in refused(run("info", room, "map"))
-    lidar = "--lidar", "rplidar-a1", "--range", "1200"
+    lidar = "--lidar", "rplidar-a1", "--set", "range=1200"
     assert "the data sheet of rplidar-a1 names 12, not 1200" in refused(
         run("plan", room, *way, "2,2", *lidar)
     )
@@ -678,7 +685,7 @@ def test_the_package_runs_as_a_module():
 def test_shells_complete_commands_and_options(run, shell):
     code, out, _ = run("completion", shell)
     assert code == 0
-    for word in (*COMMANDS, "robot-radius", "cache-dir", "InformedRRTstar"):
+    for word in (*COMMANDS, "robot", "cache-dir", "InformedRRTstar"):
         assert word in out
     assert "must be one of bash, zsh, fish, not 'csh'" in refused(run("completion", "csh"))
 
@@ -737,7 +744,7 @@ def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
         assert plan["planner"] == "any-angle"
     wide = "--start", "0.77,2", "--goal", "4,3.5"
     assert run("plan", room, *wide)[0] == 0
-    assert "robot's radius" in refused(run("plan", room, *wide, "--robot-radius", "0.3"))
+    assert "robot's radius" in refused(run("plan", room, *wide, "--set", "footprint=0.25"))
 
 
 @pytest.mark.parametrize("command", ["compare", "plan", "evaluate", "simulate"])

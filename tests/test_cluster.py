@@ -99,7 +99,7 @@ def test_a_cluster_without_workers_is_not_waited_for_forever(grid, monkeypatch):
 
 def test_commands_compute_on_a_cluster(scheduler, grid, tmp_path, monkeypatch, capsys):
     save_map(grid, tmp_path / "rooms.yaml")
-    arguments = "field", tmp_path / "rooms.yaml", "--range", "1", "-o", tmp_path / "f.zarr"
+    arguments = "field", tmp_path / "rooms.yaml", "--disc", "1", "-o", tmp_path / "f.zarr"
     address = "--scheduler", scheduler.scheduler_address
     monkeypatch.setattr("sys.argv", ["locplan", *map(str, arguments + address)])
     monkeypatch.setattr("locplan.field._tiles.ThreadPoolExecutor", None)  # not here

@@ -17,11 +17,10 @@ from locplan.comparison import PlannerSpec, _engine
 from locplan.comparison._cases import named_configs
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import FieldConfig, Fisher, Lidar, Sad
+from locplan.field import FieldConfig, Fisher, Sad
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, Query, options_of, with_options
-from locplan.simulation import Amcl
-from locplan.simulation._nav2 import ParameterWarning
+from locplan.robots import Amcl, Lidar, ParameterWarning, Robot
 
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 
@@ -376,8 +375,9 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
         return stop.value.code, *capsys.readouterr()
 
     save_map(rooms(), tmp_path / "rooms.yaml")
-    common = (tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--random", 3, "--range", 1)
-    common += ("--least-distance", 2, "--robot-radius", 0.1, "--stride", 0.4, "--workers", 1)
+    common = (tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--random", 3, "--disc", 1)
+    common += ("--least-distance", 2, "--stride", 0.4, "--workers", 1)
+    common += ("--set", "footprint=0.1", "--set", "margin=0")
     code, out, err = run(*common, "--weight", 0, "--weight", 4)
     assert code == 0, err
     assert "any-angle" in out
@@ -420,11 +420,11 @@ def nav2(tmp_path):
 
 
 def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
-    text = f"simulated choice: drives=2, minimise=lost, params={nav2}"
+    text = f"simulated choice: drives=2, minimise=lost, robot={nav2}"
     found = locplan.compare(
         corridors, ["any-angle", text], [CORRIDOR], seeds=[1, 2], workers=1, weights=[8.0]
     )
-    label = f"simulated choice:drives=2,minimise=lost,params={nav2}"
+    label = f"simulated choice:drives=2,minimise=lost,robot={nav2}"
     runs = [run for run in found.runs if run.task.planner == label]
     assert [(run.task.seed, run.status) for run in runs] == [(1, "solved"), (2, "solved")]
     for run in runs:
@@ -432,16 +432,15 @@ def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
             corridors.grid,
             CORRIDOR.start,
             CORRIDOR.goal,
+            robot=Robot(LIDAR, filter=Amcl(alpha1=0.05, max_particles=500)),
             costs=corridors,
-            lidar=LIDAR,
-            amcl=Amcl(alpha1=0.05, max_particles=500),
             drives=2,
             minimise="lost",
             seed=run.task.seed,
         )
         np.testing.assert_array_equal(run.xy, choice.path.xy)
     name, options = found.about["planners"][label]
-    assert (name, options["amcl"]["alpha1"]) == ("simulated choice", 0.05)
+    assert (name, options["robot"]["filter"]["alpha1"]) == ("simulated choice", 0.05)
 
 
 def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
@@ -454,14 +453,13 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
         return types.SimpleNamespace(path=None, status="unreachable")
 
     monkeypatch.setattr("locplan.simulation.choice._planner.choose", choose)
-    spec = PlannerSpec.of(f"simulated choice:price=3,longest=1.2,params={nav2}")
+    spec = PlannerSpec.of(f"simulated choice:price=3,longest=1.2,robot={nav2}")
     assert spec.seeds([4, 5]) == (4, 5)
     plan = spec.plan(corridors, CORRIDOR.start, CORRIDOR.goal, 5)
     assert plan.status == "unreachable"
     assert [options["threads"] for options in asked] == [1]
-    assert asked[0]["lidar"] is None  # that of the costmap's field
     assert asked[0]["costs"] is corridors
-    assert asked[0]["amcl"] == Amcl(alpha1=0.05, max_particles=500)
+    assert asked[0]["robot"] == Robot(filter=Amcl(alpha1=0.05, max_particles=500))
     assert {(each["seed"], each["price"], each["longest"]) for each in asked} == {(5, 3, 1.2)}
     assert PlannerSpec.of("simulated choice:seed=7").seeds([4, 5]) == (7,)
     here = spec.plan(corridors, CORRIDOR.start, CORRIDOR.start, 1)
@@ -471,15 +469,15 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
 def test_what_of_a_file_is_not_simulated_is_told_once(nav2):
     nav2.write_text(nav2.read_text() + "    recovery_alpha_fast: 0.1\n")
     with pytest.warns(ParameterWarning, match="not simulated: recovery_alpha_fast"):
-        spec = PlannerSpec.of(f"simulated choice:params={nav2}")
+        spec = PlannerSpec.of(f"simulated choice:robot={nav2}")
     with_options(spec.planner, seed=3)  # a second warning would be an error
 
 
 def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
-    spec = PlannerSpec.of(f"simulated choice:params={nav2}")
+    spec = PlannerSpec.of(f"simulated choice:robot={nav2}")
     nav2.unlink()
     again = with_options(pickle.loads(pickle.dumps(spec.planner)), seed=3)
-    assert (again.amcl.alpha1, again.seed) == (0.05, 3)
+    assert (again.robot.filter.alpha1, again.seed) == (0.05, 3)
     again.check()
 
 
@@ -492,7 +490,7 @@ def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
         ("price=0", "price"),
         ("seed=-1", "seed"),
         ("lidar=tim571", "lidar"),
-        ("params=missing.yaml", "missing.yaml"),
+        ("robot=missing.yaml", "missing.yaml"),
         ("threads=2", "no option 'threads'; it has: drives, minimise"),
         ("budget=2", "a budget is for planner 'grid'"),
     ],

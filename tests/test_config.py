@@ -12,13 +12,13 @@ from locplan.field import (
     Fisher,
     Fused,
     InverseSquare,
-    Lidar,
     Sad,
     Scan,
     SearchWindow,
 )
 from locplan.field._config import config_of
 from locplan.field._registry import estimator_class
+from locplan.robots import Lidar
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,9 @@ from locplan.comparison import _shared_costmaps as shared_costmaps
 from locplan.costs import Costmap, Path, path_metrics, profile
 from locplan.costs._degeneracy import HeadingLayers
 from locplan.errors import ConfigError, FieldError, PoseError
-from locplan.field import (
-    CovarianceField,
-    FieldConfig,
-    Fisher,
-    Lidar,
-    Sad,
-    SearchWindow,
-    covariance_field,
-)
+from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindow, covariance_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.robots import Lidar
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,9 @@ from locplan.export._area_files import geojson_of
 from locplan.export._areas import half_free
 from locplan.export._autoware import without_holes
 from locplan.export._outlines import meeting, rings_of, signed_area, thinned, untangled
-from locplan.field import CovarianceField, FieldConfig, Lidar, Sad, Scan, SearchWindow
+from locplan.field import CovarianceField, FieldConfig, Sad, Scan, SearchWindow
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
+from locplan.robots import Lidar
 
 PERFECT = 0.2 / math.sqrt(12)
 

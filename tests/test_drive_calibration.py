@@ -23,9 +23,9 @@ from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_i
 from locplan.recordings._geometry import moved
 from locplan.recordings._odometry_noise import _moved, as_disturbances, odometry_noise
 from locplan.recordings._scan_noise import _in_runs, scan_noise
-from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.robots import Amcl, Disturbances, Odometry, Robot
+from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
-from locplan.simulation._robot_files import read_robot
 
 EXACT = {"boundary_noise": 0.0, "outliers": 0.0, "occlusion": 0.0}
 DRIFTS = {"distance_drift": 0.03, "heading_drift_deg": 2.0, "turn_drift_deg": 3.0}
@@ -68,8 +68,8 @@ def driven(poses, odometry, noise=(0.0, 0.0), seed=0):
     return Recording(np.ones((len(poses), LIDAR.beams)), LIDAR, recorded_poses, odometry=odometry)
 
 
-def reported(grid, poses, seed=1, **disturbances):
-    own = Simulator(grid, disturbances=Disturbances(**disturbances)).arguments.odometry
+def reported(grid, poses, seed=1, **odometry):
+    own = Simulator(grid, Robot(odometry=Odometry(**odometry))).arguments.odometry
     return odometry_along(np.random.default_rng(seed), poses, own)
 
 
@@ -116,7 +116,7 @@ def test_noise_of_the_poses_is_told_from_that_of_odometry(grid, winding, few_res
 
 def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
     true = Amcl(alpha1=0.05, alpha2=0.02, alpha3=0.04, alpha4=0.03, update_min_d=0.01)
-    settings = Simulator(grid, amcl=true).arguments.filter
+    settings = Simulator(grid, robot=Robot(filter=true)).arguments.filter
     random, poses = np.random.default_rng(2), [np.zeros(3)]
     steps = _moved(winding, np.arange(len(winding) - 1), np.arange(1, len(winding)))
     for ahead, aside, turn in steps:
@@ -243,7 +243,7 @@ def drive(grid, line):
 
 @pytest.fixture(scope="module")
 def calibrated(grid, drive):
-    return calibrate_drive(drive, grid, amcl=Amcl(max_particles=900), threads=2)
+    return calibrate_drive(drive, grid, robot=Robot(filter=Amcl(max_particles=900)), threads=2)
 
 
 def test_the_field_gets_the_level_of_the_measured_deviations(grid, drive, calibrated):
@@ -262,16 +262,16 @@ def test_the_field_gets_the_level_of_the_measured_deviations(grid, drive, calibr
 
 
 def test_the_disturbances_are_those_that_were_found(calibrated):
-    assert calibrated.disturbances.outliers == calibrated.scans.outliers.value
-    assert calibrated.disturbances.outliers == pytest.approx(0.08, abs=0.02)
+    assert calibrated.robot.disturbances.outliers == calibrated.scans.outliers.value
+    assert calibrated.robot.disturbances.outliers == pytest.approx(0.08, abs=0.02)
     odometry = calibrated.odometry
-    assert calibrated.disturbances.distance_drift == odometry.distance_drift.value
-    assert calibrated.disturbances.heading_drift_deg == Disturbances().heading_drift_deg
+    assert calibrated.robot.odometry.distance_drift == odometry.distance_drift.value
+    assert calibrated.robot.odometry.heading_drift_deg == Odometry.heading_drift_deg
     assert "which are not written" in " ".join(odometry.notes)
     turned = dataclasses.replace(odometry, turned=7.0)
     assert as_disturbances(turned)["heading_drift_deg"] == odometry.heading_drift_deg.value
-    assert calibrated.disturbances.boundary_noise == Disturbances.boundary_noise
-    assert calibrated.amcl == Amcl(max_particles=900)
+    assert calibrated.robot.disturbances.boundary_noise == Disturbances.boundary_noise
+    assert calibrated.robot.filter == Amcl(max_particles=900)
     sigma = calibrated.scans.range_sigma.value
     assert calibrated.config.estimator.lidar.range_sigma == sigma
 
@@ -279,7 +279,7 @@ def test_the_disturbances_are_those_that_were_found(calibrated):
 def test_a_drive_without_odometry_calibrates_the_rest(grid, drive):
     found = calibrate_drive(dataclasses.replace(drive, odometry=None), grid)
     assert found.odometry is None
-    assert found.disturbances.heading_drift_deg == Disturbances.heading_drift_deg
+    assert found.robot.odometry == Odometry()
     assert "no odometry" in " ".join(found.notes)
 
 
@@ -309,43 +309,41 @@ def test_one_file_of_settings_goes_to_every_command(files, monkeypatch, capsys):
     for said in ("noise level k of fused", "outliers", "alpha1", "deg/√m", "95 %"):
         assert said in out
     about = json.loads(target.read_text())
-    amcl, disturbances = read_robot(target)
-    assert amcl == Amcl(min_particles=100, max_particles=200)
-    assert dataclasses.asdict(disturbances) == about["disturbances"]
+    robot = Robot.load(target)
+    assert robot.filter == Amcl(min_particles=100, max_particles=200)
+    assert robot.summary() == about["robot"]
     assert load_config(target).estimator.lidar.beams == LIDAR.beams
     coarse = about | {"config": about["config"] | {"stride": 0.8}}  # its field is quick
     target.write_text(json.dumps(coarse))
     path = ["--start", "2,3", "--goal", "6,3", "--drives", "2", "--json"]
-    used = ["--config", target, "--set", "occlusion=0.5", "--cache-dir", files / "cache"]
+    used = ["--config", target, "--robot", target, "--set", "occlusion=0.5"]
+    used += ["--cache-dir", files / "cache"]
     code, out, err = run(monkeypatch, capsys, "simulate", files / "map.yaml", *path, *used)
     assert code == 0, err
     simulated = json.loads(out)
-    assert simulated["amcl"]["max_particles"] == 200
-    assert simulated["disturbances"]["occlusion"] == 0.5
-    assert simulated["disturbances"]["outliers"] == disturbances.outliers
-    sigma = about["config"]["lidar"]["range_sigma"] if "lidar" in about["config"] else None
-    assert sigma is None or simulated["lidar"]["range_sigma"] == sigma
+    assert simulated["robot"] == robot.changed({"occlusion": 0.5}).summary()
 
 
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ({"amcl": {"alpha9": 1}}, "amcl has no 'alpha9'"),
+        ({"filter": {"alpha9": 1}}, "filter has no 'alpha9'"),
         ({"disturbances": {"outliers": 2}}, "disturbances: outliers must be 0 to 1"),
         ({"disturbances": [1]}, "disturbances must hold settings by name"),
     ],
 )
 def test_wrong_files_of_settings_are_one_clear_line(tmp_path, content, said):
     file = tmp_path / "robot.json"
-    file.write_text(json.dumps(content))
-    with pytest.raises(ConfigError, match=said):
-        read_robot(file)
+    file.write_text(json.dumps({"robot": content}))
+    with pytest.raises(ConfigError, match=f"robot.json: {said}"):
+        Robot.load(file)
 
 
-def test_older_files_of_settings_have_the_defaults(tmp_path):
+def test_older_files_of_settings_are_refused(tmp_path):
     file = tmp_path / "older.json"
-    file.write_text(json.dumps({"config": {}}))
-    assert read_robot(file) == (Amcl(), Disturbances())
+    file.write_text(json.dumps({"config": {}, "amcl": {"alpha1": 0.1}}))
+    with pytest.raises(ConfigError, match=r"older\.json: has no entry \"robot\"; .* calibrate"):
+        Robot.load(file)
 
 
 @pytest.mark.parametrize(

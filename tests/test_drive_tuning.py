@@ -16,7 +16,8 @@ from locplan.maps import environments
 from locplan.recordings import replay, tune_on_drive
 from locplan.recordings._tracks import Tracks
 from locplan.recordings._tuning import RecordedBench, _stretches
-from locplan.simulation import Amcl, Disturbances, read_amcl, tuning_figure
+from locplan.robots import Amcl, Disturbances, Robot, read_amcl
+from locplan.simulation import tuning_figure
 from locplan.simulation._motion import poses_along
 from locplan.simulation.tuning._reports import conclusion, tuning_table
 
@@ -39,7 +40,7 @@ def drive(grid):
 
 @pytest.fixture(scope="module")
 def tuned(grid, drive):
-    return tune_on_drive(drive, grid, amcl=POOR, drives=2)
+    return tune_on_drive(drive, grid, robot=Robot(filter=POOR), drives=2)
 
 
 def test_stretches_are_the_whole_drive_in_equal_parts(drive):
@@ -52,12 +53,12 @@ def test_stretches_are_the_whole_drive_in_equal_parts(drive):
 
 def test_a_drive_on_the_bench_is_the_replay_of_its_stretch(grid, drive):
     stretch = slice(100, 140)
-    start = Disturbances(start_sigma=0.0, start_sigma_deg=0.0)
-    bench = RecordedBench(Tracks(drive, grid), [stretch], start, 3, seed=1, threads=1)
     still = Amcl(**FEW, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
+    robot = Robot(filter=still, disturbances=Disturbances(start_sigma=0.0, start_sigma_deg=0.0))
+    bench = RecordedBench(Tracks(drive, grid), [stretch], robot, 3, seed=1, threads=1)
     bench.drive([still], 1, 3)
     # Without noise all particles are one, whatever the random numbers.
-    alone = replay(drive[stretch], grid, amcl=still, runs=2, start_sigma=0.0, start_sigma_deg=0.0)
+    alone = replay(drive[stretch], grid, robot, runs=2)
     expected = alone.drives.mean_squares[0]
     assert bench.driven[still].squares == pytest.approx(np.full((1, 1, 3), expected))
     assert bench.lengths == pytest.approx([drive[stretch].length])
@@ -70,7 +71,7 @@ def test_a_stretch_is_tracked_as_a_drive_of_its_own(grid, drive):
     stretch, amcl = slice(100, 140), Amcl(**FEW)
 
     def tracked(tracks, part):
-        random, own = np.random.default_rng(4), tracks.arguments(amcl, Disturbances())
+        random, own = np.random.default_rng(4), tracks.arguments(Robot(filter=amcl))
         return tracks.track(random, tracks.ends(amcl), own, part)
 
     errors, covariances = tracked(Tracks(drive, grid), stretch)
@@ -109,7 +110,9 @@ def test_search_and_judgement_have_other_stretches(monkeypatch, grid, drive):
         made(self, tracks, stretches, *others, **named)
 
     monkeypatch.setattr(RecordedBench, "__init__", noted)
-    tune_on_drive(drive, grid, amcl=Amcl(min_particles=20, max_particles=20), drives=2)
+    tune_on_drive(
+        drive, grid, robot=Robot(filter=Amcl(min_particles=20, max_particles=20)), drives=2
+    )
     search, judge = ({each.start for each in stretches} for stretches in seen)
     assert len(search) == len(judge) == 5
     assert not search & judge
@@ -126,7 +129,7 @@ def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
 
 def test_sparse_scans_are_a_warning(grid, drive):
     own = Amcl(min_particles=20, max_particles=20)
-    tuned = tune_on_drive(drive.every(5), grid, amcl=own, drives=2)
+    tuned = tune_on_drive(drive.every(5), grid, robot=Robot(filter=own), drives=2)
     assert "every 0.5 m for lack of scans" in tuned.lints[0]
 
 
@@ -146,7 +149,7 @@ def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch,
     assert code == 0, said.err
     assert "on 5 stretches of " in said.out
     assert read_amcl(tmp_path / "tuned" / "nav2_params.yaml").max_particles == 40
-    for more, fault in ((["--paths", "8"], "--paths"), (["--range", "5"], "--range")):
+    for more, fault in ((["--paths", "8"], "--paths"), (["--set", "range=5"], "--set range")):
         code, said = run(*more)
         assert code == 2
         assert f"{fault} is not read with --drive" in said.err

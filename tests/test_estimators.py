@@ -21,7 +21,6 @@ from locplan.field import (
     FieldConfig,
     Fisher,
     Fused,
-    Lidar,
     MapPart,
     Sad,
     Scan,
@@ -32,11 +31,11 @@ from locplan.field import (
 )
 from locplan.field._covariance import mean_information, rotated
 from locplan.field._lattice import standing_cells
-from locplan.field._lidar_presets import PRESETS
 from locplan.field._surfaces import REACH, surface_normals
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planners import plan
 from locplan.planners.ompl._motions import Motions
+from locplan.robots import PRESETS, Lidar
 
 ALL_ROUND = Lidar(range=2.5, beams=72)
 AHEAD = Lidar(range=2.5, field_of_view_deg=120.0, beams=40, mount_x=0.15, mount_yaw_deg=10.0)

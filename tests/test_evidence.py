@@ -16,12 +16,20 @@ from scipy import stats
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
 from locplan.errors import CalibrationError, ConfigError
-from locplan.field import CalibrationWarning, Exponential, Fisher, Lidar, Sad, Scan, SearchWindow
+from locplan.field import (
+    SHORT_LIDAR,
+    CalibrationWarning,
+    Exponential,
+    Fisher,
+    Sad,
+    Scan,
+    SearchWindow,
+)
 from locplan.field._at_points import covariances_along, covariances_at
 from locplan.field._tiles import field_shapes
 from locplan.maps import environments
+from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import (
-    Amcl,
     Places,
     _calibration_reports,
     _reports as reports,
@@ -35,7 +43,6 @@ from locplan.simulation._predictors import (
     predictions,
 )
 from locplan.simulation._ranking import RESAMPLES, Resamples, auc, rank, spearman
-from locplan.simulation._settings import SHORT_LIDAR
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +215,7 @@ def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
     reports.write_evaluation(reports.EVALUATION.into(tmp_path / "out"), evaluation)
     about = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert [each["name"] for each in about["maps"]] == ["two_corridors", "places"]
-    assert about["amcl"]["sigma_hit"] == 0.2
+    assert about["robot"]["filter"]["sigma_hit"] == 0.2
     with (tmp_path / "out" / "places.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == sum(len(each.points) for each in evaluation.places)
@@ -371,7 +378,7 @@ def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(
 ):
     good = calibrate([places])
     for result in (good, dataclasses.replace(good, r_squared=0.0)):
-        _calibration_reports.write_calibration(tmp_path / "c.json", result)
+        _calibration_reports.write_calibration(tmp_path / "c.json", result, Robot())
         about = json.loads((tmp_path / "c.json").read_text())
         assert about["in_metres"] is about["calibration"]["in_metres"] is result.in_metres
         if result.in_metres:
@@ -424,7 +431,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     assert "simulation.png" in err
     about = json.loads((out / "simulation.json").read_text())
     assert set(about["paths"]) == {"shortest", "localizability-aware"}
-    assert about["lidar"]["range"] == 6.0
+    assert about["robot"]["lidar"]["range"] == 6.0
     assert about["weight"] == 4.0
     with (out / "errors.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -445,10 +452,10 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     about = json.loads(out)
     assert code == 0
     assert list(about["paths"]) == ["shortest"]
-    assert about["amcl"]["max_particles"] == 600
-    assert about["amcl"]["laser_model_type"] == "likelihood_field_prob"
-    assert about["disturbances"]["outliers"] == 0.1
-    assert about["lidar"]["range"] == 12.0
+    assert about["robot"]["filter"]["max_particles"] == 600
+    assert about["robot"]["filter"]["laser_model_type"] == "likelihood_field_prob"
+    assert about["robot"]["disturbances"]["outliers"] == 0.1
+    assert about["robot"]["lidar"]["range"] == 12.0
 
 
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
@@ -511,10 +518,10 @@ def test_evaluate_and_calibrate_and_plan_with_what_they_wrote(run, map_file, tmp
     assert config.estimator.noise_level != 1.0
     code, out, _ = run("field", map_file, "--config", target, "--json")
     assert json.loads(out)["config"]["estimator"]["noise_level"] == config.estimator.noise_level
-    code, out, _ = run("field", map_file, "--config", target, "--range", 4, "--json")
+    code, out, _ = run("field", map_file, "--config", target, "--set", "range=4", "--json")
     assert json.loads(out)["config"]["estimator"]["range"] == 4.0
     err = refused(run("plan", map_file, *ENDS, "--config", target, "--stride", 0.4))
-    assert "--config has all settings of the field; besides it only a lidar" in err
+    assert "--config has all settings of the field; leave out --stride" in err
 
 
 @pytest.mark.usefixtures("inline_workers", "few_resamples")
@@ -564,12 +571,12 @@ def test_simulations_that_are_not_made_are_refused(run, map_file):
         (("--start", "2,3", "--random", "3"), "give one of --path"),
         (("--goal", "2,3", "--path", "a.csv"), "give one of --path"),
         ((*ENDS, "--random", "3"), "give one of --path"),
-        ((*ENDS, "--set", "alpha9=1"), "nothing simulated is called 'alpha9'; there are alpha1,"),
+        ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'; it has footprint,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be at least 0"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
         ((*ENDS, "--lidar", "sonar"), "--lidar must be one of rplidar-a1"),
-        ((*ENDS, "--params", "none.yaml"), "none.yaml: there is no such file"),
+        ((*ENDS, "--robot", "none.yaml"), "none.yaml: there is no such file"),
         ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
         ((*ENDS, "--weight", "-1"), "weight"),
         (("--start", "0,0.1", "--goal", "6,9"), "start"),
@@ -591,7 +598,7 @@ def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
         run("calibrate", map_file, "--error", "both")
     )
     assert "must end in .json" in refused(run("calibrate", map_file, "-o", tmp_path / "c.txt"))
-    assert "robot fits" in refused(run("evaluate", map_file, "--robot-radius", 20))
+    assert "robot fits" in refused(run("evaluate", map_file, "--set", "footprint=20"))
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
     several = map_file, tmp_path / "other.yaml"
     assert "name one of these 2, or give --random" in refused(run("simulate", *several, *ENDS))
@@ -600,6 +607,6 @@ def test_wrong_evaluations_end_in_one_line(run, map_file, tmp_path):
 def test_a_real_map_is_evaluated_with_other_settings(real_maps):
     grid = locplan.load_map(next((real_maps / "aws_small_house").glob("*.yaml")))
     amcl = Amcl(min_particles=100, max_particles=100)
-    found = evaluate([grid], amcl=amcl, places=6, drives=2, scans=2)
+    found = evaluate([grid], robot=Robot(filter=amcl), places=6, drives=2, scans=2)
     assert found.places[0].position_rmse("match").max() < 0.5
     assert SHARED_DATA.exists()

@@ -21,7 +21,7 @@ from locplan.errors import LocplanError
 from locplan.explorer import _explore
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-ARGUMENTS = ("--range", "1", "--stride", "0.4", "--no-browser")
+ARGUMENTS = ("--disc", "1", "--stride", "0.4", "--no-browser")
 
 
 AS_IN_A_TERMINAL = (
@@ -82,33 +82,21 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     seen = {}
     monkeypatch.setattr(_explore.Explorer, "wait", lambda self: seen.update(page=self))
     monkeypatch.setattr(_explore.Explorer, "open", lambda self: seen.update(open=True))
-    code, out, err = run(
-        *(
-            "explore",
-            map_file,
-            "--range",
-            "1.5",
-            "--start",
-            "1,2",
-            "--goal",
-            "3,2",
-            "--via",
-            "-0.5,2",
-        ),
-        *("--weight", "7", "--robot-radius", "0.1", "-o", tmp_path / "out", "--threads", "1"),
-        *("--set", "alpha1=0.05", "--criterion", "heading_std", "--force"),
-    )
+    given = ["--set=footprint=0.1", "--set=margin=0", "--set=alpha1=0.05", "--disc=1.5"]
+    given += ["--start=1,2", "--goal=3,2", "--via=-0.5,2", "--weight=7", "--criterion=heading_std"]
+    given += ["--threads=1", "--force", "-o", tmp_path / "out"]
+    code, out, err = run("explore", map_file, *given)
     assert (code, err) == (0, f"locplan: {NEXT[False]}\n")
     session = seen["page"]._server.session
     assert out == f"{seen['page'].address}\n"
     assert seen["open"]
     assert session.config.estimator.range == 1.5
     assert session.default_weight == 7
-    assert session.robot_radius == 0.1
+    assert session.robot.radius == 0.1
     assert (session.opening.start, session.opening.goal) == ((1.0, 2.0), (3.0, 2.0))
     assert session.opening.via == ((-0.5, 2.0),)
     assert session.opening.criterion == "heading_std"
-    assert session.opening.amcl.alpha1 == 0.05
+    assert session.robot.filter.alpha1 == 0.05
     assert session.map_file == str(map_file)
     assert session.folder == tmp_path / "out"
     assert session.force
@@ -120,7 +108,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     [
         (("--port", "70000"), "port must be"),
         (("--start", "1"), "--start must be"),
-        (("--robot-radius", "40"), "a robot of radius 40 m has no room on this map"),
+        (("--set", "footprint=40"), "a robot of radius 40.05 m has no room on this map"),
         (("--start", "400,120"), "start 400,120 lies outside the map; the nearest free position"),
         (("--goal", "400,120"), "goal 400,120 lies outside the map"),
         (("--via", "1,2", "--via", "1,-9"), "waypoint 2 1,-9 lies outside the map"),
@@ -147,8 +135,10 @@ def test_from_python_a_field_that_is_there_is_shown():
     field = locplan.covariance_field(
         room(), locplan.FieldConfig(locplan.Sad(range=1.0), stride=0.4)
     )
-    with locplan.explore(room(), field, open_browser=False, robot_radius=0.1) as page:
+    robot = locplan.Robot("lds-01", footprint=0.1)
+    with locplan.explore(room(), field, robot, open_browser=False) as page:
         page._server.session.upkeep.latest.result()
+        assert page._server.session.robot == robot
         assert page.field is field
         assert page.grid == room()
         assert page.address in repr(page)
@@ -166,15 +156,17 @@ def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
     begun = "locplan.explorer._upkeep.Upkeep.begin"
     monkeypatch.setattr(begun, lambda *_: None)
     lidar = locplan.Lidar(range=3.0, beams=20)
-    with locplan.explore(room(), lidar=lidar) as page:
+    with locplan.explore(room(), robot=locplan.Robot(lidar)) as page:
         assert page._server.session.config.estimator == locplan.Fused.of(lidar)
-        assert page._server.session.lidar == lidar
+        assert page._server.session.robot.lidar == lidar
         assert opened == [page.address]
     with locplan.explore(room(), open_browser=False) as page:
         assert page._server.session.config.estimator == locplan.Sad()
         assert page._server.session.lidar is None
     with pytest.raises(LocplanError, match="grid must be"):
         locplan.explore(np.zeros((3, 3)))
+    with pytest.raises(LocplanError, match="robot must be"):
+        locplan.explore(room(), robot="turtlebot4")
 
 
 def test_in_a_notebook_the_page_is_a_frame(monkeypatch):

@@ -164,6 +164,7 @@ def test_the_knee_of_the_front_is_marked(visit):
 def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
     seen = visit()
     seen.unfold("simulate-group")
+    assert seen.text("#robot").startswith("lidar, 6 m, 360°; radius 0.2 m")
     seen.page.locator("#drives-each").select_option("100")
     seen.page.locator("#simulate").click()
     task = seen.wait('#tasks [data-kind="simulate"]')

@@ -41,6 +41,8 @@ from locplan.planners._grid import Bordered, cheapest_cells
 from locplan.planners._plan import AWARE, SHORTEST
 
 SAD = FieldConfig(locplan.Sad(range=1.5), stride=0.4)
+SMALL = locplan.Robot(footprint=0.15, margin=0.0)
+POINT = locplan.Robot(footprint=0.0, margin=0.0)
 
 
 def rooms(seed: int = 3, yaw: float = 0.0) -> OccupancyGrid:
@@ -50,7 +52,7 @@ def rooms(seed: int = 3, yaw: float = 0.0) -> OccupancyGrid:
 
 
 def session_of(grid: OccupancyGrid, config: FieldConfig = SAD, **opening) -> Session:
-    session = Session(grid, Opening(config, **{"robot_radius": 0.15, **opening}))
+    session = Session(grid, Opening(config, **{"robot": SMALL, **opening}))
     session.upkeep.begin().result()
     return session
 
@@ -246,7 +248,7 @@ def test_only_the_legs_beside_the_held_stop_are_planned_again(session, monkeypat
 
 
 def test_before_there_is_a_field_the_shortest_path_is_there():
-    session = Session(rooms(), Opening(SAD, robot_radius=0.15))
+    session = Session(rooms(), Opening(SAD, SMALL))
     start, goal = free_places(session, 2)
     found = planned(session, [start, goal], 4.0)
     assert found.shortest is not None
@@ -271,7 +273,7 @@ def test_profiles_are_short_and_keep_the_greatest_value(session):
 
 def test_many_steps_are_joined_by_their_greatest():
     grid = OccupancyGrid(np.full((3, 1500), FREE, np.uint8), 0.1)
-    session = Session(grid, Opening(SAD, robot_radius=0.0))
+    session = Session(grid, Opening(SAD, POINT))
     path = planned(session, [(0.05, 0.15), (149.9, 0.15)], 4.0).shortest
     assert len(path.s) == 400
     assert path.s[-1] == pytest.approx(149.85)
@@ -363,7 +365,7 @@ def test_unreachable_goals_have_no_path_and_a_reason():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (9, 1), (3, 3)])
 @pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
 def test_tiny_and_unknown_maps_have_a_state(shape, level):
-    session = session_of(OccupancyGrid(np.full(shape, level), 0.1), robot_radius=0.0)
+    session = session_of(OccupancyGrid(np.full(shape, level), 0.1), robot=POINT)
     told = state(session)
     assert (told["start"] is None) == (level != FREE)
     assert told["field"]["whole"]
@@ -472,7 +474,7 @@ def test_a_costmap_reads_a_window_anew_where_its_field_was_old(monkeypatch):
 
 
 def test_before_there_is_a_field_the_paths_follow_edits(monkeypatch):
-    session = Session(rooms(), Opening(SAD, robot_radius=0.15))
+    session = Session(rooms(), Opening(SAD, SMALL))
     monkeypatch.setattr(session.upkeep, "_whole", lambda *_: None)
     start, goal = free_places(session, 2, seed=3)
     before = planned(session, [start, goal], 4.0).shortest

@@ -31,7 +31,11 @@ def room() -> OccupancyGrid:
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explorer")
-    given = {"cache_dir": folder / "cache", "folder": folder / "out", "robot_radius": 0.1}
+    given = {
+        "cache_dir": folder / "cache",
+        "folder": folder / "out",
+        "robot": locplan.Robot(footprint=0.1, margin=0.0),
+    }
     with served(room(), CONFIG, **given) as server:
         yield server
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from explorer_views import GOAL, MIDDLE, START, view
+from explorer_views import GOAL, MIDDLE, ROBOT, START, view
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, PoseError
@@ -17,7 +17,7 @@ from locplan.explorer._view import STEPS, View
 from locplan.landmarks import Box, Pole, place_landmarks
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import pareto_front, plan
-from locplan.simulation import Amcl, Drives, choose, verdict as verdict_on
+from locplan.simulation import Drives, choose, verdict as verdict_on
 
 
 def as_json(answer):
@@ -46,7 +46,7 @@ def walled() -> View:
     blank = Costmap.blank(grid, robot_radius=0.1)
     zero = np.zeros(grid.shape)
     known = Costmap(grid, blank.density, 1.0, 0.1, zero, zero, settings=costs.settings)
-    return View(grid, view().field, known, None, (0.5, 1.0), (3.5, 1.0))
+    return View(grid, view().field, known, ROBOT, (0.5, 1.0), (3.5, 1.0))
 
 
 # The front
@@ -148,7 +148,7 @@ def test_the_simulated_choice_is_that_of_the_library():
     aware, shortest = view().paths()
     own = choose(
         *(view().grid, START, GOAL),
-        lidar=view().lidar,
+        robot=ROBOT,
         costs=view().costs,
         candidates={PATH_SHOWN: aware},
         drives=4,
@@ -176,7 +176,7 @@ def test_the_filter_of_the_ask_is_simulated():
 def test_through_waypoints_both_paths_are_driven():
     shown = simulated(view(via=[MIDDLE], weight=12.0), drives=3)
     through = view(via=[MIDDLE], weight=12.0)
-    own = verdict_on(through.costs, through.plans(), lidar=through.lidar, drives=3)
+    own = verdict_on(through.costs, through.plans(), ROBOT, drives=3)
     assert (shown.verdict, shown.chosen, shown.drives) == (own.text, own.recommended, 3)
     assert [each.name for each in shown.candidates] == ["shortest", "localizability-aware"]
     for each in shown.candidates:
@@ -247,10 +247,10 @@ def test_a_start_in_a_wall_is_refused():
 
 
 def test_landmarks_are_those_of_the_library():
-    filter_ = Amcl(laser_model_type="likelihood_field_prob")
-    shown = landmarks_of(view(weight=0.0), object="pole:0.3", count=2, drives=0, amcl=filter_)
+    robot = ROBOT.changed({"laser_model_type": "likelihood_field_prob"})
+    shown = landmarks_of(view(weight=0.0, robot=robot), object="pole:0.3", count=2, drives=0)
     aware, _ = view(weight=0.0).paths()
-    own = place_landmarks(view().grid, Pole(0.3), 2, paths=aware, lidar=view().lidar, amcl=filter_)
+    own = place_landmarks(view().grid, Pole(0.3), 2, paths=aware, robot=robot)
     assert np.array_equal(shown.made.poses, own.poses)
     told = as_json(shown)
     assert told["curve"] == pytest.approx(100 * own.expected)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explorer_views import GOAL, MIDDLE, START, corridors, view
+from explorer_views import GOAL, LIDAR, MIDDLE, ROBOT, START, corridors, view
 from made_drives import recorded
 
 from locplan.errors import ConfigError, LocplanError
@@ -21,11 +21,10 @@ from locplan.explorer._session import Session
 from locplan.explorer._sharing import share
 from locplan.explorer._state import about, state
 from locplan.explorer._wire import Ask
-from locplan.field import FieldConfig, Fisher, Lidar
+from locplan.field import FieldConfig, Fisher
 from locplan.maps import OCCUPIED
 from locplan.recordings import Recording, match_scans
-from locplan.simulation import Amcl
-from locplan.simulation._settings import lidar_of
+from locplan.robots import Lidar
 from locplan.twins import ScanDatabase, _scan_database, find_twins
 from locplan.twins._find import SPACING
 
@@ -36,7 +35,7 @@ LONG = ("front", "simulate", "landmarks", "reproduce", "export")
 def session_of(with_field: bool = True, **opening) -> Session:
     """A session with the corridors' field."""
     grid, field = corridors()
-    session = Session(grid, Opening(field.config, lidar=view().lidar, **opening))
+    session = Session(grid, Opening(field.config, **opening))
     if with_field:
         session.upkeep.begin(field).result(60)
     return session
@@ -92,7 +91,7 @@ def test_a_simulation_is_answered_with_intervals_and_profiles(session):
 
 
 def test_the_robot_of_the_command_line_is_simulated():
-    session = session_of(amcl=Amcl(laser_model_type="likelihood_field_prob"))
+    session = session_of(robot=ROBOT.changed({"laser_model_type": "likelihood_field_prob"}))
     told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=2)
     assert "likelihood_field_prob" in told["verdict"]
     session.upkeep.close()
@@ -286,7 +285,7 @@ def test_without_drives_there_is_nothing_to_match(session):
 def found_twins(excess):
     """What `find_twins` gives, of three twins."""
 
-    def find_twins(grid, *, lidar, places, robot_radius, database, threads, progress):
+    def find_twins(grid, robot, *, places, database, progress):
         progress and progress(1, 1)
         return types.SimpleNamespace(
             places=np.array(places),
@@ -318,17 +317,15 @@ def test_look_alikes_are_those_of_the_library_from_one_database(session, monkeyp
     monkeypatch.setattr(
         _scan_database, "make_database", lambda *given: made.append(given) or make(*given)
     )
-    lidar = session.lidar or lidar_of(session.config)
     for x, y in ((2.0, 3.0), (2.4, 3.0), (2.0, 3.4)):
         told = answered(session, "twins", x=x, y=y)
-        place, radius = (told["x"], told["y"]), session.robot_radius
-        found = find_twins(session.grid, lidar=lidar, places=[place], robot_radius=radius)
+        found = find_twins(session.grid, ROBOT, places=[(told["x"], told["y"])])
         assert told["share"] == pytest.approx(found.elsewhere[0])
         assert told["modes"] == found.modes[0]
         alike = [each for each in found.of(0) if each.excess <= _twins.ALIKE]
         assert [(each["x"], each["y"]) for each in told["twins"]] == [(e.x, e.y) for e in alike]
     assert len(made) == 2  # the page's, and that of the searches beside it
-    kept = session.kept._results["scans", session.scene.serial, session.grid.digest, lidar]
+    kept = session.kept._results["scans", session.scene.serial, session.grid.digest, LIDAR]
     assert kept[1] > 4 * session.grid.cells.size  # the losses alone take four bytes a cell
 
 
@@ -390,8 +387,8 @@ def test_look_alikes_of_the_map_are_a_layer_beside_the_fields(own, coarse):
     assert twins_told(own) is None
     calls = []
     told = answered(own, "twins_everywhere", calls=calls)
-    grid, lidar, stride = own.grid, own.lidar, own.field.stride
-    found = find_twins(grid, lidar=lidar, spacing=3.0, robot_radius=own.robot_radius)
+    stride = own.field.stride
+    found = find_twins(own.grid, ROBOT, spacing=3.0)
     assert told == {
         **{"layer": "twins", "alike": 3.0, "spacing": 3.0},
         **{"share": found.share, "places": len(found)},
@@ -511,7 +508,7 @@ def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
     grid, field = corridors()
     name = "</script><img src=x onerror=alert(1)>"
     named = dataclasses.replace(grid, name=name)
-    session = Session(named, Opening(field.config, lidar=view().lidar))
+    session = Session(named, Opening(field.config))
     session.upkeep.begin().result(120)
     file = shared_file(session, tmp_path)
     asked, faults = [], []

@@ -22,7 +22,7 @@ from locplan.explorer._bundling import json_in_html, one_page, one_script
 from locplan.explorer._drives import MOST_POSES, RecordedDrive, shown_drive
 from locplan.explorer._exporting import EXPORTS, exported, plain_name
 from locplan.explorer._notebook import frame_html, in_notebook
-from locplan.explorer._reproduce import Driven, options_for, reproduced
+from locplan.explorer._reproduce import Driven, field_options, reproduced, robot_options
 from locplan.explorer._sharing import shared_page
 from locplan.explorer._simulating import PATH_SHOWN, simulated
 from locplan.explorer._view import View
@@ -33,14 +33,14 @@ from locplan.field import (
     Fisher,
     Fused,
     InverseSquare,
-    Lidar,
     Sad,
     Scan,
     SearchWindow,
+    equipped,
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map, save_map
 from locplan.recordings import Recording, match_scans
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Inflation, Lidar, Robot
 
 # Recorded drives
 
@@ -266,7 +266,7 @@ def both_paths(shown: View, file, run, tmp_path, monkeypatch):
     command = [line for line in made.shell.splitlines() if not line.startswith("#")]
     (words,) = map(shlex.split, command)
     assert words[0] == "locplan"
-    no_verdict = ["--no-verdict"] if "--lidar" in words else []
+    no_verdict = ["--no-verdict"] if "range=" in command[0] or "--lidar" in words else []
     code, out, err = run(*words[1:], *no_verdict, "--json")
     assert code == 0, err
     own = shown.plans()["localizability-aware"].path.xy
@@ -274,12 +274,12 @@ def both_paths(shown: View, file, run, tmp_path, monkeypatch):
 
 
 CONFIGS = {
-    "no lidar": (FieldConfig(stride=0.4), []),
-    "a range": (FieldConfig(Sad(range=4.0), stride=0.8), []),
-    "the paper's": (FieldConfig(Sad.paper(range=5.0)), []),
-    "what is seen": (FieldConfig(Sad(template="visible"), stride=0.4), []),
-    "a disc as wide as a lidar": (FieldConfig(Sad.of(Lidar.preset("lds-01"))), []),
-    "a preset": (FieldConfig(Scan(Lidar.preset("turtlebot4")), stride=0.4), []),
+    "no lidar": (FieldConfig(stride=0.4), True),
+    "a range": (FieldConfig(Sad(range=4.0), stride=0.8), True),
+    "the paper's": (FieldConfig(Sad.paper(range=5.0)), True),
+    "what is seen": (FieldConfig(Sad(template="visible"), stride=0.4), True),
+    "a disc as wide as a lidar": (FieldConfig(Sad.of(Lidar.preset("lds-01"))), True),
+    "a preset": (FieldConfig(Scan(Lidar.preset("turtlebot4")), stride=0.4), True),
     "half of a preset": (
         FieldConfig(
             Fisher(
@@ -287,37 +287,70 @@ CONFIGS = {
             ),
             headings=4,
         ),
-        [],
+        True,
     ),
-    "no lidar named": (FieldConfig(Fisher(Lidar(range=6.0, range_sigma=0.025))), []),
-    "a lidar of one's own": (FieldConfig(Fisher(Lidar(range=7.5, beams=91)), stride=0.4), None),
-    "other weights": (FieldConfig(Sad(weights=Exponential(tau=0.4)), stride=0.4), None),
+    "the lidar by default": (FieldConfig(Fused.of(Lidar()), stride=0.4), True),
+    "a lidar of one's own": (FieldConfig(Fisher(Lidar(range=7.5, beams=91)), stride=0.4), True),
+    "a mounted one": (FieldConfig(Scan(Lidar(range=9.0, mount_x=0.1, model="mine"))), True),
+    "other weights": (FieldConfig(Sad(weights=Exponential(tau=0.4)), stride=0.4), False),
     "another window": (
         FieldConfig(Sad(window=SearchWindow(half_width=1.0)), stride=0.4),
-        None,
+        False,
     ),
-    "a fused one": (FieldConfig(Fused(Fisher(LIDAR), Scan(LIDAR))), None),
-    "a mounted one": (FieldConfig(Scan(Lidar(range=9.0, mount_x=0.1), z_rand=0.1)), None),
+    "a fused one": (FieldConfig(Fused(Fisher(LIDAR), Scan(LIDAR, z_rand=0.1))), False),
+    "one's own noise": (FieldConfig(Scan(Lidar(range=9.0, mount_x=0.1), z_rand=0.1)), False),
 }
+OUTLINE = locplan.Footprint([(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)])
+ROBOTS = {
+    "the usual one": Robot(),
+    "a small one": Robot("lds-01", footprint=0.1, margin=0.02),
+    "a long one": Robot(Lidar(range_sigma=0.01), footprint=OUTLINE, inflation=Inflation()),
+    "a shaky one": Robot(LIDAR).changed(
+        {"laser_model_type": "likelihood_field_prob", "half_cell": False, "heading_drift_deg": 0.1}
+    ),
+}
+
+
+def of_options(words: list[str]) -> tuple[Robot, FieldConfig]:
+    """The robot and the settings of a field that the commands make of options."""
+    from locplan.cli._options import FieldOptions
+    from locplan.cli._robot_options import RobotOptions
+
+    pairs = list(zip(words[::2], words[1::2], strict=True))
+    kinds = {"disc": float, "stride": float, "headings": int}
+    given = {key[2:]: kinds.get(key[2:], str)(value) for key, value in pairs if key != "--set"}
+    named = given.pop("lidar", None)
+    robot = RobotOptions(lidar=named, set=tuple(value for key, value in pairs if key == "--set"))
+    return FieldOptions(**given).with_robot(robot)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_options_and_code_make_the_same_robot(name):
+    robot = ROBOTS[name]
+    made, _ = of_options(robot_options(robot))
+    assert made.summary() == robot.summary()
+    costs = dataclasses.replace(view().costs, robot_radius=robot.radius)
+    code = reproduced(dataclasses.replace(view(robot=robot), costs=costs), "lab.yaml").python
+    (line,) = [line for line in code.splitlines() if line.startswith("robot = ")]
+    assert eval(line.partition(" = ")[2], {"locplan": locplan}).summary() == robot.summary()
 
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_options_and_code_make_the_same_settings(name, tmp_path):
-    from locplan.cli._options import FieldOptions
     from locplan.explorer._reproduce import _config_code
 
-    config, wanted = CONFIGS[name]
-    assert eval(_config_code(config), {"locplan": locplan}) == config
-    options = options_for(config)
-    assert (options is None) == (wanted is None)
+    config, sayable = CONFIGS[name]
+    lidar = getattr(config.estimator, "lidar", None)
+    robot = Robot(lidar)
+    names = {"locplan": locplan, "robot": robot}
+    for own in (lidar, None):
+        assert eval(_config_code(config, own), names) == config
+    options = field_options(config, lidar, "sad")
+    assert (options is not None) == sayable
     if options is not None:
-        pairs = dict(zip(options[::2], options[1::2], strict=True))
-        kinds = {"range": float, "field_of_view": float, "stride": float, "headings": int}
-        given = {key[2:].replace("-", "_"): value for key, value in pairs.items()}
-        given = {key: kinds.get(key, str)(value) for key, value in given.items()}
-        assert FieldOptions(**given).to_config() == config
-        lidar = getattr(config.estimator, "lidar", None)
-        assert given.get("lidar") == (lidar.model if lidar and lidar.model else None)
+        words = [*robot_options(robot), *options]
+        assert of_options(words) == (robot, config)
+        assert "model=mine" not in words
 
 
 def test_an_estimator_of_ones_own_is_made_from_its_settings(monkeypatch):
@@ -329,9 +362,10 @@ def test_an_estimator_of_ones_own_is_made_from_its_settings(monkeypatch):
 
     Mine.__module__ = "elsewhere"
     config = FieldConfig(Mine(range=5.0))
-    assert options_for(config) is None
+    assert field_options(config, None, "sad") is None
     assert "from_json" in _config_code(config)
-    assert options_for(changed(FieldConfig(), weights=InverseSquare())) is None
+    config = changed(FieldConfig(), weights=InverseSquare())
+    assert field_options(config, None, "sad") is None
 
 
 @pytest.mark.parametrize(
@@ -356,7 +390,8 @@ def test_the_command_and_the_code_plan_the_path_shown(config, name, run, tmp_pat
         return float(x), float(y)
 
     stops = world(START), world(MIDDLE), world((21.0, 3.0)), world(GOAL)
-    shown = View(moved, field, costs, None, stops[0], stops[-1], stops[1:-1])
+    robot = equipped(Robot(footprint=0.2, margin=0.0), config)
+    shown = View(moved, field, costs, robot, stops[0], stops[-1], stops[1:-1])
     code, command, own = both_paths(shown, name, run, tmp_path, monkeypatch)
     assert np.allclose(code, own, rtol=0, atol=1e-8)
     assert np.allclose(command, own, rtol=0, atol=1e-8)
@@ -370,21 +405,23 @@ def test_the_command_and_the_code_choose_as_the_simulation_does(run, tmp_path, m
     grid = load_map("lab.yaml")
     field = locplan.load_or_compute(grid, FieldConfig(Sad(range=4.0), stride=0.8))
     costs = Costmap.from_field(grid, field, weight=2.5)
-    shown = View(grid, field, costs, None, START, GOAL)
-    amcl, disturbances = Amcl(max_particles=600, half_cell=False), Disturbances(outliers=0.1)
-    told = simulated(shown, drives=2, amcl=amcl, disturbances=disturbances)
+    robot = Robot().changed({"max_particles": 600, "half_cell": False, "outliers": 0.1})
+    robot = equipped(robot, field.config)
+    shown = View(grid, field, costs, robot, START, GOAL)
+    told = simulated(shown, drives=2)
     own = any(each.name == PATH_SHOWN for each in told.candidates)
-    made = reproduced(shown, "lab.yaml", driven=Driven(2, own, amcl, disturbances))
+    made = reproduced(shown, "lab.yaml", driven=Driven(2, own))
     xy = next(each.path.xy for each in told.candidates if each.name == told.chosen)
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
         exec(made.python, {})
     assert np.allclose(json.loads(output.getvalue()), xy, rtol=0, atol=1e-8)
+    assert "range" not in made.shell
     code, out, err = run(*shlex.split(made.shell)[1:], "--json")
     assert code == 0, err
     about = json.loads(out)
     assert np.allclose(about["candidates"][about["chosen"]]["xy"], xy, rtol=0, atol=1e-8)
-    assert about["amcl"] == dataclasses.asdict(amcl)
+    assert about["robot"] == robot.summary()
     errors = [each.error.value for each in told.candidates]
     again = [each["typical_rmse_m"] for each in about["candidates"].values()]
     assert again == pytest.approx(errors)
@@ -392,9 +429,11 @@ def test_the_command_and_the_code_choose_as_the_simulation_does(run, tmp_path, m
 
 
 def test_a_choice_with_another_lidar_than_the_fields_is_told_in_python():
-    made = reproduced(view(lidar=Lidar(range=9.0)), "lab.yaml", driven=Driven(8, own=False))
+    shown = view(robot=Robot(Lidar(range=9.0)))
+    made = reproduced(shown, "lab.yaml", driven=Driven(8, own=False))
     assert "cannot say lidar" in made.shell
-    assert "drives=8, lidar=locplan.Lidar(range=9.0))" in made.python
+    assert "robot = locplan.Robot().changed({'range': 9.0})" in made.python
+    assert "locplan.Fisher(lidar=locplan.Lidar(range=6.0))" in made.python
 
 
 def test_edits_that_are_not_saved_are_said_first():

@@ -16,7 +16,6 @@ from locplan.field import (
     FieldConfig,
     Fisher,
     Fused,
-    Lidar,
     Sad,
     Scan,
     SearchWindow,
@@ -31,6 +30,7 @@ from locplan.field._estimator import MapPart
 from locplan.field._lattice import evaluated_points, stride_cells
 from locplan.field._samples import MIN_CLEARANCE, sampled
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
+from locplan.robots import Lidar
 
 QUICK = FieldConfig(Sad(range=1.0, window=SearchWindow(half_width=0.6, step=0.2)))
 STILL = SearchWindow(half_width=QUICK.estimator.window.half_width, half_rotation_deg=0)

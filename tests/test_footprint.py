@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from conftest import drawn, random_rooms
 
-from locplan.costs import Costmap, Footprint, Path, path_cost
+from locplan.costs import Costmap, Path, path_cost
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planners import plan
+from locplan.robots import Footprint
 
 LONG = [(1.2, 0.35), (1.2, -0.35), (-0.8, -0.35), (-0.8, 0.35)]
 

@@ -18,7 +18,7 @@ SEED = 19
 def test_every_command_and_option_is_fuzzed():
     declared = fuzz_commands.declared()
     assert {names[0] for names in declared} == set(COMMANDS)
-    assert {"--range", "--workers"} <= {option.name for option in declared["compare",]}
+    assert {"--robot", "--workers"} <= {option.name for option in declared["compare",]}
     seen = set()
     for number in range(8000):
         line = fuzz_commands.line_of(random.Random(f"{SEED} {number}"), declared)

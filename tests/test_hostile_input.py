@@ -23,7 +23,6 @@ from locplan.field import (
     CovarianceField,
     FieldConfig,
     Fisher,
-    Lidar,
     Sad,
     Scan,
     SearchWindow,
@@ -35,9 +34,9 @@ from locplan.field._cache_table import cache_summary, cache_table
 from locplan.field._lattice import _moves, standing_cells
 from locplan.field._store import CacheWarning, field_path
 from locplan.field._zarr import _checksum, write
-from locplan.maps import OccupancyGrid, load_map, name_of, read_parameters, save_map
+from locplan.maps import OccupancyGrid, load_map, name_of, save_map
 from locplan.recordings import read_drive
-from locplan.simulation import Amcl, read_amcl
+from locplan.robots import Amcl, Lidar, read_amcl, read_parameters
 
 DEEP = "[" * 5000
 

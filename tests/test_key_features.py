@@ -16,7 +16,6 @@ import locplan
 from locplan import LocplanError, Path, Pole, save_map
 from locplan._kernels import features as kernels, landmarks, way_covariances as ways
 from locplan._kernels.rays import empty_squares
-from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import key_features, key_features_figure, with_objects
 from locplan.landmarks._feature_drives import FeatureDrives, simulator_without, without_cells
@@ -27,7 +26,8 @@ from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._pieces import CORNER, OBJECT, WALL, Pieces, pieces_of
 from locplan.landmarks._surroundings import hits_on, lines_along, step_of, surroundings
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Drives
+from locplan.robots import Amcl, Lidar, Robot
+from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
 SHORT = Lidar(range=3.0)
@@ -35,7 +35,7 @@ ROUTE = {"middle": np.array([[-6.0, 0.0], [6.0, 0.0]])}
 
 
 def found_on(grid, route=ROUTE, **settings):
-    return key_features(grid, paths=route, amcl=PRODUCT, lidar=SHORT, **settings)
+    return key_features(grid, robot=Robot(SHORT, filter=PRODUCT), paths=route, **settings)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def sights_of(grid, route=ROUTE, *, lidar=SHORT, amcl=PRODUCT, gap=0.0, largest=
     half = Shape(grid.resolution, grid.resolution, is_round=True)
     step = step_of(amcl)
     lines = lines_along(grid, routes, step)
-    seen = surroundings(grid, lines, step, half, lidar, amcl, Disturbances())
+    seen = surroundings(grid, lines, step, half, Robot(lidar, filter=amcl))
     occupied = grid.cells == OCCUPIED
     met = met_cells(occupied, grid.resolution, seen.rays)
     pieces = pieces_of(occupied, met, grid.resolution, 1.0, largest, gap)
@@ -433,7 +433,7 @@ def test_of_a_moved_feature_the_pose_follows_a_part(found):
 
 def test_without_walls_in_sight_there_is_no_feature():
     empty = OccupancyGrid(np.full((200, 200), FREE, np.uint8), 0.1)
-    found = key_features(empty, paths=np.array([[[8.0, 10.0], [12.0, 10.0]]]), lidar=SHORT)
+    found = key_features(empty, robot=Robot(SHORT), paths=np.array([[[8.0, 10.0], [12.0, 10.0]]]))
     assert len(found) == 0
     assert found.verdict.startswith("no feature is seen")
     assert found.together == ()
@@ -462,10 +462,7 @@ def test_progress_ends_with_all(with_pole):
         ({"largest": -1.0}, "largest"),
         ({"gap": -0.1}, "gap"),
         ({"shift": math.nan}, "shift"),
-        ({"robot_radius": -1}, "robot_radius"),
-        ({"lidar": "rplidar-a1"}, "lidar"),
-        ({"amcl": {}}, "amcl"),
-        ({"disturbances": 1}, "disturbances"),
+        ({"robot": "rplidar-a1"}, "robot must be a Robot"),
         ({"paths": None}, "not both"),
         ({"places": [(0, 0), (1, 0)]}, "not both"),
         ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
@@ -497,9 +494,9 @@ def test_features_are_verified_by_drives_in_a_world_that_lacks_them(found, drive
 
 
 def test_the_world_lacks_what_the_map_still_shows(found):
-    setting = found.lidar, found.amcl, dataclasses.replace(found.disturbances, boundary_noise=0.0)
+    robot = found.robot.changed({"boundary_noise": 0.0})
     cells = found.features[0].cells
-    made = simulator_without(found.grid, [cells], setting, 1, 1)
+    made = simulator_without(found.grid, [cells], robot, 1, 1)
     assert made.grid is found.grid
     gone = without_cells(found.grid, cells)
     assert (made.worlds[0] == empty_squares(gone.cells == OCCUPIED)).all()
@@ -541,7 +538,7 @@ ENDS = ["--start", "-6,0", "--goal", "6,0"]
 
 def test_the_command_writes_features(run, map_file, tmp_path):
     out = tmp_path / "found"
-    options = ["--drives", 2, "--range", 3, "--count", 2, "-o", out]
+    options = ["--drives", 2, "--set", "range=3", "--count", 2, "-o", out]
     code, said, err = run("features", map_file, *ENDS, *FEW, *options)
     assert code == 0, err
     assert said.index("lost") < said.index("hangs on 1 feature") < said.index("object")
@@ -560,7 +557,8 @@ def test_the_command_writes_features(run, map_file, tmp_path):
 
 def test_the_command_takes_places_and_its_options(run, map_file, tmp_path):
     (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
-    given = ["--places", tmp_path / "places.csv", "--drives", 0, "--range", 3, "--json", "--count"]
+    given = ["--places", tmp_path / "places.csv", "--drives", 0, "--set", "range=3", "--json"]
+    given += ["--count"]
     code, said, err = run("features", map_file, *given, 1, *FEW)
     assert code == 0, err
     usual = json.loads(said)
@@ -598,7 +596,7 @@ def test_a_hall_is_lost_without_three_objects(real_maps, name):
     grid = locplan.load_map(real_maps / name)
     route = {"across": np.array([[0.9, 5.1], [-1.8, 5.4], [-14.0, -6.8]])}
     amcl = Amcl(laser_model_type="likelihood_field_prob")
-    found = key_features(grid, paths=route, amcl=amcl)
+    found = key_features(grid, robot=Robot(filter=amcl), paths=route)
     assert [each.kind for each in found.features[:2]] == ["object", "object"]
     driven = found.verify(40)
     assert driven.hurts

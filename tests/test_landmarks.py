@@ -22,7 +22,7 @@ from locplan._kernels import (
     way_covariances as ways,
 )
 from locplan._kernels.rays import empty_squares
-from locplan.field import FieldConfig, Fused, Lidar, scalar
+from locplan.field import FieldConfig, Fused, scalar
 from locplan.field._at_points import covariances_along
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import _search, best_of_trials, landmarks_figure, with_objects
@@ -56,7 +56,8 @@ from locplan.landmarks._surroundings import hits_on, motion_of, rays_at, swing_o
 from locplan.landmarks._trials import score
 from locplan.landmarks._verification import Verification, paths_on
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Drives
+from locplan.robots import Amcl, Lidar, Robot
+from locplan.simulation import Drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
 SHORT = Lidar(range=3.0)
@@ -76,7 +77,7 @@ def hallway() -> OccupancyGrid:
 
 @pytest.fixture(scope="module")
 def placed(hallway):
-    return place_landmarks(hallway, Pole(0.2), 3, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
+    return place_landmarks(hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE)
 
 
 # Objects
@@ -262,7 +263,7 @@ def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
     grid = open_floor()
     lidar = Lidar(range=3.0, field_of_view_deg=300.0)
     shape = Box(1.0, 0.1).shape
-    rays = rays_at(np.array([[6.0, 4.0, 0.0]]), shape, lidar, Amcl(), grid.resolution)
+    rays = rays_at(np.array([[6.0, 4.0, 0.0]]), shape, Robot(lidar), grid.resolution)
     assert not rays.all_round
     hits = hits_on(grid, rays)
     before = hits.copy()
@@ -402,8 +403,8 @@ def test_a_ray_from_within_an_object_meets_nothing():
 
 def test_a_hit_tells_a_likelihood_field_some_22_times_less_where_all_beams_hit():
     lidar, rays = Lidar(range=6.0), 360
-    product = told_by(PRODUCT, lidar, rays, 0.05, 1.0)
-    summed = told_by(Amcl(), lidar, rays, 0.05, 1.0)
+    product = told_by(Robot(lidar, filter=PRODUCT), rays, 0.05, 1.0)
+    summed = told_by(Robot(lidar), rays, 0.05, 1.0)
     ratio = product.share / (summed.share / (1 + summed.other * rays))
     assert 20 < ratio < 24
 
@@ -415,9 +416,9 @@ def test_far_beams_tell_less_the_more_the_filters_heading_errs():
 
 
 def test_the_motion_is_the_filters():
-    slow = motion_of(Amcl(alpha3=0.1, update_min_d=0.5), Disturbances(distance_drift=0.0))
-    assert slow.along == pytest.approx(0.05)
-    assert motion_of(Amcl(alpha2=0.4), Disturbances()).turn == pytest.approx(
+    slow = Robot().changed({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
+    assert motion_of(slow).along == pytest.approx(0.05)
+    assert motion_of(Robot(filter=Amcl(alpha2=0.4))).turn == pytest.approx(
         2 * 0.4 * 0.25 + math.radians(1) ** 2
     )
 
@@ -435,7 +436,7 @@ def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
 
 
 def test_the_first_place_is_the_best_of_all_and_more_help_more(hallway, placed):
-    one = place_landmarks(hallway, Pole(0.2), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT)
+    one = place_landmarks(hallway, Pole(0.2), 1, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE)
     search = one.search
     search.objective.start(np.arange(0))
     assert one.curve[1] == pytest.approx(search.objective.values(search.among).min())
@@ -460,7 +461,7 @@ def test_exchanges_do_not_make_it_worse(placed):
 
 def test_landmarks_do_not_depend_on_the_threads(hallway, placed):
     again = place_landmarks(
-        hallway, Pole(0.2), 3, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, threads=3
+        hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE, threads=3
     )
     assert (again.poses == placed.poses).all()
 
@@ -478,7 +479,7 @@ def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
     turn = np.array([(cos, sin), (-sin, cos)])  # rows times this are turned counter-clockwise
     x, y = np.array(hallway.origin[:2]) @ turn
     turned = dataclasses.replace(hallway, origin=(x, y, hallway.origin[2] + yaw))
-    given = {"amcl": PRODUCT, "lidar": lidar}
+    given = {"robot": Robot(lidar, filter=PRODUCT)}
     stands = np.array([(-3.0, 0.8, math.pi / 2)])
     kind = Box(0.4, 0.2)
     found = []
@@ -496,7 +497,9 @@ def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
 
 def test_what_two_close_together_is_refused_beside_the_first(hallway):
     route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
-    made = place_landmarks(hallway, kind, 2, paths=route, amcl=PRODUCT, lidar=SHORT, margin=0.1)
+    made = place_landmarks(
+        hallway, kind, 2, robot=Robot(SHORT, filter=PRODUCT), paths=route, margin=0.1
+    )
     search = made.search
     at = search.in_world(hallway, np.arange(len(search.places)))
     one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
@@ -511,7 +514,7 @@ def test_what_two_close_together_is_refused_beside_the_first(hallway):
 
 def test_places_at_random_close_no_passage_either(hallway):
     made = place_landmarks(
-        hallway, Box(0.6, 0.5), 1, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, margin=0.1
+        hallway, Box(0.6, 0.5), 1, robot=Robot(SHORT, filter=PRODUCT), paths=ROUTE, margin=0.1
     )
     search, costs = made.search, []
     for seed in range(5):
@@ -532,9 +535,8 @@ def test_an_existing_object_may_be_moved(hallway):
         stands,
         Pole(0.2),
         0,
+        robot=Robot(SHORT, filter=PRODUCT),
         paths=ROUTE,
-        amcl=PRODUCT,
-        lidar=SHORT,
         existing=[(-6.5, 0.9)],
     )
     assert len(made) == 1
@@ -542,14 +544,19 @@ def test_an_existing_object_may_be_moved(hallway):
     assert abs(made.poses[0, 0]) < 6
     assert made.grid.free[made.grid.world_to_cell(-6.5, 0.9)]
     stays = place_landmarks(
-        made.grid, Pole(0.2), 0, paths=ROUTE, amcl=PRODUCT, lidar=SHORT, existing=made.poses
+        made.grid,
+        Pole(0.2),
+        0,
+        robot=Robot(SHORT, filter=PRODUCT),
+        paths=ROUTE,
+        existing=made.poses,
     )
     assert stays.kept == 1
 
 
 def test_places_are_joined_by_shortest_paths(hallway):
     ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0), "c": (0.0, 0.3)}
-    made = place_landmarks(hallway, Pole(0.2), 1, places=ends, amcl=PRODUCT, lidar=SHORT)
+    made = place_landmarks(hallway, Pole(0.2), 1, robot=Robot(SHORT, filter=PRODUCT), places=ends)
     assert list(made.setting.routes) == ["a to b", "a to c", "b to c"]
     assert made.verify(2, random_sets=1).after.number == 6
 
@@ -557,7 +564,12 @@ def test_places_are_joined_by_shortest_paths(hallway):
 def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
     with pytest.raises(LocplanError, match="kept out"):
         place_landmarks(
-            hallway, Pole(0.2), 1, paths=ROUTE, lidar=SHORT, keep_out=np.ones(hallway.shape, bool)
+            hallway,
+            Pole(0.2),
+            1,
+            robot=Robot(SHORT),
+            paths=ROUTE,
+            keep_out=np.ones(hallway.shape, bool),
         )
 
 
@@ -577,8 +589,7 @@ def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
         ({"existing": [(3.0, 1.2), (3.0, 1.25)]}, "two existing objects are given at one place"),
         ({"keep_out": [(0, 0, 1, 1), (0, 0, 1)]}, "keep_out must be a mask"),
         ({"keep_out": [(0, 0, 1, math.nan)]}, "keep_out must be a mask"),
-        ({"lidar": 0}, "lidar"),
-        ({"amcl": {}}, "amcl"),
+        ({"robot": 0}, "robot must be a Robot"),
         ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
         ({"paths": {}}, "at least one"),
     ],
@@ -723,7 +734,7 @@ def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
 @pytest.fixture(scope="module")
 def in_region(hallway):
     region = [(-6.0, -1.2, 6.0, 1.2)]
-    return place_landmarks(hallway, Pole(0.2), 3, region=region, amcl=PRODUCT, lidar=SHORT)
+    return place_landmarks(hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), region=region)
 
 
 def test_a_region_is_marked_where_it_is_degenerate(hallway, in_region):
@@ -735,7 +746,7 @@ def test_a_region_is_marked_where_it_is_degenerate(hallway, in_region):
     rows, cols = np.indices(hallway.shape) + 0.5
     x, y = hallway.grid_to_world(rows, cols)
     mask[(np.abs(x) <= 6.0) & (np.abs(y) <= 1.2)] = True
-    again = place_landmarks(hallway, Pole(0.2), 3, region=mask, amcl=PRODUCT, lidar=SHORT)
+    again = place_landmarks(hallway, Pole(0.2), 3, robot=Robot(SHORT, filter=PRODUCT), region=mask)
     np.testing.assert_allclose(again.curve, in_region.curve, rtol=0.02)
 
 
@@ -848,7 +859,7 @@ def test_a_regular_row_is_broken_where_that_costs_little(placed):
 
 def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
     bent = np.array([[-6.0, 0.0], [-3.0, 0.5], [0.0, -0.5], [6.0, 0.0]])
-    settings = {"amcl": PRODUCT, "lidar": SHORT}
+    settings = {"robot": Robot(SHORT, filter=PRODUCT)}
     made = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, **settings)
     assert not made.setting.planned
     assert (paths_on(made.setting, made.grid)["bent"].xy == bent).all()
@@ -862,7 +873,7 @@ def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
 
 def test_an_existing_object_on_a_path_is_refused(hallway):
     stands = with_objects(hallway, Pole(0.3), [(1.0, 0.0)])
-    given = {"amcl": PRODUCT, "lidar": SHORT, "existing": [(1.0, 0.0)]}
+    given = {"robot": Robot(SHORT, filter=PRODUCT), "existing": [(1.0, 0.0)]}
     with pytest.raises(LocplanError, match="path middle"):
         place_landmarks(stands, Pole(0.3), 1, paths=ROUTE, **given)
 
@@ -963,8 +974,8 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
         2,
         "--trials",
         1,
-        "--range",
-        3,
+        "--set",
+        "range=3",
         "-o",
         out,
     ]
@@ -993,7 +1004,7 @@ def test_the_command_takes_places_and_existing_objects(run, map_file, hallway, t
     save_map(with_objects(hallway, Pole(0.2), [(-6, 0.9)]), map_file)
     (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
     given = ["--places", tmp_path / "places.csv", "--existing", "-6,0.9,10", "--drives", 0]
-    code, said, err = run("landmarks", map_file, *given, "--count", 1, "--range", 3, "--json")
+    code, said, err = run("landmarks", map_file, *given, "--count", 1, "--set", "range=3", "--json")
     assert code == 0, err
     about = json.loads(said)
     assert len(about["landmarks"]) == 2
@@ -1001,7 +1012,7 @@ def test_the_command_takes_places_and_existing_objects(run, map_file, hallway, t
 
 
 def test_the_command_takes_a_region(run, map_file, tmp_path):
-    given = ["--region", "all", "--count", 1, "--range", 3, "--drives", 2, "--trials", 1]
+    given = ["--region", "all", "--count", 1, "--set", "range=3", "--drives", 2, "--trials", 1]
     fast = ["--set", "max_particles=100", "--set", "min_particles=100", "-o", tmp_path / "out"]
     code, said, err = run("landmarks", map_file, *given, *fast)
     assert code == 0, err
@@ -1034,7 +1045,9 @@ def test_three_poles_keep_the_robot_in_a_bare_corridor(count):
     grid = locplan.maps.environments.make("two_corridors")
     route = {"straight": np.array([[2.0, 3.0], [38.0, 3.0]])}
     amcl = Amcl(laser_model_type="likelihood_field_prob")
-    driven = place_landmarks(grid, Pole(0.2), count, paths=route, amcl=amcl).verify(100)
+    driven = place_landmarks(grid, Pole(0.2), count, robot=Robot(filter=amcl), paths=route).verify(
+        100
+    )
     assert driven.helps
     assert driven.after.lost_rate.value <= 0.02
     assert driven.before.lost_rate.value >= 0.7

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from conftest import drawn
 
-from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.robots import Amcl, Disturbances, Lidar, Robot
+from locplan.simulation import Simulator
 from locplan.simulation.tuning._lint import beams_left, lint
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
@@ -53,7 +53,7 @@ def hall(size: float) -> OccupancyGrid:
 
 
 def test_all_beams_return_in_a_small_room():
-    simulator = Simulator(hall(4.0), lidar=LIDAR, disturbances=CLEAN)
+    simulator = Simulator(hall(4.0), robot=Robot(LIDAR, disturbances=CLEAN))
     left = beams_left(simulator)
     assert left.compared == 60  # every sixth of 360
     assert left.returned == 60
@@ -62,7 +62,7 @@ def test_all_beams_return_in_a_small_room():
 
 def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
     lidar = Lidar(range=4.0)
-    left = beams_left(Simulator(hall(30.0), lidar=lidar, amcl=Amcl(max_beams=30)))
+    left = beams_left(Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30))))
     assert 0 < left.returned < 0.5 * left.compared
     (warning,) = left.warnings()
     assert str(left) in warning
@@ -71,4 +71,4 @@ def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
 
 def test_beams_are_counted_also_where_the_robot_fits_nowhere():
     grid = drawn("####", "#..#", "####", resolution=0.1)
-    assert beams_left(Simulator(grid, lidar=LIDAR)).compared == 60
+    assert beams_left(Simulator(grid, robot=Robot(LIDAR))).compared == 60

@@ -11,9 +11,9 @@ from conftest import SHARED_DATA, drawn, few_of
 from small_drive import FILE, MAP
 
 from locplan.errors import ConfigError, RecordingError
-from locplan.field import Lidar
 from locplan.maps import FREE, OccupancyGrid, load_map
 from locplan.recordings import MapFit, Recording, fit_to_map, read_drive
+from locplan.robots import Lidar
 
 NAMES = ("intel", "aces", "csail", "fhw", "orebro", "seattle")
 

@@ -300,19 +300,19 @@ def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
 @pytest.mark.draws
 def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     file = image_map(tmp_path, walled(254, size=16))
-    code, out, err = run("info", file, "-o", tmp_path / "info.png", "--robot-radius", "0.3")
+    code, out, err = run("info", file, "-o", tmp_path / "info.png", "--set", "footprint=0.25")
     assert code == 0
     assert (tmp_path / "info.png").stat().st_size > 1000
     assert err == f"wrote {tmp_path / 'info.png'}\n"
     assert "16 x 16 cells, 8.00 x 8.00 m" in out
     assert "free_thresh 0.196, occupied_thresh 0.65" in out
     (command, *_) = [line.strip() for line in out.splitlines() if "locplan plan" in line]
-    assert command.endswith("--lidar turtlebot4 --robot-radius 0.3")
+    assert command.endswith("--lidar turtlebot4 --set footprint=0.3 --set margin=0")
     code, out, _ = run("info", file, "--json")
     about = json.loads(out)
     assert about["pairs"][0]["distance_m"] > 7
-    assert "--robot-radius" not in about["pairs"][0]["command"]
-    code, out, _ = run(*shlex.split(command)[1:], "--range", "1")
+    assert "--set" not in about["pairs"][0]["command"]
+    code, out, _ = run(*shlex.split(command)[1:], "--set", "range=1")
     assert code == 0
     assert "fused, turtlebot4, 1 m" in out
     assert "same path as the shortest" in out
@@ -331,7 +331,7 @@ def test_wrong_pictures_and_radii_are_refused(run, tmp_path):
     first = run("info", tmp_path / "no.yaml", "-o", tmp_path / "info.txt")  # before the map is read
     assert "must end in .png" in refused(first)
     assert "replaces lab.png" in refused(run("info", file, "-o", tmp_path / "lab.png"))
-    assert "robot_radius must be" in refused(run("info", file, "--robot-radius", "-1"))
+    assert "margin must be at least 0" in refused(run("info", file, "--set", "margin=-1"))
 
 
 def test_the_table_sums_up_many_rooms(monkeypatch):

@@ -8,7 +8,8 @@ import pytest
 
 from locplan._util.checks import number, position, positive, shown, whole
 from locplan.errors import MAX_MESSAGE, ConfigError, LocplanError, PoseError
-from locplan.field import Lidar, Sad, Scan
+from locplan.field import Sad, Scan
+from locplan.robots import Lidar
 
 
 def bomb(depth: int) -> list:

@@ -5,12 +5,11 @@ import pytest
 import yaml
 
 from locplan import export
-from locplan.costs import Costmap, read_robot_size
+from locplan.costs import Costmap
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, covariance_field
-from locplan.maps import FREE, OccupancyGrid, read_parameters
-from locplan.maps._parameter_edits import edited_parameters
-from locplan.simulation import read_amcl
+from locplan.maps import FREE, OccupancyGrid
+from locplan.robots import Robot, edited_parameters, read_amcl, read_parameters
 
 BESIDE = "amcl:\n  ros__parameters:\n    alpha1: 0.1\n    alpha2: 0.1\n"
 SHARED = (
@@ -92,7 +91,7 @@ def test_what_is_for_all_nodes_is_read_by_amcl_too(tmp_path):
     assert (found.alpha1, found.alpha2) == (0.3, 0.1)
     file = written(tmp_path, SHARED)
     assert read_amcl(file).alpha1 == 0.3
-    assert read_robot_size(file).radius == 0.4
+    assert Robot.from_nav2(file).footprint == 0.4
     file = written(tmp_path, "/**: {ros__parameters: {use_sim_time: true}}\n")
     with pytest.raises(LocplanError, match="has no parameters of amcl"):
         read_amcl(file)
@@ -111,7 +110,7 @@ def test_several_robots_are_chosen_by_name(tmp_path):
     for robot, alpha2, radius in (("robot1", 0.1, 0.2), ("/robot2", 0.2, 0.5)):
         found = read_amcl(f"{file}:{robot}")
         assert (found.alpha1, found.alpha2) == (0.3, alpha2)
-        assert read_robot_size(f"{file}:{robot}").radius == radius
+        assert Robot.from_nav2(f"{file}:{robot}").footprint == radius
     with pytest.raises(LocplanError, match="has no robot '/robot3'; it has '/robot1', '/robot2'"):
         read_amcl(f"{file}:robot3")
     root = written(tmp_path, FLEET + BESIDE)

@@ -270,9 +270,8 @@ def test_the_command_drives_stations_and_says_what_is_missing(run, tmp_path):
     ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
     assert "needs --queries FILE, or paths" in refused(run(*ask))
     assert "cannot be read" in refused(run(*ask, "--queries", tmp_path / "none.csv"))
-    code, out, err = run(
-        *ask, "--queries", stations, "--drives", "2", "--json", "--robot-radius", "0.1"
-    )
+    small = "--set", "footprint=0.1", "--set", "margin=0"
+    code, out, err = run(*ask, "--queries", stations, "--drives", "2", "--json", *small)
     assert (code, err) == (0, f"wrote {tmp_path / 'out'}\n")
     about = json.loads(out)
     assert about["no_path"] == ["a to island", "b to island"]

@@ -14,7 +14,6 @@ from locplan.field import (
     CovarianceField,
     FieldConfig,
     Fisher,
-    Lidar,
     _cache as cache,
     covariance_field,
     load_or_compute,
@@ -24,6 +23,7 @@ from locplan.field._cache_table import cache_table
 from locplan.field._lattice import evaluated_points, every_second, filled, points_near
 from locplan.maps import FREE, OccupancyGrid, environments, save_map
 from locplan.planners import plan, planned_near_paths
+from locplan.robots import Lidar
 
 CONFIG = FieldConfig(Fisher(Lidar(range=3.0, beams=90, field_of_view_deg=270.0)), headings=4)
 ENDS = (2.0, 3.0), (38.0, 3.0)
@@ -198,7 +198,7 @@ def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
     save_map(grid, tmp_path / "map.yaml")
     heading = ",0" if "SE2" in options else ""
     ends = "--start", f"2,3{heading}", "--goal", f"38,3{heading}"
-    lidar = "--lidar", "rplidar-a1", "--range", 3, "--estimator", "fisher", "--no-verdict"
+    lidar = "--lidar", "rplidar-a1", "--set", "range=3", "--estimator", "fisher", "--no-verdict"
     cached = "--cache-dir", tmp_path / "cache"
     code, _, err = run("plan", tmp_path / "map.yaml", *ends, *lidar, *cached, *options)
     assert code == 0, err

@@ -2,9 +2,9 @@
 
 import pytest
 
+from locplan._util.plain_yaml import scalar_text
 from locplan.errors import LocplanError
-from locplan.maps._parameter_edits import edited_parameters, scalar_text
-from locplan.maps._ros_parameters import read_parameters
+from locplan.robots import edited_parameters, read_parameters
 
 VALUES = {"alpha1": 0.05, "max_beams": 120, "laser_model_type": "likelihood_field_prob"}
 

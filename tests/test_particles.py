@@ -11,10 +11,9 @@ from conftest import random_rooms
 
 from locplan._kernels import drives, matches, measured, particles, shares as shares_kernels
 from locplan._kernels.rays import empty_squares
-from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Simulator
-from locplan.simulation._settings import DIFFERENTIAL, OMNIDIRECTIONAL
+from locplan.robots import DIFFERENTIAL, OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot
+from locplan.simulation import Simulator
 
 RESOLUTION = 0.1
 SMALL = Lidar(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_y=-0.05, mount_yaw_deg=20)
@@ -28,8 +27,8 @@ def room(seed=3):
     return OccupancyGrid(cells, RESOLUTION, name="room")
 
 
-def simulator(grid, amcl=None, lidar=SMALL, **disturbances):
-    return Simulator(grid, lidar=lidar, amcl=amcl, disturbances=Disturbances(**disturbances))
+def simulator(grid, amcl=None, lidar=SMALL, **changes):
+    return Simulator(grid, Robot(lidar, filter=amcl or Amcl()).changed(changes))
 
 
 def cloud(random, count):
@@ -164,7 +163,6 @@ def test_particles_are_drawn_as_often_as_they_weigh():
 @pytest.mark.parametrize("occlusion", [0.0, 1.0])
 def test_measured_beams_end_where_the_plain_loop_says(occlusion):
     grid = room()
-    disturbances = Disturbances(outliers=0.2, occlusion=occlusion, occlusion_deg=90)
     here = simulator(grid, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
     squares, ends = empty_squares(grid.cells == OCCUPIED), np.empty((9, 2))
     for seed in range(12):
@@ -179,7 +177,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
             pose,
             SMALL,
             lidar.angles,
-            disturbances,
+            here.robot.disturbances,
         )
         assert ends == pytest.approx(expected, abs=2e-6, nan_ok=True)  # levers are rounded
 
@@ -209,15 +207,12 @@ def test_odometry_drifts_like_the_plain_formula():
     )
     truth[10:13] = truth[10]
     truth[10:13, 2] += [0, 0.3, 0.5]
-    disturbances = Disturbances(
-        distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
-    )
     here = simulator(
         room(), distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
     )
     told = drives.odometry_along(np.random.default_rng(3), truth, here.arguments.odometry)
     assert told == pytest.approx(
-        naive.odometry_along(np.random.default_rng(3), truth, disturbances)
+        naive.odometry_along(np.random.default_rng(3), truth, here.robot.odometry)
     )
 
 
@@ -259,18 +254,16 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
     grid, world = room(), room(4)
     x = np.linspace(0.9, 1.7, 17)
     truth = np.column_stack([x, 1.2 + 0.1 * np.sin(4 * x), 0.8 * (x - 0.9)])
-    disturbances = Disturbances(occlusion=0.5)
-    here = simulator(grid, amcl, occlusion=0.5)
+    robot = Robot(SMALL, filter=amcl, disturbances=Disturbances(occlusion=0.5))
+    here = Simulator(grid, robot)
     expected = naive.drive(
         np.random.default_rng(6),
         truth,
         grid.cells,
         world.cells,
         RESOLUTION,
-        SMALL,
+        robot,
         here.arguments.lidar.angles,
-        amcl,
-        disturbances,
     )
     errors = np.empty_like(truth)
     drives.drive(

@@ -14,7 +14,8 @@ from locplan import Costmap, CovarianceField, Path
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.maps import environments
 from locplan.planners import Found, Plan
-from locplan.simulation import Amcl, Simulator, simulate
+from locplan.robots import Amcl, Robot
+from locplan.simulation import Simulator, simulate
 
 ENDS = (2.0, 3.0), (38.0, 3.0)
 WINDOW = locplan.SearchWindow(half_width=2.0, step=1.0)
@@ -42,7 +43,9 @@ def plan(costs) -> Plan:
 
 def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
     front = locplan.pareto_front(costs, *ENDS, max_labels=200_000)
-    drives = simulate(grid, {"a": Path([(2.0, 3.0), (4.0, 3.0)])}, drives=2, amcl=Amcl())
+    drives = simulate(
+        grid, {"a": Path([(2.0, 3.0), (4.0, 3.0)])}, robot=Robot(filter=Amcl()), drives=2
+    )
     said = {
         grid: "OccupancyGrid(two_corridors, 158 x 412 cells of 0.1 m, origin",
         field: "CovarianceField(two_corridors: ",
@@ -53,7 +56,7 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
         front: "ParetoFront(",
         locplan.plan_field(costs, ENDS[1]): "CostToGo(two_corridors, to 38,3 m",
         drives: "Simulation(two_corridors, a: Drives(2 of 2.00 m, median error ",
-        Simulator(grid): "Simulator(two_corridors, lidar of 6 m, seed 1)",
+        Simulator(grid): "Simulator(two_corridors, lidar, 6 m, 360°; radius 0.2 m + 0.05 m; ",
         locplan.export.roadmap(costs): "RouteGraph(",
         locplan.Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, 0.0)]): "Footprint(3 corners, radii ",
     }
@@ -176,8 +179,11 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         (lambda g, f, c: f.scalar("foo"), "scalar must be one of e, "),
         (lambda g, f, c: locplan.pareto_front(c, *ENDS).plan(999), "paths, from 0 on; there is no"),
         (lambda g, f, c: simulate(g, Path([(2, 3), (4, 3)])), "paths must be a mapping of names"),
-        (lambda g, f, c: Simulator(g, lidar="utm-30lx"), "lidar must be a Lidar, not 'utm-30lx'"),
-        (lambda g, f, c: Simulator(g, amcl=3), "amcl must be an Amcl"),
+        (
+            lambda g, f, c: Simulator(g, robot="utm-30lx"),
+            "robot must be a Robot, not 'utm-30lx'; such as locplan.Robot(",
+        ),
+        (lambda g, f, c: Simulator(g, Robot(filter=3)), "filter must be an Amcl"),
         (lambda g, f, c: Found(Path([(0, 0)]), "timeout"), "a path is found: its status is solved"),
     ],
 )

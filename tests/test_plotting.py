@@ -9,18 +9,11 @@ from PIL import Image
 from locplan import paper, plotting
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
-from locplan.field import (
-    FieldConfig,
-    Lidar,
-    Sad,
-    Scan,
-    SearchWindow,
-    covariance_field,
-    position_axes,
-)
+from locplan.field import FieldConfig, Sad, Scan, SearchWindow, covariance_field, position_axes
 from locplan.field._samples import sampled
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
+from locplan.robots import Lidar
 
 pytestmark = pytest.mark.draws
 

@@ -14,8 +14,8 @@ from drive_bags import BEGIN, KINDS, back, on, times_of, write_drive, writing
 from small_drive import FILE
 
 from locplan.errors import LocplanError, RecordingError
-from locplan.field import Lidar
 from locplan.recordings import Recording, read_drive
+from locplan.robots import Lidar
 
 LIDAR = Lidar(
     range=9.0, least_range=0.1, field_of_view_deg=180.0, beams=7, mount_x=0.2, mount_yaw_deg=30.0

@@ -15,8 +15,8 @@ from conftest import SHARED_DATA
 from small_drive import FILE, made
 
 from locplan.errors import ConfigError, LocplanError, RecordingError
-from locplan.field import Lidar
 from locplan.recordings import Recording, read_drive
+from locplan.robots import Lidar
 
 LIDAR = Lidar(range=8.0, least_range=0.2, field_of_view_deg=180.0, beams=5, mount_x=0.1)
 NAMES = ("aces", "csail", "fhw", "intel", "orebro", "seattle")

@@ -21,7 +21,8 @@ from locplan.recordings import Recording, replay, replay_figure
 from locplan.recordings._replay import ELLIPSE
 from locplan.recordings._replay_reports import replay_table
 from locplan.recordings._tracks import Tracks
-from locplan.simulation import Amcl, Disturbances, Simulator
+from locplan.robots import Amcl, Disturbances, Robot
+from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
 
 RESOLUTION = 0.1
@@ -49,7 +50,7 @@ def drive(grid, line):
 
 @pytest.fixture(scope="module")
 def replayed(grid, drive):
-    return replay(drive, grid, amcl=SHARP, runs=6)
+    return replay(drive, grid, robot=Robot(filter=SHARP), runs=6)
 
 
 @pytest.mark.parametrize("interval", [1, 2])
@@ -61,7 +62,8 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
     lidar = Lidar(range=2.0, beams=9, range_sigma=0.02, mount_x=0.15, mount_yaw_deg=20)
     amcl = Amcl(min_particles=20, max_particles=60, resample_interval=interval)
     disturbances = Disturbances(boundary_noise=0.0, start_sigma=0.05)
-    here = Simulator(room, lidar=lidar, amcl=amcl, disturbances=disturbances)
+    robot = Robot(lidar, filter=amcl, disturbances=disturbances)
+    here = Simulator(room, robot)
     truth = np.array([[1.0 + n / 25, 1.1 + 0.05 * math.sin(n), 0.1 * n] for n in range(20)])
     log: list = []
     expected = naive.drive(
@@ -70,10 +72,8 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
         cells,
         cells,
         RESOLUTION,
-        lidar,
+        robot,
         here.arguments.lidar.angles,
-        amcl,
-        disturbances,
         own=np.random.default_rng(7),
         log=log,
     )
@@ -101,7 +101,7 @@ def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid,
     amcl = Amcl(laser_model_type=model, max_beams=30, laser_max_range=6.0, laser_min_range=2.5)
     drive = recorded(grid, line[:20], lidar=lidar, disturbances=quiet)
     ends = Tracks(drive, grid).ends(amcl)
-    here = Simulator(grid, lidar=lidar, amcl=amcl, disturbances=quiet)
+    here = Simulator(grid, robot=Robot(lidar, filter=amcl, disturbances=quiet))
     expected = naive_ends(here, line[:20])
     assert ends == pytest.approx(expected, abs=1e-4, nan_ok=True)
     assert 0.1 < np.isnan(ends).mean() < 0.9
@@ -126,19 +126,21 @@ def naive_ends(here, line):
 
 
 def test_replays_err_as_simulated_drives_do(grid, line):
-    simulated = Simulator(grid, lidar=LIDAR, amcl=SHARP).drive_along(line, 30)
+    simulated = Simulator(grid, robot=Robot(LIDAR, filter=SHARP)).drive_along(line, 30)
     rms = []
     for seed in range(8):
         drive = recorded(grid, line, seed=seed)
-        rms.append(replay(drive, grid, amcl=SHARP, runs=4, seed=seed).drives.mean_squares)
+        rms.append(
+            replay(drive, grid, robot=Robot(filter=SHARP), runs=4, seed=seed).drives.mean_squares
+        )
     ratio = np.sqrt(np.mean(rms) / simulated.mean_squares.mean())
     assert 0.75 < ratio < 1.33
 
 
 def test_equal_seeds_give_equal_replays_on_any_number_of_threads(grid, drive, replayed):
-    again = replay(drive, grid, amcl=SHARP, runs=6, threads=1)
+    again = replay(drive, grid, robot=Robot(filter=SHARP), runs=6, threads=1)
     assert (again.errors == replayed.errors).all()
-    other = replay(drive, grid, amcl=SHARP, runs=2, seed=2)
+    other = replay(drive, grid, robot=Robot(filter=SHARP), runs=2, seed=2)
     assert (other.errors != replayed.errors[:2]).any(axis=(1, 2)).all()
     assert (replayed.errors[0] != replayed.errors[1]).any()
 
@@ -148,7 +150,7 @@ def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
     (x, y, _), cos, sin = grid.origin, math.cos(turn), math.sin(turn)
     origin = cos * x - sin * y + shift[0], sin * x + cos * y + shift[1], turn
     turned = OccupancyGrid(grid.cells, RESOLUTION, origin=origin)
-    found = replay(drive.moved(*shift, turn), turned, amcl=SHARP, runs=6)
+    found = replay(drive.moved(*shift, turn), turned, robot=Robot(filter=SHARP), runs=6)
     back = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     assert found.errors @ back.T == pytest.approx(replayed.errors, abs=1e-6)
     assert back @ found.covariances @ back.T == pytest.approx(
@@ -161,7 +163,9 @@ def test_odometry_may_be_in_any_frame(grid, drive, replayed):
 
     # The filter updates by the distance along x or y of odometry: a quarter turn keeps both.
     shifted = moved(drive.odometry, (5.0, 1.0, math.pi / 2))
-    found = replay(dataclasses.replace(drive, odometry=shifted), grid, amcl=SHARP, runs=6)
+    found = replay(
+        dataclasses.replace(drive, odometry=shifted), grid, robot=Robot(filter=SHARP), runs=6
+    )
     assert found.errors == pytest.approx(replayed.errors, abs=1e-6)
 
 
@@ -190,10 +194,14 @@ def test_a_verdict_begins_with_lost_runs(replayed):
 
 
 def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
-    few = replay(drive, grid, amcl=dataclasses.replace(SHARP, resample_interval=40), runs=2)
+    few = replay(
+        drive, grid, robot=Robot(filter=dataclasses.replace(SHARP, resample_interval=40)), runs=2
+    )
     assert 0 < few.consistency.updates < 10
     assert f"at {few.consistency.updates} of the scans, too few" in few.consistency.sentence
-    none = replay(drive, grid, amcl=dataclasses.replace(SHARP, resample_interval=9999), runs=2)
+    none = replay(
+        drive, grid, robot=Robot(filter=dataclasses.replace(SHARP, resample_interval=9999)), runs=2
+    )
     assert none.consistency.updates == 0
     assert none.summary()["consistency"]["filter_std_m"] is None
     assert "nan" not in replay_table(none)
@@ -203,7 +211,7 @@ def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
 
 def test_sparse_scans_are_noted(grid, drive, replayed):
     assert replayed.notes == ()
-    sparse = replay(drive.every(8), grid, amcl=SHARP, runs=2)
+    sparse = replay(drive.every(8), grid, robot=Robot(filter=SHARP), runs=2)
     assert "every 0.8 m for lack of scans, in place of every 0.25 m" in sparse.notes[0]
 
 
@@ -250,7 +258,7 @@ def test_the_command_replays_a_drive(files, monkeypatch, capsys):
     about = json.loads(out)
     assert code == 0
     assert about["runs"] == 2
-    assert about["amcl"]["max_particles"] == 300
+    assert about["robot"]["filter"]["max_particles"] == 300
     assert {each.name for each in (files / "out").iterdir()} >= {
         "replay.png",
         "replay.json",

@@ -1,4 +1,4 @@
-"""The size of a robot in its parameters of Nav2."""
+"""The robot on the command line, and its size in parameters of Nav2."""
 
 import json
 import math
@@ -6,9 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from locplan.costs import read_robot_size
+from locplan.cli._exit_codes import NOT_IN_METRES
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
+from locplan.recordings import Recording
+from locplan.robots import Lidar, Robot
 
 OUTLINE = '"[[0.5, 0.3], [0.5, -.3], [-0.5, -0.3], [-0.5, 0.3]]"'
 AMCL = "amcl: {ros__parameters: {alpha1: 0.1}}\n"
@@ -21,24 +23,24 @@ def costmap(name: str, **values: object) -> str:
 
 def read(folder, text):
     (folder / "nav2.yaml").write_text(text)
-    return read_robot_size(folder / "nav2.yaml")
+    return Robot.from_nav2(folder / "nav2.yaml")
 
 
 def test_the_footprint_counts_before_the_radius_as_in_nav2(tmp_path):
-    size = read(tmp_path, costmap("global", robot_radius=0.2, footprint=OUTLINE))
-    assert size.radius == pytest.approx(0.3)
-    assert size.footprint.circumscribed_radius == pytest.approx(math.hypot(0.5, 0.3))
+    robot = read(tmp_path, costmap("global", robot_radius=0.2, footprint=OUTLINE))
+    assert robot.radius == pytest.approx(0.31)  # Nav2 pads it by 1 cm
+    assert robot.outline.circumscribed_radius == pytest.approx(math.hypot(0.5, 0.3))
     for none in ('"[]"', '""', "[]"):
-        size = read(tmp_path, costmap("global", robot_radius=0.2, footprint=none))
-        assert (size.radius, size.footprint) == (0.2, None)
-        assert size.source == f"robot_radius 0.2 m of global_costmap in {tmp_path}/nav2.yaml"
+        robot = read(tmp_path, costmap("global", robot_radius=0.2, footprint=none))
+        assert (robot.radius, robot.outline) == (pytest.approx(0.21), None)
 
 
 def test_the_global_costmap_counts_before_the_local_one(tmp_path):
-    local = costmap("local", footprint=OUTLINE)
-    assert read(tmp_path, local + costmap("global", robot_radius=0.4)).radius == 0.4
+    local = costmap("local", footprint=OUTLINE, footprint_padding=0.0)
+    both = local + costmap("global", robot_radius=0.4, footprint_padding=0.1)
+    assert read(tmp_path, both).radius == pytest.approx(0.5)
     assert read(tmp_path, local + costmap("global", resolution=0.05)).radius == pytest.approx(0.3)
-    assert read(tmp_path, AMCL + costmap("local", footprint_padding=0.1)) is None
+    assert read(tmp_path, AMCL + costmap("local", footprint_padding=0.1)).radius == 0.25
 
 
 @pytest.mark.parametrize(
@@ -69,13 +71,14 @@ def hall(tmp_path):
 
 
 ENDS = "--start", "0.75,0.75", "--goal", "7.5,0.75"
-SAID = "read robot_radius 0.5 m of global_costmap in"
+SAID = "robot: tim571, 25 m, 270°; radius 0.5 m + 0.01 m; AMCL's alpha1 0.1\n"
 
 
 @pytest.mark.parametrize(
     ("command", "options", "stopped_by"),
     [
         ("plan", ENDS, "locplan.planners.check_ends"),
+        ("pareto", ENDS, "locplan.planners.check_ends"),
         ("choose", ENDS, "locplan.simulation.choice._choose.check_way"),
         ("simulate", ENDS, "locplan.planners.check_ends"),
         ("simulate", ("--random", "2"), "locplan.planners.random_queries"),
@@ -84,43 +87,45 @@ SAID = "read robot_radius 0.5 m of global_costmap in"
         ("calibrate", (), "locplan.simulation._places.places_of"),
         ("landmarks", ENDS, "locplan.landmarks.place_landmarks"),
         ("features", ENDS, "locplan.landmarks.key_features"),
+        ("twins", (), "locplan.twins.find_twins"),
+        ("info", (), "locplan.planners.describe_map"),
+        ("compare", ("-o", "compared"), "locplan.comparison.compare"),
         ("explore", ("--no-browser",), "locplan.explorer._explore.opened"),
         ("export", ("--to", "nav2-keepout"), "locplan.export._nav2.keepout_mask"),
         ("export", ("--to", "nav2-speed"), "locplan.export._nav2.speed_mask"),
         ("export", ("--to", "nav2-routes", *ENDS), "locplan.export._recommended.check_ways"),
     ],
 )
-def test_every_command_takes_the_radius_of_the_parameters(
+def test_every_command_takes_the_size_of_the_robot(
     run, hall, monkeypatch, command, options, stopped_by
 ):
     radii = []
 
     def stop(*arguments, **named):
-        radii.append(named.get("robot_radius"))
         for each in (*arguments, *named.values()):
-            radii.append(getattr(each, "robot_radius", None))
+            robot = getattr(each, "robot", each)
+            radii.append(getattr(robot, "radius", getattr(each, "robot_radius", None)))
+        radii.append(named.get("robot_radius"))
         raise ConfigError("stopped")
 
     monkeypatch.setattr(stopped_by, stop)
-    given = ("--params", hall / "nav2.yaml", *options)
     monkeypatch.chdir(hall)
-    for own, radius in (((), 0.5), (("--robot-radius", "0.3"), 0.3)):
+    lidar = ("--set", "range=1") if command == "export" else ("--lidar", "tim571")
+    for own, radius in (((), 0.51), (("--set", "footprint=0.3", "--set", "margin=0"), 0.3)):
         radii.clear()
-        lidar = () if command in ("export",) else ("--lidar", "tim571")
-        code, _, err = run(command, hall / "m.yaml", *given, *lidar, *own)
+        code, _, err = run(command, "m.yaml", "--robot", "nav2.yaml", *lidar, *options, *own)
         assert "stopped" in err, err
         assert code == 2
-        assert {each for each in radii if each is not None} == {radius}
-        assert (SAID in err) == (radius == 0.5)
+        assert {round(each, 9) for each in radii if each is not None} == {radius}
+        assert (SAID in err) == (command != "export" and not own)
 
 
-def test_plan_keeps_the_outline_of_the_parameters(run, hall):
+def test_plan_keeps_the_outline_of_the_robot(run, hall):
     (hall / "nav2.yaml").write_text(costmap("global", footprint=OUTLINE))
-    asked = "plan", hall / "m.yaml", *ENDS, "--params", hall / "nav2.yaml", "--json"
+    asked = "plan", hall / "m.yaml", *ENDS, "--robot", hall / "nav2.yaml", "--json"
     code, out, err = run(*asked)
     assert code == 0, err
-    assert err.startswith("read footprint [[0.5, 0.3], [0.5, -.3],")
-    assert "(inscribed radius 0.3 m) of global_costmap in" in err
+    assert err == "robot: no lidar named; 4 corners + 0.01 m; Nav2's defaults\n"
     about = json.loads(out)
     assert len(about["shortest"]["footprint"]) == 4
     code, out, err = run(*asked, "--budget", "20")  # which keeps no outline
@@ -128,8 +133,83 @@ def test_plan_keeps_the_outline_of_the_parameters(run, hall):
     assert json.loads(out)["shortest"]["footprint"] is None
 
 
-def test_parameters_that_are_not_read_are_refused(run, hall):
-    (hall / "nav2.yaml").write_text(AMCL)
-    code, _, err = run("plan", hall / "m.yaml", *ENDS, "--params", hall / "nav2.yaml")
+def test_later_files_and_options_win(run, hall):
+    def read(*options):
+        err = run("field", hall / "m.yaml", "--stride", "1", *options)[2]
+        return err.partition("\n")[0]
+
+    own = hall / "own.yaml"
+    Robot("turtlebot3", footprint=0.1, margin=0.0).save(own)
+    nav2 = hall / "nav2.yaml"
+    first = "robot: turtlebot3, 8 m, 360°; radius 0.5 m + 0.01 m; AMCL's alpha1 0.1"
+    assert read("--robot", own, "--robot", nav2) == first
+    last = "robot: turtlebot3, 8 m, 360°; radius 0.1 m + 0 m; Nav2's defaults"
+    assert read("--robot", nav2, "--robot", own) == last
+    options = "--lidar", "turtlebot4", "--set", "range=2", "--set", "outliers=0.5"
+    changed = "robot: turtlebot4, 2 m, 360°; radius 0.1 m + 0 m; Nav2's defaults, outliers 0.5"
+    assert read("--robot", own, *options) == changed
+
+
+def test_a_robots_file_is_not_written_over(run, hall):
+    before = (hall / "nav2.yaml").read_text()
+    ends = "--path", hall / "p.csv", "--to", "path"
+    (hall / "p.csv").write_text("x_m,y_m\n0.75,0.75\n7.5,0.75\n")
+    given = "--robot", hall / "nav2.yaml", "-o", hall / "nav2.yaml", "--force", "--disc", "1"
+    code, _, err = run("export", hall / "m.yaml", *ends, *given)
     assert code == 2
-    assert "--params is not read unless the lidar is named" in err
+    assert "another input; choose another name" in err
+    assert (hall / "nav2.yaml").read_text() == before
+
+
+def test_the_ways_of_queries_are_driven_by_the_robot(run, hall, monkeypatch):
+    driven = []
+
+    def stop(costs, queries, robot, **_):
+        driven.append(robot)
+        raise ConfigError("stopped")
+
+    monkeypatch.setattr("locplan.simulation.choose_many", stop)
+    (hall / "q.csv").write_text("name,x,y\na,0.75,0.75\nb,7.5,0.75\n")
+    asked = "export", hall / "m.yaml", "--to", "nav2-routes", "--queries", hall / "q.csv"
+    given = "--robot", hall / "nav2.yaml", "--set", "range=1", "--set", "outliers=0.5"
+    assert "stopped" in run(*asked, *given, "-o", hall / "out")[2]
+    assert driven == [Robot.load(hall / "nav2.yaml").changed({"range": 1, "outliers": 0.5})]
+
+
+def test_calibrate_writes_the_robot(run, hall):
+    given = "--robot", hall / "nav2.yaml", "--set", "range=1", "--places", "10", "--drives", "2"
+    code, _, err = run("calibrate", hall / "m.yaml", *given, "-o", hall / "own.json")
+    assert code in (0, NOT_IN_METRES), err
+    robot = Robot.load(hall / "nav2.yaml").changed({"range": 1})
+    assert Robot.load(hall / "own.json") == robot
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--set", "range=8"), "--set range is not read with --drive"),
+        (("--set", "outliers=0.1"), "--set outliers is not read with --drive"),
+        (("--set", "turn_bias=0"), "--set turn_bias is not read with --drive"),
+        (("--lidar", "tim571"), "--lidar is not read with --drive, whose lidar is taken"),
+        (("--set", "start=0.1"), "a robot has no setting 'start'"),
+    ],
+)
+def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):
+    poses = np.linspace((1.0, 1.0, 0.0), (2.0, 1.0, 0.0), 5)
+    lidar = Lidar(range=10.0, beams=8)
+    Recording(np.full((5, 8), 1.0), lidar, poses).save(hall / "d.npz")
+    drive = "--drive", hall / "d.npz", "--align", "0,0,0"
+    for command in ("simulate", "tune"):
+        code, _, err = run(command, hall / "m.yaml", *drive, *given)
+        assert code == 2
+        assert said in err
+
+
+def test_a_robot_that_is_replayed_has_the_recorded_lidar(run, hall):
+    poses = np.linspace((1.0, 1.0, 0.0), (4.0, 1.0, 0.0), 20)
+    lidar = Lidar(range=10.0, beams=8, model="own")
+    Recording(np.full((20, 8), 1.0), lidar, poses).save(hall / "d.npz")
+    Robot("tim571").save(hall / "robot.yaml")
+    given = "--drive", hall / "d.npz", "--align", "0,0,0", "--robot", hall / "robot.yaml"
+    _, _, err = run("simulate", hall / "m.yaml", *given)
+    assert err.count("robot: own, 10 m") == 1

@@ -18,8 +18,9 @@ from rosbags.typesys import Stores, get_typestore
 import locplan
 from locplan import export
 from locplan.export._servers import LAUNCH
-from locplan.field import FieldConfig, Lidar, Sad, Scan, load_or_compute
+from locplan.field import FieldConfig, Sad, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, load_map
+from locplan.robots import Lidar
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "examples" / "ros2" / "locplan_ros"

@@ -15,18 +15,11 @@ from locplan._kernels import likelihood, offsets as window_offsets, posterior as
 from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.rays import empty_squares
-from locplan.field import (
-    FieldConfig,
-    Lidar as Settings,
-    MapPart,
-    OffsetLattice,
-    Sad,
-    Scan,
-    SearchWindow,
-)
+from locplan.field import FieldConfig, MapPart, OffsetLattice, Sad, Scan, SearchWindow
 from locplan.field._surfaces import walls
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
+from locplan.robots import Lidar as Settings
 
 SIGMA_HIT, Z_RAND, TEMPERATURE = 0.1, 0.05, 0.1
 

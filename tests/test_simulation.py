@@ -17,14 +17,13 @@ from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
 from locplan._kernels.matches import match
 from locplan._kernels.offsets import make_lattice
 from locplan._util.intervals import of_geometric_mean, of_mean, of_median, of_rms
-from locplan.field import Exponential, Sad, Scan
+from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import Query
 from locplan.planners._plan import AWARE, SHORTEST
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Robot, read_amcl
 from locplan.simulation import (
-    Amcl,
-    Disturbances,
     Simulator,
     choose_points,
     measure,
@@ -35,10 +34,8 @@ from locplan.simulation import (
 )
 from locplan.simulation._drives import LOST, Drives
 from locplan.simulation._motion import approaches, poses_along
-from locplan.simulation._nav2 import read_amcl
 from locplan.simulation._reports import routes_table
 from locplan.simulation._routes import COLUMNS, Route, Routes
-from locplan.simulation._settings import OMNIDIRECTIONAL, SHORT_LIDAR
 
 QUIET = {
     "boundary_noise": 0.0,
@@ -137,7 +134,10 @@ def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
     grid = open_space()
     path = Path(np.array([[10.0, 10.0], [30.0, 12.0], [30.0, 20.0]]))
     result = simulate(
-        grid, {"a": path}, amcl=Amcl(**STILL, **FEW), disturbances=Disturbances(**QUIET), drives=2
+        grid,
+        {"a": path},
+        robot=Robot(filter=Amcl(**STILL, **FEW)).changed(QUIET),
+        drives=2,
     )
     assert abs(result.drives["a"].errors).max() < 1e-9
 
@@ -148,8 +148,7 @@ def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
         simulate(
             two_corridors,
             {"a": in_room},
-            amcl=dataclasses.replace(amcl, half_cell=half_cell),
-            disturbances=Disturbances(**QUIET),
+            robot=Robot(filter=amcl).changed({**QUIET, "half_cell": half_cell}),
             drives=20,
         ).drives["a"]
         for half_cell in (True, False)
@@ -162,9 +161,11 @@ def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
 def test_odometry_alone_drifts_where_nothing_is_seen():
     grid = open_space()
     path = Path(np.array([[10.0, 20.0], [30.0, 20.0]]))
-    disturbances = Disturbances(**{**QUIET, "distance_bias": 0.05})
     result = simulate(
-        grid, {"a": path}, amcl=Amcl(**STILL, **FEW), disturbances=disturbances, drives=200
+        grid,
+        {"a": path},
+        robot=Robot(filter=Amcl(**STILL, **FEW)).changed({**QUIET, "distance_bias": 0.05}),
+        drives=200,
     )
     errors = result.drives["a"].errors
     assert errors[:, -1, 0].std() == pytest.approx(20 * 0.05, rel=0.15)
@@ -174,9 +175,9 @@ def test_odometry_alone_drifts_where_nothing_is_seen():
 
 
 def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
-    disturbances = Disturbances(boundary_noise=0.0, distance_bias=0.1, heading_bias_deg=5.0)
+    poor = {"boundary_noise": 0.0, "distance_bias": 0.1, "heading_bias_deg": 5.0}
     seeing, not_seeing = (
-        simulate(two_corridors, {"a": in_room}, lidar=lidar, disturbances=disturbances, drives=20)
+        simulate(two_corridors, {"a": in_room}, robot=Robot(lidar).changed(poor), drives=20)
         .drives["a"]
         .rmse.value
         for lidar in (SHORT_LIDAR, Lidar(range=0.2))
@@ -191,7 +192,7 @@ def test_in_a_corridor_the_error_lies_along_it(angle):
     ahead = np.array([math.cos(angle), math.sin(angle)])
     path = Path(np.array([-6.0 * ahead, 6.0 * ahead]))
     amcl = Amcl(laser_model_type="likelihood_field_prob")
-    errors = simulate(grid, {"a": path}, amcl=amcl, drives=40).drives["a"].errors
+    errors = simulate(grid, {"a": path}, robot=Robot(filter=amcl), drives=40).drives["a"].errors
     along = errors[..., :2] @ ahead
     across = errors[..., :2] @ np.array([-ahead[1], ahead[0]])
     assert along[:, -1].std() > 4 * across[:, -1].std()
@@ -229,13 +230,20 @@ def test_paths_may_be_arrays(two_corridors, in_room):
 
 
 def test_worlds_differ_from_the_map_and_from_each_other(two_corridors):
-    simulator = Simulator(two_corridors, disturbances=Disturbances(worlds=3))
+    simulator = Simulator(two_corridors, robot=Robot(disturbances=Disturbances(worlds=3)))
     stops = [world[0, 1:-1, 1:-1] == 0 for world in simulator.worlds]
     walls = two_corridors.cells == OCCUPIED
     assert len(stops) == 3
     assert all(0.03 < (each != walls).sum() / walls.sum() < 0.5 for each in stops)
     assert (stops[0] != stops[1]).any()
-    assert len(Simulator(two_corridors, disturbances=Disturbances(boundary_noise=0.0)).worlds) == 1
+    assert (
+        len(
+            Simulator(
+                two_corridors, robot=Robot(disturbances=Disturbances(boundary_noise=0.0))
+            ).worlds
+        )
+        == 1
+    )
 
 
 def test_lost_drives_and_their_intervals(two_corridors):
@@ -347,7 +355,7 @@ def test_queries_without_a_path_are_left_out(two_corridors):
     near, far = Query("near", (2, 3), (6, 3)), Query("far", (2, 3), (38, 3))
     routes = simulate_queries(cut, [near, far], drives=2)
     assert [route.query.name for route in routes.routes] == ["near"]
-    assert routes.about["lidar"]["range"] == 1.0  # that of the field
+    assert routes.about["robot"]["lidar"]["range"] == 1.0  # that of the field
     with pytest.raises(LocplanError, match="no query has a path"):
         simulate_queries(cut, [far], drives=2)
 
@@ -359,7 +367,7 @@ def test_matches_are_those_of_the_plain_loop():
     cells[10:13, 20:24] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
     lidar, disturbances = Lidar(range=3.0, beams=12), Disturbances(boundary_noise=0.0)
-    simulator = Simulator(grid, lidar=lidar, disturbances=disturbances)
+    simulator = Simulator(grid, robot=Robot(lidar, disturbances=disturbances))
     angles = np.linspace(-0.4, 0.4, 5)
     field, lattice = likelihood_field(cells, 0.1, 2, 3), make_lattice(3, angles)
     found = np.empty((3, 3))
@@ -557,21 +565,27 @@ def test_impossible_filters_are_refused(changes, reason):
 )
 def test_impossible_realities_are_refused(changes, reason):
     with pytest.raises(LocplanError, match=reason):
-        Disturbances(**changes)
+        Robot().changed(changes)
 
 
 def test_beams_are_thinned_out_as_amcl_does():
     grid = open_space(4.0)
     for beams, expected in ((360, 60), (61, 61), (20, 20), (1081, 61)):
         sensor = Lidar(range=6.0, field_of_view_deg=180.0, beams=beams)
-        assert Simulator(grid, lidar=sensor).arguments.lidar.angles.size == expected
+        assert Simulator(grid, robot=Robot(sensor)).arguments.lidar.angles.size == expected
     product = Amcl(laser_model_type="likelihood_field_prob")  # takes every n-th, never more
     for beams, expected in ((360, 60), (61, 31), (20, 20), (1081, 57)):
         sensor = Lidar(range=6.0, field_of_view_deg=180.0, beams=beams)
-        lidar = Simulator(grid, lidar=sensor, amcl=product).arguments.lidar
+        lidar = Simulator(grid, robot=Robot(sensor, filter=product)).arguments.lidar
         assert lidar.angles.size == expected
-    assert Simulator(grid, amcl=Amcl(laser_max_range=3.0)).arguments.lidar.max_range == 3.0
-    assert Simulator(grid, amcl=Amcl(laser_max_range=-1.0)).arguments.lidar.max_range == 6.0
+    assert (
+        Simulator(grid, robot=Robot(filter=Amcl(laser_max_range=3.0))).arguments.lidar.max_range
+        == 3.0
+    )
+    assert (
+        Simulator(grid, robot=Robot(filter=Amcl(laser_max_range=-1.0))).arguments.lidar.max_range
+        == 6.0
+    )
 
 
 def test_amcl_is_read_from_nav2s_parameters(tmp_path):

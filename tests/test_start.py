@@ -228,7 +228,7 @@ def test_a_process_that_fails_disturbs_nobody_and_one_that_is_not_needed_ends(
     assert made[0].poll() is not None
 
 
-@pytest.mark.parametrize("seen", [(), ("--lidar", "rplidar-a1", "--no-verdict")])
+@pytest.mark.parametrize("seen", [("--disc", "0.5"), ("--set", "range=0.5")])
 def test_the_command_prepares_its_planner_beside_a_field_that_it_computes(
     tmp_path, run, monkeypatch, seen
 ):
@@ -242,7 +242,7 @@ def test_the_command_prepares_its_planner_beside_a_field_that_it_computes(
         yield lambda: None
 
     monkeypatch.setattr(ahead, "prepared_beside", beside)
-    ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--range", "0.5")
+    ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--no-verdict")
     for _ in range(2):  # the second time the field is in the cache
         given = *ends, *seen, "--cache-dir", tmp_path / "c"
         code, _, err = run("plan", tmp_path / "room.yaml", *given)
@@ -263,7 +263,7 @@ def test_the_kernels_of_drives_are_prepared_beside_the_field_of_a_lidar(tmp_path
 
     compiling.DriveKernels().prepare()  # "compiled" holds from here on
     monkeypatch.setattr(compiling, "prepared_beside", beside)
-    ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--lidar", "rplidar-a1", "--range", "1")
+    ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--lidar", "rplidar-a1", "--set", "range=1")
     kept = ("--estimator", "fisher", "--cache-dir", tmp_path / "c")
     for options in ((), ("--no-verdict",), ()):
         code, _, err = run("plan", tmp_path / "room.yaml", *ends, *kept, *options)

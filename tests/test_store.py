@@ -14,7 +14,6 @@ from locplan.field import (
     Exponential,
     FieldConfig,
     Fisher,
-    Lidar,
     Sad,
     Scan,
     SearchWindow,
@@ -25,6 +24,7 @@ from locplan.field import (
     covariance_field,
 )
 from locplan.maps import UNKNOWN, OccupancyGrid, save_map
+from locplan.robots import Lidar
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 """Two by two chunks of the map below."""

@@ -10,11 +10,10 @@ import yaml
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
-from locplan.simulation import Amcl, Disturbances, Simulator, read_amcl, tune, tuning_figure
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot, read_amcl
+from locplan.simulation import Simulator, tune, tuning_figure
 from locplan.simulation._motion import poses_along
-from locplan.simulation._settings import OMNIDIRECTIONAL
 from locplan.simulation.tuning import _bench
 from locplan.simulation.tuning._bench import LONGEST, Bench, random_paths, updates_along
 from locplan.simulation.tuning._files import check_written, tuned_file
@@ -45,7 +44,7 @@ def hall() -> OccupancyGrid:
 
 @pytest.fixture(scope="module")
 def tuning():
-    return tune(hall(), lidar=LIDAR, amcl=Amcl(**FEW), paths=5, drives=4, threads=2)
+    return tune(hall(), robot=Robot(LIDAR, filter=Amcl(**FEW)), paths=5, drives=4, threads=2)
 
 
 def random() -> np.random.Generator:
@@ -100,16 +99,18 @@ def test_changes_are_named():
 
 
 def test_levels_scale_odometry_and_clutter_only():
-    base = Disturbances(outliers=0.3, occlusion=0.6)
-    mild, once, strong = (level.of(base) for level in LEVELS)
-    assert once == base
+    robot = Robot(disturbances=Disturbances(outliers=0.3, occlusion=0.6))
+    assert LEVELS[1].of(robot) == robot
+    base = robot.odometry
+    mild, strong = (LEVELS[n].of(robot).odometry for n in (0, 2))
     for name in ("distance_drift", "heading_drift_deg", "turn_drift_deg", "turn_bias"):
         assert getattr(mild, name) == pytest.approx(getattr(base, name) / 3)
         assert getattr(strong, name) == pytest.approx(getattr(base, name) * 3)
+    mild, strong = (LEVELS[n].of(robot).disturbances for n in (0, 2))
     assert (mild.boundary_noise, strong.boundary_noise) == (0.05, 0.2)
     assert strong.outliers == 0.5  # at most half of the beams
     assert strong.occlusion == 0.6  # but never fewer than asked for
-    assert strong.start_sigma == base.start_sigma
+    assert strong.start_sigma == robot.disturbances.start_sigma
 
 
 def test_random_paths_are_of_the_map_and_cut_to_length():
@@ -140,7 +141,7 @@ def test_small_maps_have_shorter_paths():
 def bench_of(paths: int = 3, drives: int = 4) -> Bench:
     grid = hall()
     lines = random_paths(Costmap.blank(grid), paths, 1)
-    return Bench(grid, LIDAR, Disturbances(), lines, drives, seed=5, threads=2)
+    return Bench(grid, Robot(LIDAR), lines, drives, seed=5, threads=2)
 
 
 def test_a_bench_drives_as_the_simulator_does():
@@ -148,9 +149,7 @@ def test_a_bench_drives_as_the_simulator_does():
     bench.drive([GOOD], 3, 4)
     lines = random_paths(Costmap.blank(grid), 3, 1)
     for n, level in enumerate(LEVELS):
-        simulator = Simulator(
-            grid, lidar=LIDAR, amcl=GOOD, disturbances=level.of(Disturbances()), seed=5
-        )
+        simulator = Simulator(grid, level.of(Robot(LIDAR, filter=GOOD)), seed=5)
         for path, line in enumerate(lines):
             own = simulator.drive_along(poses_along(line, grid), 4, stream=path)
             np.testing.assert_allclose(bench.driven[GOOD].squares[n, path], own.mean_squares)
@@ -297,8 +296,7 @@ def test_equal_seeds_give_equal_results_on_any_number_of_threads(tuning):
     calls = []
     again = tune(
         hall(),
-        lidar=LIDAR,
-        amcl=Amcl(**FEW),
+        robot=Robot(LIDAR, filter=Amcl(**FEW)),
         paths=5,
         drives=4,
         threads=1,
@@ -416,8 +414,8 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
         ({"paths": 4}, "paths"),
         ({"drives": 1}, "drives"),
         ({"seed": -1}, "seed"),
-        ({"amcl": 3}, "amcl must be an Amcl"),
-        ({"robot_radius": 30.0}, "no cell where the robot fits"),
+        ({"robot": 3}, "robot must be a Robot"),
+        ({"robot": Robot(footprint=30.0)}, "no cell where the robot fits"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, words):
@@ -431,7 +429,7 @@ def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "nav2_params.yaml"
     params.write_text(PARAMS)
-    asked = ["tune", tmp_path / "hall.yaml", "--params", params, "--range", 6]
+    asked = ["tune", tmp_path / "hall.yaml", "--robot", params, "--set", "range=6"]
     asked += ["--paths", 5, "--drives", 2, "--seed", 3]
     for forced in ([], ["--force"]):
         code, _, err = run(*asked, *forced, "-o", tmp_path)
@@ -460,7 +458,7 @@ def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path,
         "do_beamskip: &a true\n    tf_broadcast: *a\n",
     ):
         params.write_text(head + text)
-        options = "--params", params, "-o", tmp_path / "out"
+        options = "--robot", params, "-o", tmp_path / "out"
         code, _, err = run("tune", tmp_path / "hall.yaml", *options)
         assert code == 2
         assert "anchors and aliases" in err

@@ -13,8 +13,8 @@ from conftest import few_of, random_rooms
 from locplan._kernels import scan_losses as losses, shortlist as lists
 from locplan._kernels.lidar import Lidar as Beams
 from locplan._kernels.rays import empty_squares
-from locplan.field import Lidar
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.robots import Lidar
 from locplan.twins._database import CAP, make_database
 from locplan.twins._matching import TURNS, Matching
 from locplan.twins._modes import ends_of, find_modes, losses_at

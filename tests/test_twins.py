@@ -17,7 +17,7 @@ import locplan
 from locplan import Lidar, LocplanError, ScanDatabase, find_twins
 from locplan._util.intervals import wilson
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
-from locplan.simulation import Disturbances
+from locplan.robots import Disturbances, Robot
 from locplan.twins import LAYERS, Matching, _database, _find, _loss_tables, twins_figure
 from locplan.twins._database import make_database, places_every, reachable
 from locplan.twins._figures import place_figure
@@ -57,12 +57,12 @@ def two_rooms(origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
 
 @pytest.fixture(scope="module")
 def equal_rooms():
-    return find_twins(two_rooms(), lidar=LIDAR)
+    return find_twins(two_rooms(), robot=Robot(LIDAR))
 
 
 @pytest.fixture(scope="module")
 def one_room():
-    return find_twins(side_by_side(room()), lidar=LIDAR)
+    return find_twins(side_by_side(room()), robot=Robot(LIDAR))
 
 
 def test_each_place_of_two_equal_rooms_has_its_twin_in_the_other(equal_rooms):
@@ -97,7 +97,7 @@ def test_a_map_that_repeats_under_turns_has_three_symmetries():
     lower = np.concatenate([quarter, np.rot90(quarter, 3)], axis=1)
     cells = np.concatenate([lower, np.rot90(lower, 2)], axis=0)
     assert (cells == np.rot90(cells)).all()
-    found = find_twins(OccupancyGrid(cells, 0.1), lidar=LIDAR)
+    found = find_twins(OccupancyGrid(cells, 0.1), robot=Robot(LIDAR))
     first = found.symmetries[:3]
     assert sorted(each.turn_deg for each in first) == [-90, 90, 180]
     for each in first:
@@ -121,7 +121,7 @@ def test_a_move_takes_no_place_to_a_twin_that_is_turned_otherwise():
         alone = room(*boxes)
         alone[:2] = alone[-2:] = alone[:, :2] = alone[:, -2:] = OCCUPIED  # no gap when turned
         pairs.append(np.concatenate([turned(alone, 0.0), turned(alone, angle)], axis=1))
-    found = find_twins(OccupancyGrid(np.concatenate(pairs), 0.1), lidar=LIDAR)
+    found = find_twins(OccupancyGrid(np.concatenate(pairs), 0.1), robot=Robot(LIDAR))
     assert [each.turn_deg for each in found.symmetries] == [0, 0, 17, -17]
     assert max(each.share for each in found.symmetries) < 0.3
 
@@ -132,7 +132,7 @@ def test_twins_turn_with_the_map(equal_rooms):
     # A turn of the array by 90 deg takes (row, col) to (cols - 1 - col, row).
     x, y = equal_rooms.places.T
     places = np.column_stack([y, grid.shape[1] * 0.1 - x])
-    found = find_twins(turned, lidar=LIDAR, places=places)
+    found = find_twins(turned, robot=Robot(LIDAR), places=places)
     np.testing.assert_allclose(found.elsewhere, equal_rooms.elsewhere, atol=0.1)
     np.testing.assert_allclose(found.excess, equal_rooms.excess, atol=0.3)
     for n in range(len(places)):
@@ -142,7 +142,7 @@ def test_twins_turn_with_the_map(equal_rooms):
 
 def test_the_origins_yaw_turns_all_but_the_numbers(equal_rooms):
     yaw = 0.7
-    found = find_twins(two_rooms(origin=(3.0, -2.0, yaw)), lidar=LIDAR)
+    found = find_twins(two_rooms(origin=(3.0, -2.0, yaw)), robot=Robot(LIDAR))
     np.testing.assert_array_equal(found.excess, equal_rooms.excess)
     cos, sin = math.cos(yaw), math.sin(yaw)
     turned = equal_rooms.places @ np.array([[cos, sin], [-sin, cos]]) + (3.0, -2.0)
@@ -156,7 +156,7 @@ def test_the_origins_yaw_turns_all_but_the_numbers(equal_rooms):
 
 def test_a_corridor_is_a_stretch_and_no_twin():
     grid = corridor(30.0, 2.0, resolution=0.1)
-    found = find_twins(grid, lidar=Lidar(range=5.0), places=[(0.0, 0.0)])
+    found = find_twins(grid, robot=Robot(Lidar(range=5.0)), places=[(0.0, 0.0)])
     assert found.stretch[0] > 5.0
     assert found.excess[0] == pytest.approx(0.0, abs=0.3)
     assert all(abs(twin.heading) > 3.0 for twin in found.of(0))  # those that face the other way
@@ -168,7 +168,7 @@ def test_a_match_without_returns_tells_nothing():
     cells = np.full((300, 300), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
-    found = find_twins(grid, lidar=Lidar(range=3.0), places=[(15.0, 15.0), (28.5, 28.5)])
+    found = find_twins(grid, robot=Robot(Lidar(range=3.0)), places=[(15.0, 15.0), (28.5, 28.5)])
     assert found.elsewhere[0] == 1.0
     assert found.excess[0] == 0.0
     assert found.of(0) == []
@@ -177,7 +177,7 @@ def test_a_match_without_returns_tells_nothing():
 
 def test_a_lidar_that_looks_ahead_has_eight_headings_and_finds_the_other_room():
     ahead = Lidar(range=8.0, field_of_view_deg=180.0, mount_x=0.3, mount_yaw_deg=20.0)
-    found = find_twins(two_rooms(), lidar=ahead, places=[(1.2, 3.0), (6.6, 3.0)])
+    found = find_twins(two_rooms(), robot=Robot(ahead), places=[(1.2, 3.0), (6.6, 3.0)])
     assert found.headings.shape == (8,)
     assert found.values["excess"].shape == (2, 8)
     for here in range(8):
@@ -222,7 +222,7 @@ def test_missing_returns_count_where_they_are_asked_to():
     grid = OccupancyGrid(opened, 0.1)
     short = Lidar(range=4.0)
     ignored, counted = (
-        find_twins(grid, lidar=short, places=[(6.0, 1.5)], count_missing=count)
+        find_twins(grid, robot=Robot(short), places=[(6.0, 1.5)], count_missing=count)
         for count in (False, True)
     )
     assert counted.excess[0] > ignored.excess[0] + 1.0
@@ -230,7 +230,7 @@ def test_missing_returns_count_where_they_are_asked_to():
 
 def test_the_result_does_not_depend_on_the_number_of_threads(equal_rooms):
     for threads in (1, 3):
-        again = find_twins(two_rooms(), lidar=LIDAR, threads=threads)
+        again = find_twins(two_rooms(), robot=Robot(LIDAR), threads=threads)
         assert again.symmetries == equal_rooms.symmetries
         np.testing.assert_array_equal(again.excess, equal_rooms.excess)
         np.testing.assert_array_equal(again.twins, equal_rooms.twins)
@@ -240,7 +240,10 @@ def test_progress_ends_once_symmetries_are_tried_too():
     for grid in (two_rooms(), side_by_side(room())):
         told = []
         find_twins(
-            grid, lidar=LIDAR, spacing=1.5, progress=lambda *done, told=told: told.append(done)
+            grid,
+            robot=Robot(LIDAR),
+            spacing=1.5,
+            progress=lambda *done, told=told: told.append(done),
         )
         assert told == sorted(told)
         assert {total for _, total in told} == {told[-1][0]}
@@ -262,7 +265,9 @@ def test_modes_without_a_home_are_those_of_a_scan():
 def test_few_effective_beams_find_many_more_twins(equal_rooms):
     database = ScanDatabase(equal_rooms.grid, LIDAR, clearance=0.25)
     seen = database.everywhere
-    few = find_twins(equal_rooms.grid, lidar=LIDAR, global_effective_beams=3, database=database)
+    few = find_twins(
+        equal_rooms.grid, robot=Robot(LIDAR), global_effective_beams=3, database=database
+    )
     assert np.isfinite(few.twins).sum() > 2 * np.isfinite(equal_rooms.twins).sum()
     assert database.everywhere is seen
 
@@ -275,9 +280,11 @@ def test_a_place_in_a_small_region_is_found_with_a_database_too():
     place = [(4.9, 2.4)]
     database = ScanDatabase(grid, LIDAR, clearance=0.25)
     assert not database.everywhere.fits[24, 49]
-    found = find_twins(grid, lidar=LIDAR, places=place, database=database)
+    found = find_twins(grid, robot=Robot(LIDAR), places=place, database=database)
     assert found.elsewhere[0] < 1
-    np.testing.assert_array_equal(found.twins, find_twins(grid, lidar=LIDAR, places=place).twins)
+    np.testing.assert_array_equal(
+        found.twins, find_twins(grid, robot=Robot(LIDAR), places=place).twins
+    )
     near = dataclasses.replace(found, spacing=0.2)  # matches are verified around the place alone
     assert near.verify(10, disturbances=QUIET).failed.mean() < 0.3
 
@@ -323,7 +330,7 @@ def test_starts_are_the_safest_places_apart():
 def test_rooms_that_differ_are_safe_to_start_in():
     other = room((1, 5, 1, 20), (30, 33, 20, 36))
     grid = side_by_side(room(), other, room())
-    found = find_twins(grid, lidar=LIDAR)
+    found = find_twins(grid, robot=Robot(LIDAR))
     for start in found.best_starts(2, apart=1.0):
         assert 5.4 < start.x < 9.8
         assert start.elsewhere < 0.1
@@ -345,7 +352,7 @@ def test_matches_of_noisy_scans_fail_as_often_as_foreseen(equal_rooms, one_room)
 @pytest.mark.long
 def test_failed_matches_in_a_warehouse_are_foreseen_and_named():
     grid = locplan.maps.environments.make("warehouse", resolution=0.05)
-    found = find_twins(grid, lidar=Lidar.preset("rplidar-a1"))
+    found = find_twins(grid, robot=Robot(Lidar.preset("rplidar-a1")))
     matches = found.verify(500)
     assert matches.auc > 0.9
     assert matches.named_share > 0.8
@@ -364,7 +371,7 @@ def test_nats_are_those_of_noisy_matches_with_the_fitted_number_of_beams(beams, 
     for name in ("warehouse", "office"):
         grid = locplan.maps.environments.make(name, resolution=0.05)
         lidar = Lidar.preset("rplidar-a1")
-        found = find_twins(grid, lidar=lidar, spacing=1.2, global_effective_beams=beams)
+        found = find_twins(grid, robot=Robot(lidar), spacing=1.2, global_effective_beams=beams)
         matches = found.verify(1200, seed=7)
         share.append(matches.elsewhere)
         failed.append(matches.failed)
@@ -468,14 +475,14 @@ def test_specks_of_free_space_are_not_reachable_unless_asked_for():
         ({"spacing": math.nan}, "spacing must be"),
         ({"spacing": 0.09}, "spacing must be at least a cell of the map"),
         ({"global_effective_beams": -1.0}, "global_effective_beams must be"),
-        ({"robot_radius": 9.0}, "fits nowhere"),
-        ({"lidar": "rplidar-a1"}, "lidar must be a Lidar"),
+        ({"robot": Robot(LIDAR, footprint=9.0)}, "fits nowhere"),
+        ({"robot": "rplidar-a1"}, "robot must be a Robot"),
         ({"threads": 0}, "threads"),
     ],
 )
 def test_bad_arguments_are_refused(settings, says):
     with pytest.raises(LocplanError, match=says):
-        find_twins(**({"grid": side_by_side(room()), "lidar": LIDAR} | settings))
+        find_twins(**({"grid": side_by_side(room()), "robot": Robot(LIDAR)} | settings))
 
 
 def test_a_database_serves_many_searches(monkeypatch):
@@ -490,7 +497,8 @@ def test_a_database_serves_many_searches(monkeypatch):
         {"places": [(1.2, 3.0), closet], "global_effective_beams": 20.0},
         {"spacing": 2.0},
     ]
-    expected = [find_twins(grid, lidar=LIDAR, robot_radius=0.15, **each) for each in asked]
+    robot = Robot(LIDAR, footprint=0.15, margin=0.0)
+    expected = [find_twins(grid, robot, **each) for each in asked]
     database = ScanDatabase(grid, LIDAR, 0.15)
     assert not database.everywhere.fits[grid.world_to_cell(*closet)]
     made = []
@@ -498,7 +506,7 @@ def test_a_database_serves_many_searches(monkeypatch):
         _find, "make_database", lambda *given: made.append(given) or make_database(*given)
     )
     for each, twins in zip(asked, expected, strict=True):
-        found = find_twins(grid, lidar=LIDAR, robot_radius=0.15, database=database, **each)
+        found = find_twins(grid, robot, database=database, **each)
         np.testing.assert_array_equal(found.places, twins.places)
         np.testing.assert_array_equal(found.twins, twins.twins)
         for name in twins.values:
@@ -506,22 +514,22 @@ def test_a_database_serves_many_searches(monkeypatch):
         assert found.matching == twins.matching
     assert len(made) == 1  # for the closet
     for other, says in (
-        ({"lidar": Lidar(range=5.0)}, "of another map or lidar"),
+        ({"robot": dataclasses.replace(robot, lidar=Lidar(range=5.0))}, "of another map or lidar"),
         ({"grid": two_rooms()}, "of another map or lidar"),
-        ({"robot_radius": 0.2}, r"clearance of 0\.15 m, not the robot"),
+        ({"robot": robot.changed({"footprint": 0.2})}, r"clearance of 0\.15 m, not the robot"),
     ):
-        given = {"grid": grid, "lidar": LIDAR, "robot_radius": 0.15, **other}
+        given = {"grid": grid, "robot": robot, **other}
         with pytest.raises(LocplanError, match=says):
             find_twins(**given, database=database)
 
 
 def test_a_map_without_walls_is_refused():
     with pytest.raises(LocplanError, match="no occupied cell"):
-        find_twins(OccupancyGrid(np.full((20, 20), FREE), 0.1), lidar=LIDAR)
+        find_twins(OccupancyGrid(np.full((20, 20), FREE), 0.1), robot=Robot(LIDAR))
 
 
 def test_a_lidar_of_hardly_any_range_tells_nothing():
-    found = find_twins(two_rooms(), lidar=Lidar(range=0.05))
+    found = find_twins(two_rooms(), robot=Robot(Lidar(range=0.05)))
     assert (found.elsewhere == 1.0).all()
     assert found.unseen == 1.0
     assert "too few beams return" in twins_table(found, [])
@@ -549,7 +557,7 @@ def map_file(tmp_path):
 @pytest.mark.draws
 def test_the_command_writes_layers_starts_and_a_picture(run, map_file, tmp_path):
     folder = tmp_path / "alike"
-    options = "--range", 8, "--starts", 2, "--matches", 20, "-o", folder
+    options = "--set", "range=8", "--starts", 2, "--matches", 20, "-o", folder
     code, said, err = run("twins", map_file, *options)
     assert (code, err) == (0, f"wrote {folder}\n")
     assert "100% of" in said
@@ -569,11 +577,11 @@ def test_the_command_writes_layers_starts_and_a_picture(run, map_file, tmp_path)
 
 
 def test_the_command_tells_the_twins_of_a_place(run, map_file):
-    code, said, _ = run("twins", map_file, "--range", 8, "--at", "1.2,3.0")
+    code, said, _ = run("twins", map_file, "--set", "range=8", "--at", "1.2,3.0")
     assert code == 0
     assert "of the posterior lies more than 2 m away" in said
     assert "6.60" in said
-    code, said, _ = run("twins", map_file, "--range", 8, "--at", "1.2,3.0", "--json")
+    code, said, _ = run("twins", map_file, "--set", "range=8", "--at", "1.2,3.0", "--json")
     best = json.loads(said)["at"]["twins"][0]
     assert best["x"] == pytest.approx(6.6, abs=0.05)
 
@@ -589,7 +597,7 @@ def test_the_command_tells_the_twins_of_a_place(run, map_file):
         ("--matches", 1),
         ("--seed", 3),
         ("--lidar", "none-such"),
-        ("--robot-radius", 40),
+        ("--set", "footprint=40"),
     ],
 )
 def test_the_command_refuses_in_one_line(run, map_file, options):

@@ -15,7 +15,8 @@ from locplan.field import FieldConfig, Fisher, save_config
 from locplan.maps import environments
 from locplan.planners import plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation import Amcl, Drives, verdict
+from locplan.robots import Amcl, Robot
+from locplan.simulation import Drives, verdict
 from locplan.simulation._scores import log_errors
 from locplan.simulation.choice import _verdict
 
@@ -98,9 +99,9 @@ def test_the_errors_are_those_that_decide(found):
 
 
 def test_a_verdict_is_reproducible_and_takes_the_lidar_of_the_field(costs, plans, found):
-    again = verdict(costs, plans, lidar=LIDAR, seed=3, threads=1)
+    again = verdict(costs, plans, robot=Robot(LIDAR), seed=3, threads=1)
     assert again.summary() == found.summary()
-    other = verdict(costs, plans, lidar=dataclasses.replace(LIDAR, range=3.0), seed=3)
+    other = verdict(costs, plans, robot=Robot(dataclasses.replace(LIDAR, range=3.0)), seed=3)
     assert other.log_errors != found.log_errors
 
 
@@ -151,12 +152,12 @@ def test_where_both_paths_lose_the_robot_tuning_comes_first(costs, plans, monkey
     assert "tune the filter first with `locplan tune`; `locplan evaluate` tells" in found.text
 
 
-def test_the_filter_and_what_of_it_is_not_simulated_are_named(costs, plans, monkeypatch):
+def test_the_filter_is_named(costs, plans, monkeypatch):
     errors_of(monkeypatch, 0.4, 0.3)
-    found = verdict(costs, plans, amcl=Amcl(alpha1=0.05), not_simulated=["do_beamskip", "odd"])
+    robot = Robot(filter=Amcl(alpha1=0.05))
+    found = verdict(costs, plans, robot)
     assert "driven in simulation with AMCL's alpha1 0.05: " in found.text
-    assert found.text.endswith("(not simulated: do_beamskip, odd)")
-    assert found.summary()["not_simulated"] == ["do_beamskip", "odd"]
+    assert found.robot.filter == robot.filter
 
 
 def test_one_path_is_not_driven(costs, plans, monkeypatch):
@@ -218,7 +219,7 @@ def test_the_command_drives_where_the_lidar_is_named(run, files, found):
     about = json.loads((files / "out" / "plan.json").read_text())
     assert set(about["plans"]) == {SHORTEST, AWARE}
     assert about["verdict"]["recommended"] == AWARE
-    assert about["verdict"]["lidar"]["model"] == "mine"
+    assert about["verdict"]["robot"]["lidar"]["model"] == "mine"
     assert about["verdict"]["paths"][AWARE]["typical_error_m"] == found.typical_errors[AWARE]
     code, out, _ = run("plan", files / "map.yaml", *ASKED, *config[:2], "--no-verdict", "--json")
     assert json.loads(out)["verdict"] is None
@@ -228,15 +229,15 @@ def test_the_command_drives_the_filter_of_the_file(run, files, monkeypatch):
     errors_of(monkeypatch, 0.4, 0.6)
     text = "amcl:\n  ros__parameters:\n    alpha1: 0.05\n    recovery_alpha_fast: 0.1\n"
     (files / "nav2.yaml").write_text(text)
-    options = "--params", files / "nav2.yaml", "--set", "alpha2=0.1"
+    options = "--robot", files / "nav2.yaml", "--set", "alpha2=0.1"
     config = "--config", files / "mine.json"
     code, out, err = run("plan", files / "map.yaml", *ASKED, *config, *options, "--json")
     assert code == 0, err
     about = json.loads(out)["verdict"]
-    assert (about["amcl"]["alpha1"], about["amcl"]["alpha2"]) == (0.05, 0.1)
+    driven = about["robot"]["filter"]
+    assert (driven["alpha1"], driven["alpha2"]) == (0.05, 0.1)
     assert about["recommended"] == SHORTEST
-    assert about["text"].endswith("recommended (not simulated: recovery_alpha_fast)")
-    assert err == ""
+    assert "nav2.yaml: not simulated: recovery_alpha_fast" in err
 
 
 @pytest.mark.parametrize(
@@ -271,16 +272,11 @@ def test_an_unreachable_goal_has_no_verdict(run, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--params", "FILE"), "--params is not read unless the lidar is named (--lidar)"),
-        (("--set", "alpha1=1"), "--set is not read unless the lidar is named (--lidar)"),
-        (("--lidar", "tim571", "--no-verdict", "--set", "alpha1=1"), "not read with --no-verdict"),
         (("--seed", "3"), "has no option 'seed'"),
-        (("--lidar", "tim571", "--set", "nothing=1"), "nothing simulated is called 'nothing'"),
+        (("--lidar", "tim571", "--set", "nothing=1"), "a robot has no setting 'nothing'"),
     ],
 )
 def test_options_of_drives_that_are_not_made_are_refused(run, files, options, said):
-    (files / "nav2.yaml").write_text("amcl:\n  ros__parameters: {}\n")
-    options = [files / "nav2.yaml" if option == "FILE" else option for option in options]
     assert said in refused(run("plan", files / "map.yaml", *ASKED, *options))
 
 

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from locplan import Sad, Scan, covariance_field, plotting
 from locplan.costs import Costmap, Path
-from locplan.field import FieldConfig, Lidar
+from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import Query, plan
 from locplan.plotting._captions import weak_spots
@@ -17,6 +17,7 @@ from locplan.plotting._maps import SOLID, limits_of, map_axes, shades
 from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import MOST, RoundNumbers, make_logarithmic, round_numbers
 from locplan.plotting._views import around, cut, draw_inset, zoomed_to
+from locplan.robots import Lidar, Robot
 from locplan.simulation._figures import PANEL_POINTS, _beside, queries_figure
 from locplan.simulation._routes import Route, Routes
 
@@ -208,7 +209,7 @@ def test_queries_without_a_lost_drive_have_no_empty_panel(lost, panels):
     query = Query("a", (1.0, 1.0), (5.0, 5.0))
     pair = (0.1, 0.12)
     routes = [Route(query, (5.0, 6.0), pair, (lost, 0.0), pair, pair, {})] * 3
-    figure = queries_figure(Routes(hall(), routes, {"lidar": dataclasses.asdict(LIDAR)}))
+    figure = queries_figure(Routes(hall(), routes, {"robot": Robot(LIDAR).summary()}))
     assert len(figure.axes) == panels
     title = figure.get_suptitle()
     assert ("no drive was lost on either path" in title) == (panels == 1)

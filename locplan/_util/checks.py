@@ -17,6 +17,8 @@ GREATEST = 1e12
 """Greatest amount of a setting; with more, its powers and products would not be finite."""
 RESOLUTIONS = (0.001, 10.0)
 """Least and greatest edge of a cell [m]; beyond, the number is hardly in metres."""
+MAX_RANGE = 10_000.0
+"""Greatest range of a lidar or a template [m]."""
 FARTHEST = 1e8
 """Greatest coordinate of a position [m], beyond all those of maps; a float resolves 15 nm there."""
 
@@ -41,6 +43,11 @@ def positive(name: str, value: object, unit: str = "") -> float:
     what = f"a positive number of {unit}" if unit else "positive"
     least = f" of at least {1 / GREATEST:g}" if is_number(value) and 0 < value < 1 else ""
     raise ConfigError(f"{name} must be {what}{least}{_most(value)}, not {shown(value)}")
+
+
+def reach(name: str, value: object) -> float:
+    """Return the range of a lidar or a template as a float [m]."""
+    return number(name, positive(name, value, "m"), 0.0, MAX_RANGE)
 
 
 def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
@@ -146,6 +153,21 @@ class Settings:
             if value != default:
                 shown_fields.append(f"{each.name}={value!r}")
         return f"{type(self).__name__}({', '.join(shown_fields)})"
+
+
+def differing(settings: Settings) -> list[str]:
+    """Name and value of each setting that has not its default."""
+    every = [
+        (getattr(settings, each.name), each) for each in dataclasses.fields(cast("Any", settings))
+    ]
+    return [f"{each.name} {_plain(value)}" for value, each in every if value != each.default]
+
+
+def _plain(value: object) -> str:
+    """Text of a parameter: a number, true or false, or a word without its package."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value).rpartition("::")[2]
 
 
 def is_number(value: object) -> TypeGuard[float]:

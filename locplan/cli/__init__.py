@@ -102,7 +102,7 @@ def _launched(tokens: list[str]) -> int | None:
         Parameters
         ----------
         verbose
-            The command shows its log on stderr.
+            Show the log on stderr.
         """
         with _log_on_stderr(verbose):
             return cast("int | None", app(tokens))

@@ -19,7 +19,7 @@ Days = Annotated[
     Parameter(
         metavar="DAYS",
         validator=Number(gte=0),
-        help="Only fields that were not used for so long are removed [days].",
+        help="Time for which fields were not used that are removed, in days.",
     ),
 ]
 

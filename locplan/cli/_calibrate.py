@@ -9,10 +9,10 @@ from cyclopts import Parameter
 
 from locplan.cli._drive_options import DriveOptions
 from locplan.cli._exit_codes import NOT_IN_METRES
-from locplan.cli._groups import Force, Json, MapFiles, command, results
+from locplan.cli._groups import AtPlaces, DriveSeed, Force, Json, MapFiles, command, results
 from locplan.cli._kinds import given_of
-from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
-from locplan.cli._simulation_options import AtPlaces, SimulationOptions
+from locplan.cli._options import FieldOptions, Threads
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import refuse, show
 
 app = command(
@@ -20,7 +20,7 @@ app = command(
     "calibrate lab.yaml -o lab.json",
     "field lab.yaml --config lab.json",
     "calibrate lab.yaml --drive monday.mcap -o robot.json",
-    "simulate lab.yaml --random 20 --config robot.json",
+    "simulate lab.yaml --random 20 --robot robot.json",
 )
 
 
@@ -31,21 +31,21 @@ def calibrate(
     *,
     error: Annotated[
         Literal["tracking", "match"] | None,
-        Parameter(help="The errors are those of the filter (tracking), or of single scans."),
+        Parameter(help="Errors of the filter (tracking, by default), or of single scans."),
     ] = None,
     fit_tau: Annotated[
-        bool, Parameter(help="The scale tau of sad's exponential weights is fitted, too.")
+        bool, Parameter(help="Fit the scale tau of sad's exponential weights, too.")
     ] = False,
     at: AtPlaces = AtPlaces(),
     recorded: DriveOptions = DriveOptions(),
-    simulation: SimulationOptions = SimulationOptions(),
-    robot_radius: RobotRadius = None,
+    robot_options: RobotOptions = RobotOptions(),
+    seed: DriveSeed = 1,
     options: FieldOptions = FieldOptions(),
     threads: Threads = None,
     output: Annotated[
         Path,
         results(
-            "The settings are written to this file, for --config of other commands, and a picture"
+            "File for the settings, for --config and --robot of other commands, with a picture"
             " NAME_calibration.png beside it; calibrated.json by default."
         ),
     ] = Path("calibrated.json"),
@@ -55,7 +55,7 @@ def calibrate(
     """Fit the noise level k (and tau), so that the field's deviations are errors in metres.
 
     With --drive, k is fitted to the posteriors of recorded scans instead, and the noise of
-    odometry, of ranges, outliers and blocked beams are, too: simulations with --config have them.
+    odometry, of ranges, outliers and blocked beams are, too: simulations with --robot have them.
 
     Where that cannot be, the exit code is 3, the written file says so, and its use warns.
     """
@@ -71,20 +71,18 @@ def calibrate(
         unread: dict[str, object] = {"error": error, "fit_tau": fit_tau or None}
         unread |= {"places": None if at.places == AtPlaces.places else at.places}
         given = {name: value for name, value in vars(at).items() if name != "places"}
-        refuse("with --drive", **unread, **given, robot_radius=robot_radius)
-        return _from_drive(maps, recorded, simulation, options, threads, output, force, json)
+        refuse("with --drive", **unread, **given)
+        return _from_drive(maps, recorded, robot_options, options, threads, output, force, json)
     error = error or "tracking"
     unread = {"scans": at.scans} if error == "tracking" else {"drives": at.drives}
     refuse(f"with --error {error}", **unread)
-    config = options.to_config()
-    simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
-    radius = radius_of(robot_radius, simulation.params)
+    robot, config = options.simulated(robot_options)
     with progress_bar("driving", "drives") as progress:
         measured = places_of(
             [load_map(file) for file in find_maps(*maps)],
-            **simulated,
+            robot,
             **given_of(at) | ({"scans": 0} if error == "tracking" else {"drives": 0}),
-            robot_radius=radius,
+            seed=seed,
             threads=threads,
             progress=progress,
         )
@@ -93,7 +91,7 @@ def calibrate(
             measured, config, error=error, fit_tau=fit_tau, threads=threads, progress=progress
         )
     with working("writing the results"):
-        written = reports.write_calibration(output, result, force=force)
+        written = reports.write_calibration(output, result, robot, force=force)
     show(json, result.summary(), reports.calibration_table(result), *written)
     return 0 if result.in_metres else NOT_IN_METRES
 
@@ -101,7 +99,7 @@ def calibrate(
 def _from_drive(
     maps: list[Path],
     recorded: DriveOptions,
-    simulation: SimulationOptions,
+    robot_options: RobotOptions,
     options: FieldOptions,
     threads: int | None,
     output: Path,
@@ -115,10 +113,10 @@ def _from_drive(
 
     grid, recording = recorded.on_map(maps)
     config = options.of_drive(recording.lidar)
-    robot, _ = simulation.robot(recording.lidar, config=options.config, lints=False)
+    robot = robot_options.on_drive(recording.lidar, replayed=False)
     with progress_bar("calibrating", "") as progress:
         result = calibration.calibrate_drive(
-            recording, grid, config, **robot, threads=threads, progress=progress
+            recording, grid, config, robot=robot, threads=threads, progress=progress
         )
     with working("writing the results"):
         written = reports.write_drive_calibration(output, result, force=force)

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from locplan.cli._groups import (
     GENERAL,
     INPUT,
+    DriveSeed,
     Force,
     Json,
     MapFile,
@@ -21,7 +22,7 @@ from locplan.cli._groups import (
     results,
 )
 from locplan.cli._options import Computing, CostOptions, FieldOptions
-from locplan.cli._simulation_options import SimulationOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, read_paths, show, two_numbers
 from locplan.errors import ConfigError
 from locplan.planners import names
@@ -29,35 +30,35 @@ from locplan.planners import names
 app = command(
     "choose",
     "choose lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 -o chosen",
-    "choose lab.yaml --start 2,3 --goal 38,3 --params nav2_params.yaml --path mine.csv",
+    "choose lab.yaml --start 2,3 --goal 38,3 --robot nav2_params.yaml --path mine.csv",
 )
 
 
 @option_group(GENERAL)
 class Choosing:
-    """The candidates, and what the best of them has least of."""
+    """The candidates, and what counts among them."""
 
     start: Annotated[Text, Parameter(metavar="X,Y")]
-    """The paths start here [m]."""
+    """Start of the paths, x,y in metres."""
     goal: Annotated[Text, Parameter(metavar="X,Y")]
-    """The paths end here [m]."""
+    """Goal of the paths, x,y in metres."""
     path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """This path (x_m,y_m) is a candidate, too; repeatable."""
+    """Further candidate (x_m,y_m); repeatable."""
     planner: Annotated[tuple[str, ...], Parameter(choices=names())] = ()
-    """The path of this planner is a candidate, too; repeatable."""
+    """Planner whose path is a candidate, too; repeatable."""
     front: Annotated[bool, Parameter(name="--front")] = False
-    """Up to 5 paths of the Pareto front of length against degeneracy are candidates, too."""
+    """Drive up to 5 paths of the Pareto front of length against degeneracy, too."""
     longest: float = 1.5
-    """Alternatives are at most this many times as long as the shortest path; 1.5 by default."""
+    """Greatest length of alternatives, in lengths of the shortest path; 1.5 by default."""
     drives: Pair = 8
-    """Each candidate is driven 8 times by default, or fewer where that settles the choice."""
+    """Number of drives of each candidate, or fewer where that settles the choice; 8 by default."""
     minimise: Literal["rmse", "lost", "goal-error", "heading"] = "rmse"
-    """The best has the least RMSE of the position by default, the fewest lost drives, or the least
-    error at the goal or of the heading."""
+    """What the best has least of: RMSE of the position (by default), lost drives, or the error at
+    the goal or of the heading."""
     price: Annotated[float | None, Parameter(metavar="METRES")] = None
-    """So many metres of detour are accepted for half the error; by default length is free."""
+    """Detour accepted for half the error, in metres; by default length is free."""
     time_limit: float | None = None
-    """No further round of drives begins after this time [s]; two are driven anyway."""
+    """Time after which no further round of drives begins, in seconds; two are driven anyway."""
 
 
 @app.default
@@ -66,26 +67,27 @@ def choose(
     /,
     *,
     choosing: Choosing,
-    simulation: SimulationOptions = SimulationOptions(),
+    robot_options: RobotOptions = RobotOptions(),
+    seed: DriveSeed = 1,
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
     output: Annotated[
         Path | None,
-        results("The paths (CSV), choice.json, choice.png and tables are written to this folder."),
+        results("Folder for the paths (CSV), choice.json, choice.png and tables."),
     ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Drive a handful of paths with your own filter in simulation, and take the best.
 
-    The shortest path stays unless another is clearly better. Where no lidar is named, one of 6 m
+    The shortest path stays unless another is clearly better. Where no lidar is known, one of 6 m
     is assumed, and the estimator is fused.
     """
     from locplan import planners
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.simulation._settings import lidar_of
+    from locplan.costs import Costmap
     from locplan.simulation.choice import _choose as core, _reports as reports
     from locplan.simulation.choice._candidates import AnyCandidate, own_paths
 
@@ -94,13 +96,10 @@ def choose(
     core.check_request(choosing.longest, *asked, choosing.time_limit)
     if options.estimator is None and options.config is None:
         options = dataclasses.replace(options, estimator="fused")  # as in Python
-    config = options.to_config()
+    robot, config = options.simulated(robot_options)
     costs.check(config)
-    lidar = options.named_lidar() or lidar_of(config)
-    robot, not_simulated = simulation.robot(lidar, config=options.config)
-    costs = costs.sized(simulation.params)
     grid = load(map_file)
-    blank = costs.blank(grid)
+    blank = Costmap.blank(grid, robot_radius=robot.radius)
     core.check_way(blank, start, goal)
     paths = read_paths(choosing.path)
     core.lines_along(own_paths(blank, start, goal, paths), grid)
@@ -122,11 +121,11 @@ def choose(
                     (start, goal),
                     choosing.longest,
                     lambda points: compute(grid, points),
-                    lambda field: costs.costmap(grid, field),
+                    lambda field: costs.costmap(grid, field, robot),
                     lambda: working("planning the candidates"),
                 )
             else:
-                costmap = costs.costmap(grid, compute(grid))
+                costmap = costs.costmap(grid, compute(grid), robot)
     candidates: dict[str, AnyCandidate] = {**paths}
     candidates.update((name, name) for name in chosen_planners)
     if choosing.front and reachable:
@@ -136,9 +135,8 @@ def choose(
             grid,
             start,
             goal,
-            **robot,
-            lidar=lidar,
-            seed=simulation.seed,
+            robot,
+            seed=seed,
             costs=costmap,
             candidates=candidates,
             longest=choosing.longest,
@@ -151,6 +149,5 @@ def choose(
         )
     if folder:
         with working("writing the choice"):
-            reports.write_choice(folder, choice, not_simulated)
-    about, table = reports.choice_summary(choice, not_simulated), reports.choice_table
-    show(json, about, table(choice, not_simulated), output)
+            reports.write_choice(folder, choice)
+    show(json, choice.summary(), reports.choice_table(choice), output)

@@ -12,7 +12,8 @@ from cyclopts import Parameter
 
 from locplan.cli import _groups as groups
 from locplan.cli._groups import INPUT, MAP_INPUT, Count, Force, Json, Seed, option_group, results
-from locplan.cli._options import Computing, Criterion, FieldOptions, RobotRadius, radius_of
+from locplan.cli._options import Computing, Criterion, FieldOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import refuse, show
 from locplan.errors import ConfigError
 
@@ -30,14 +31,14 @@ class Compared:
     """The planners that are compared."""
 
     planner: Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE,...]")] = ()
-    """This planner is compared, as BITstar:time_limit=2, or 'simulated choice', which drives its
-    paths; repeatable; grid and any-angle if none."""
+    """Planner, such as BITstar:time_limit=2, or 'simulated choice', which drives its paths;
+    repeatable; grid and any-angle by default."""
     seeds: Count = 1
-    """The number of runs of a planner with random numbers is 1 by default."""
+    """Number of runs of a planner with random numbers; 1 by default."""
     time_limit: float | None = None
-    """OMPL's planners stop after this time [s]; 5 by default."""
+    """Time of OMPL's planners, in seconds; 5 by default."""
     baseline: str | None = None
-    """The others are compared with this planner; any-angle if it is there."""
+    """Planner that the others are compared with; any-angle if it is there."""
 
 
 @option_group(groups.GENERAL)
@@ -45,16 +46,16 @@ class Queries:
     """The queries that the planners answer."""
 
     random: Count | None = None
-    """The number of random queries on each map is 10 by default."""
+    """Number of random queries on each map; 10 by default."""
     least_distance: float | None = None
-    """Random queries are this far from start to goal at least [m]; 5 by default."""
+    """Least distance from start to goal of random queries, in metres; 5 by default."""
     seed: Seed | None = None
-    """The seed of random queries is 1 by default."""
+    """Seed of random queries; 1 by default."""
     queries: Annotated[Path | None, INPUT] = None
-    """The file of queries: CSV of name,start_x,start_y,goal_x,goal_y [m], or of name,x,y of
+    """File of queries: CSV of name,start_x,start_y,goal_x,goal_y in metres, or of name,x,y of
     stations, each two of which are one, or MovingAI .scen."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
-    """The planners are compared for each of these ranges of the lidar [m]."""
+    """Ranges of the lidar, for each of which the planners are compared, in metres."""
 
 
 @option_group(groups.COMPUTING)
@@ -62,13 +63,14 @@ class Running:
     """The resources of the runs."""
 
     workers: Count | None = None
-    """The number of runs at a time is that of the cores by default."""
+    """Number of runs at a time; all cores by default."""
     memory: float | None = None
-    """A run may take this much memory [GB]; by default the runs share 80 % of all."""
+    """Greatest memory of a run, in GB; by default the runs share 80 % of all."""
     patience: float = 300.0
-    """A planner without a time limit counts as hanging after this time [s]; 300 by default."""
+    """Time after which a planner without a time limit counts as hanging, in seconds; 300 by
+    default."""
     resume: bool = False
-    """An earlier comparison in --output goes on where it ended."""
+    """Go on with an earlier comparison in --output where it ended."""
 
 
 @app.default
@@ -76,23 +78,23 @@ def compare(
     maps: Annotated[
         list[Path],
         MAP_INPUT,
-        Parameter(help="The maps are map_server YAML files, folders of them, or .map."),
+        Parameter(help="Maps: map_server YAML files, folders of them, or .map."),
     ],
     /,
     *,
-    output: Annotated[Path, results("The report, tables and logs are written to this folder.")],
+    output: Annotated[Path, results("Folder for the report, tables and logs.")],
     compared: Compared = Compared(),
     asked: Queries = Queries(),
     weight: Annotated[
         tuple[float, ...],
         Parameter(
             group=groups.COSTS,
-            help="The weight is the detour accepted per degenerate metre [m], by default the"
-            " estimator's own; repeatable.",
+            help="Detour accepted per degenerate metre, in metres; by default the estimator's own;"
+            " repeatable.",
         ),
     ] = (),
     criterion: Criterion = None,
-    robot_radius: RobotRadius = None,
+    robot_options: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     running: Running = Running(),
     computing: Computing = Computing(),
@@ -108,9 +110,7 @@ def compare(
         raise ConfigError("--random and --queries exclude one another")
     if asked.queries is not None:
         refuse("with --queries", least_distance=asked.least_distance, seed=asked.seed)
-    if asked.ranges and options.range is not None:
-        raise ConfigError("--range and --ranges exclude one another")
-    made = options.to_configs(asked.ranges)
+    robot, made = options.to_configs(robot_options, asked.ranges)
     configs = {f"{each.estimator.name}, {each.estimator.reach:g} m": each for each in made}
     comparison.specs_of(compared.planner or comparison.PLANNERS)
     comparison.check_result_folder(output, force=force)
@@ -124,7 +124,7 @@ def compare(
             weights=weight or None,
             seeds=range(1, compared.seeds + 1),
             configs=configs,
-            robot_radius=radius_of(robot_radius),
+            robot_radius=robot.radius,
             criterion=criterion,
             time_limit=compared.time_limit,
             least_distance=5.0 if asked.least_distance is None else asked.least_distance,

@@ -19,7 +19,7 @@ app = command(
 
 @app.default
 def completion(
-    shell: Annotated[Literal["bash", "zsh", "fish"], Parameter(help="The shell is one of these.")],
+    shell: Annotated[Literal["bash", "zsh", "fish"], Parameter(help="The shell.")],
 ) -> None:
     """Print a script by which a shell completes commands and options."""
     print(application().generate_completion(shell=shell))

@@ -25,26 +25,26 @@ class DriveOptions:
     """A recorded drive, and how its file is read."""
 
     drive: Annotated[Path | None, INPUT, Parameter(metavar="FILE")] = None
-    """This recorded drive is read: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ."""
+    """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ."""
     every: Count | None = None
-    """Every n-th scan of the drive is read; all of them by default."""
+    """Step between the scans that are read; 1 by default, which is all."""
     scan_topic: Annotated[str | None, Parameter(metavar="TOPIC")] = None
-    """The scans are those of this topic, where a bag has several."""
+    """Topic of the scans, where a bag has several."""
     pose_topic: Annotated[str | None, Parameter(metavar="TOPIC")] = None
-    """The poses are those of this topic of a bag, in place of TF."""
+    """Topic of the poses in a bag, in place of TF."""
     odom_topic: Annotated[str | None, Parameter(metavar="TOPIC")] = None
-    """The odometry is that of this topic of a bag."""
+    """Topic of the odometry in a bag."""
     map_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
-    """The poses of a bag are in this frame; map by default."""
+    """Frame of the poses in a bag; map by default."""
     base_frame: Annotated[str | None, Parameter(metavar="FRAME")] = None
-    """The robot's frame in a bag is that of its odometry, or base_footprint or base_link."""
+    """Frame of the robot in a bag; that of its odometry, or base_footprint or base_link."""
     range_limits: Annotated[Text | None, Parameter(metavar="LEAST,GREATEST")] = None
-    """A beam's reading is a return between these distances, where the log's own are wrong [m]."""
+    """Distances between which a reading is a return, in metres, where the log's own are wrong."""
     mount: Annotated[Text | None, Parameter(metavar="X,Y,DEG")] = None
-    """The lidar's pose on the robot is this one, where the log does not tell it [m, deg]."""
+    """Pose of the lidar on the robot, in metres and degrees, where the log does not have it."""
     align: Annotated[Text | None, Parameter(metavar="X,Y,DEG")] = None
-    """The recorded poses are turned about the map frame's origin, then shifted, where the map was
-    [m, deg]."""
+    """Turn of the recorded poses about the map frame's origin, in degrees, and shift after it, in
+    metres, where the map was moved."""
 
     def check(self) -> None:
         """Raise a ConfigError if a text is wrong, or an option is given without a drive.

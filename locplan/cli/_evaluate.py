@@ -8,12 +8,21 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from locplan.cli._drive_options import DriveOptions
-from locplan.cli._groups import FIELD, INPUT, Force, Json, MapFiles, command
+from locplan.cli._groups import (
+    FIELD,
+    INPUT,
+    AtPlaces,
+    DriveSeed,
+    Folder,
+    Force,
+    Json,
+    MapFiles,
+    command,
+)
 from locplan.cli._kinds import given_of
-from locplan.cli._options import FieldOptions, RobotRadius, Threads, radius_of
-from locplan.cli._simulation_options import AtPlaces, Folder, SimulationOptions
+from locplan.cli._options import Threads
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import refuse, show
-from locplan.field._lidar_presets import PRESETS
 
 app = command(
     "evaluate",
@@ -27,36 +36,19 @@ def evaluate(
     maps: MapFiles,
     /,
     *,
-    lidar: Annotated[
-        str | None,
-        Parameter(
-            group=FIELD,
-            choices=tuple(PRESETS),
-            help="The lidar, or the robot that carries it, is one of these.",
-        ),
-    ] = None,
-    range: Annotated[
-        float | None,
-        Parameter(group=FIELD, help="The lidar's range is that of its data sheet, or 6 [m]."),
-    ] = None,
-    field_of_view: Annotated[
-        float | None,
-        Parameter(group=FIELD, help="The field of view is that of the lidar that is named [deg]."),
-    ] = None,
     config: Annotated[
         Path | None,
         INPUT,
         Parameter(
             group=FIELD,
             metavar="FILE.json",
-            help="The lidar, the filter and the disturbances are those of this file, as calibrate"
-            " wrote it.",
+            help="Settings of a further field to compare with --drive, as calibrate wrote them.",
         ),
     ] = None,
     recorded: DriveOptions = DriveOptions(),
     at: AtPlaces = AtPlaces(),
-    simulation: SimulationOptions = SimulationOptions(),
-    robot_radius: RobotRadius = None,
+    robot_options: RobotOptions = RobotOptions(),
+    seed: DriveSeed = 1,
     threads: Threads = None,
     output: Folder = None,
     force: Force = False,
@@ -68,32 +60,28 @@ def evaluate(
     """
     recorded.check()
     if recorded.drive is not None:
-        refuse("with --drive", lidar=lidar, range=range, field_of_view=field_of_view)
-        seed = None if simulation.seed == SimulationOptions.seed else simulation.seed
-        refuse("with --drive", params=simulation.params, set=simulation.set or None, seed=seed)
-        places = {
-            name: value for name, value in given_of(at).items() if value != getattr(AtPlaces, name)
-        }
-        refuse("with --drive", **places, robot_radius=robot_radius)
+        own = {name: value or None for name, value in vars(robot_options).items()}
+        places = {name: each for name, each in vars(at).items() if each != getattr(AtPlaces, name)}
+        refuse("with --drive", **own, **places, seed=None if seed == 1 else seed)
         _evaluate_drive(maps, recorded, config, threads, output, force=force, json=json)
         return
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
+    from locplan.field import equipped
     from locplan.maps import find_maps, load_map
     from locplan.simulation import _evaluation as evaluation, _reports as reports
 
-    options = FieldOptions(lidar=lidar, range=range, field_of_view=field_of_view, config=config)
-    field = options.to_config()
-    simulated = simulation.simulated(field, options.named_lidar(), file=config)
-    radius = radius_of(robot_radius, simulation.params)
+    refuse("without --drive", config=config)
+    robot = equipped(robot_options.load())
+    robot_options.warn(robot)
     folder = reports.EVALUATION.into(output, force=force) if output else None
     with progress_bar("driving", "drives") as progress:
         result = evaluation.evaluate(
             [load_map(file) for file in find_maps(*maps)],
-            **simulated,
+            robot,
             **given_of(at),
-            disc=min(field.estimator.reach, evaluation.LARGEST_DISC),
-            robot_radius=radius,
+            disc=min(robot.known_lidar.range, evaluation.LARGEST_DISC),
+            seed=seed,
             threads=threads,
             progress=progress,
         )
@@ -115,11 +103,12 @@ def _evaluate_drive(
     """Compare the fields with the scans of a recorded drive."""
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
+    from locplan.field import load_config
     from locplan.recordings import _reports as reports, evaluate_drive
     from locplan.recordings._evaluation import estimators_for
 
     folder = reports.DRIVE.into(output, force=force) if output else None
-    own = {"config": FieldOptions(config=config).to_config().estimator} if config else {}
+    own = {"config": load_config(config).estimator} if config else {}
     grid, drive = recorded.on_map(maps)
     estimators = estimators_for(drive.lidar) | own
     with progress_bar("comparing fields", "fields") as progress:

@@ -18,8 +18,8 @@ from locplan.cli._groups import (
     Text,
     command,
 )
-from locplan.cli._options import CacheDir, CostOptions, FieldOptions, Threads, radius_of
-from locplan.cli._simulation_options import FilterOptions
+from locplan.cli._options import CacheDir, CostOptions, FieldOptions, Threads
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, two_numbers
 
 NEXT = {
@@ -41,31 +41,31 @@ def explore(
     /,
     *,
     start: Annotated[
-        Text | None, Parameter(metavar="X,Y", help="The path starts here at first [m].")
+        Text | None, Parameter(metavar="X,Y", help="First start of the path, x,y in metres.")
     ] = None,
     goal: Annotated[
-        Text | None, Parameter(metavar="X,Y", help="The path ends here at first [m].")
+        Text | None, Parameter(metavar="X,Y", help="First goal of the path, x,y in metres.")
     ] = None,
     via: Annotated[
         tuple[Text, ...],
         Parameter(
             metavar="X,Y",
             allow_leading_hyphen=True,
-            help="The path visits this on its way at first [m]; repeatable.",
+            help="Place to visit on the way at first, x,y in metres; repeatable.",
         ),
     ] = (),
     port: Annotated[
-        int, Parameter(help="The page is served on this port of this machine; by default any.")
+        int, Parameter(help="Port of this machine that the page is served on; by default any.")
     ] = 0,
-    no_browser: Annotated[bool, Parameter(help="No browser is opened.")] = False,
+    no_browser: Annotated[bool, Parameter(help="Open no browser.")] = False,
     drive: Annotated[
         tuple[Path, ...],
         INPUT,
         Parameter(
-            group=DRIVE, metavar="FILE", help="This recorded drive can be shown; repeatable."
+            group=DRIVE, metavar="FILE", help="Recorded drive that can be shown; repeatable."
         ),
     ] = (),
-    simulation: FilterOptions = FilterOptions(),
+    robot_options: RobotOptions = RobotOptions(),
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     threads: Threads = None,
@@ -75,7 +75,7 @@ def explore(
         Parameter(
             name=("--folder", "-o"),
             group=OUTPUT,
-            help="The page may write maps and exports to this folder; without it, it writes none.",
+            help="Folder that the page may write maps and exports to; without it, it writes none.",
         ),
     ] = None,
     force: Force = False,
@@ -91,15 +91,12 @@ def explore(
     from locplan.explorer._drives import RecordedDrive
     from locplan.explorer._explore import check_installed, opened
     from locplan.explorer._scene import Opening
-    from locplan.simulation._settings import lidar_of
 
     check_installed()
-    config = options.to_config()
+    robot, config = options.with_robot(robot_options)
     costs.check(config)
-    lidar = options.own_lidar(config)
     ends = [xy and two_numbers(name, xy) for name, xy in (("start", start), ("goal", goal))]
     stops = tuple(two_numbers("via", xy) for xy in via)
-    robot, _ = simulation.robot(lidar or lidar_of(config), config=options.config, lints=False)
     grid = load(map_file)
     drives = []
     for file in drive:
@@ -107,8 +104,7 @@ def explore(
             drives.append(RecordedDrive.read(file, progress))
     opening = Opening(
         config,
-        lidar=lidar,
-        robot_radius=radius_of(costs.robot_radius, simulation.params),
+        robot,
         criterion=costs.criterion,
         weight=costs.weight,
         start=ends[0] or None,
@@ -120,7 +116,6 @@ def explore(
         threads=threads,
         map_file=str(map_file),
         force=force,
-        **robot,
     )
     with working("opening the page"):
         page = opened(grid, opening, port=port)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from locplan.cli._groups import INPUT, OUTPUT, Json, MapFile, Text, command, results
+from locplan.cli._groups import INPUT, Force, Json, MapFile, Text, command, results
 from locplan.cli._kinds import check_has, joint_options, options_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, read_paths, show, two_numbers
 from locplan.errors import ConfigError
 from locplan.export._registry import ExportJob, formats
@@ -32,7 +33,7 @@ FORMAT = Group("Format", sort_key=2)
 if TYPE_CHECKING:
     FormatOptions = Any
 else:
-    FormatOptions = joint_options(OPTIONS, FORMAT)
+    FormatOptions = joint_options(OPTIONS, FORMAT, but=("params",))  # a file of the robot
 
 
 @app.default
@@ -42,34 +43,30 @@ def export(
     *,
     to: Annotated[
         str,
-        Parameter(
-            choices=tuple(FORMATS), show_choices=False, help=f"The format is one of {ABOUT}."
-        ),
+        Parameter(choices=tuple(FORMATS), show_choices=False, help=f"Format: {ABOUT}."),
     ],
     path: Annotated[
         tuple[Path, ...],
         INPUT,
-        Parameter(metavar="CSV", help=f"This path (x_m,y_m) is exported {WITH_PATHS}."),
+        Parameter(metavar="CSV", help=f"Path to export (x_m,y_m) {WITH_PATHS}."),
     ] = (),
     start: Annotated[
         Text | None,
         Parameter(
-            metavar="X,Y", help=f"A path from here [m] is planned and exported {WITH_PATHS}."
+            metavar="X,Y",
+            help=f"Start of a path that is planned and exported, x,y in metres {WITH_PATHS}.",
         ),
     ] = None,
     goal: Annotated[
-        Text | None, Parameter(metavar="X,Y", help="The path that is planned ends here [m].")
+        Text | None, Parameter(metavar="X,Y", help="Goal of this path, x,y in metres.")
     ] = None,
     own: FormatOptions = FormatOptions(),
+    robot_options: RobotOptions = RobotOptions(),
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
-    output: Annotated[
-        Path | None, results("The file or folder is MAP-FORMAT here by default.")
-    ] = None,
-    force: Annotated[
-        bool, Parameter(group=OUTPUT, help="A file in the way is replaced, whoever wrote it.")
-    ] = False,
+    output: Annotated[Path | None, results("File or folder; MAP-FORMAT here by default.")] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write cost maps, route graphs, bags and paths for navigation stacks, or plain files."""
@@ -83,10 +80,9 @@ def export(
             check_has(option, "--to", to, PATHS)
     if (start is None) != (goal is None):
         raise ConfigError("--start and --goal belong together")
-    chosen = options_of(OPTIONS, to, "--to", own)
-    config = options.to_config()
+    robot, config = options.with_robot(robot_options)
+    chosen = options_of(OPTIONS, to, "--to", own, params=robot_options.nav2_file())
     costs.check(config)
-    costs = costs.sized(own.params)
     grid = load(map_file)
     target = output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=force)
@@ -96,7 +92,7 @@ def export(
         raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal")
     format.check(chosen, len(paths) + bool(ends))
     field = computing.field(grid, config)
-    costmap = costs.costmap(grid, field)
+    costmap = costs.costmap(grid, field, robot)
     if ends:
         found = plan(costmap, *ends)
         if found.path is None:
@@ -104,7 +100,7 @@ def export(
             raise ConfigError(f"no path leads from --start to --goal: {reason}")
         paths["aware"] = found.path
     with nullcontext() if format.tells else working(f"writing {target.name}"):
-        summary = format.write(target, ExportJob(costmap, field, paths), chosen)
+        summary = format.write(target, ExportJob(costmap, field, paths, robot=robot), chosen)
     about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.summary), *summary.rows]
     show(json, about, table([], rows), target)

@@ -8,9 +8,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from locplan.cli._groups import (
-    COSTS,
     GENERAL,
     Count,
+    DriveSeed,
     Force,
     Json,
     MapFile,
@@ -18,15 +18,15 @@ from locplan.cli._groups import (
     option_group,
     results,
 )
-from locplan.cli._options import RobotRadius, Threads, radius_of
-from locplan.cli._route_options import LidarOptions, RouteOptions
-from locplan.cli._simulation_options import SimulationOptions
+from locplan.cli._options import Threads
+from locplan.cli._robot_options import RobotOptions
+from locplan.cli._route_options import RouteOptions
 from locplan.cli._values import load, show
 
 app = command(
     "features",
     "features lab.yaml --start 2,3 --goal 38,3 -o found",
-    "features lab.yaml --path mine.csv --params nav2_params.yaml --count 2 -o found",
+    "features lab.yaml --path mine.csv --robot nav2_params.yaml --count 2 -o found",
 )
 
 
@@ -35,17 +35,17 @@ class Taking:
     """What counts as a feature, and how many are taken away."""
 
     count: Count = 3
-    """So many features are taken away together, 3 by default."""
+    """Number of features that are taken away together; 3 by default."""
     piece: float = 1.0
-    """Walls are divided into pieces of about this length [m], 1 by default."""
+    """Length of the pieces of walls, in metres; about 1 by default."""
     largest: float = 4.0
-    """What hangs together over at most this extent is one object [m], 4 by default."""
+    """Greatest extent of an object, in metres; 4 by default."""
     gap: float = 0.1
-    """Parts of an object may be this far apart [m], 0.1 by default."""
+    """Greatest distance between parts of an object, in metres; 0.1 by default."""
     shift: float = 0.3
-    """The error is told if a feature is moved by this distance [m], 0.3 by default."""
+    """Distance by which features are moved to see the error, in metres; 0.3 by default."""
     drives: Annotated[int, Parameter()] = 100
-    """The number of drives of the verification is 100 by default; 0 leaves it out."""
+    """Number of drives of the verification; 100 by default, 0 leaves it out."""
 
 
 @app.default
@@ -55,13 +55,12 @@ def features(
     *,
     routes: RouteOptions = RouteOptions(),
     taking: Taking = Taking(),
-    simulation: SimulationOptions = SimulationOptions(),
-    robot_radius: Annotated[RobotRadius, Parameter(group=COSTS)] = None,
-    lidar_options: LidarOptions = LidarOptions(),
+    robot_options: RobotOptions = RobotOptions(),
+    seed: DriveSeed = 1,
     threads: Threads = None,
     output: Annotated[
         Path | None,
-        results("The features (CSV, GeoJSON, JSON) and a picture are written to this folder."),
+        results("Folder for the features (CSV, GeoJSON, JSON) and a picture."),
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -73,23 +72,21 @@ def features(
     from locplan import landmarks as core
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
+    from locplan.field import equipped
     from locplan.landmarks import _feature_reports as reports
     from locplan.simulation._drives import check_drives_or_none
 
     drives, ways = taking.drives, routes.given()
     check_drives_or_none(drives)
-    lidar = lidar_options.named()
-    robot, not_simulated = simulation.robot(lidar)
-    radius = radius_of(robot_radius, simulation.params)
+    robot = equipped(robot_options.load())
+    robot_options.warn(robot)
     grid = load(map_file)
     folder = reports.FEATURES.into(output, force=force) if output else None
     with progress_bar("taking features away", "features") as progress:
         found = core.key_features(
             grid,
             **ways,
-            lidar=lidar,
-            **robot,
-            robot_radius=radius,
+            robot=robot,
             count=taking.count,
             piece=taking.piece,
             largest=taking.largest,
@@ -100,9 +97,9 @@ def features(
     driven = None
     if drives and found.together:
         with progress_bar("verifying by drives", "drives") as progress:
-            driven = found.verify(drives, seed=simulation.seed, threads=threads, progress=progress)
+            driven = found.verify(drives, seed=seed, threads=threads, progress=progress)
     if folder:
         with working("writing the features"):
-            reports.write_features(folder, found, driven, not_simulated)
-    about = reports.features_summary(found, driven, not_simulated)
-    show(json, about, reports.features_table(found, driven, not_simulated), output)
+            reports.write_features(folder, found, driven)
+    about = reports.features_summary(found, driven)
+    show(json, about, reports.features_table(found, driven), output)

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from locplan.cli._groups import OUTPUT, Force, Json, MapFiles, command, results
 from locplan.cli._options import Computing, FieldOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import show
 
 app = command("field", "field lab.yaml -o lab.zarr --picture lab.png")
@@ -20,15 +21,16 @@ def field(
     /,
     *,
     output: Annotated[
-        Path | None, results("The field is written here (.zarr; of many maps a folder).")
+        Path | None, results("File for the field (.zarr; of many maps a folder).")
     ] = None,
     picture: Annotated[
         Path | None,
         Parameter(
             group=OUTPUT,
-            help="A picture of e is written here (.png, .pdf, .svg; of many maps a folder).",
+            help="File for a picture of e (.png, .pdf, .svg; of many maps a folder).",
         ),
     ] = None,
+    robot_options: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
     force: Force = False,
@@ -38,7 +40,7 @@ def field(
     from locplan.export._batch import batch_table, jobs_for, run_all
     from locplan.field._summary import FieldSummary
 
-    config = options.to_config()
+    _, config = options.with_robot(robot_options)
     jobs = jobs_for(maps, output, picture, force=force)
     with computing.of(config) as compute:
         if len(jobs) == 1:

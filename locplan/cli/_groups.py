@@ -15,6 +15,7 @@ from locplan.cli._help import example
 
 Options = TypeVar("Options")
 
+ROBOT = Group("Robot", sort_key=0)
 GENERAL = Group("Options", sort_key=1)
 DRIVE = Group("Recorded drive", sort_key=2)
 PLANNER = Group("Planner", sort_key=3)
@@ -37,25 +38,17 @@ def _keep_maps(_: object, maps: Path | Sequence[Path]) -> None:
         _keep(None, files_of(path))
 
 
-def _keep_params(_: object, params: Path | None) -> None:
-    from locplan.maps._ros_parameters import file_and_robot
-
-    _keep(None, params and file_and_robot(params)[0])
-
-
 INPUT, MAP_INPUT = Parameter(validator=_keep), Parameter(name="MAP", validator=_keep_maps)
 """Of a file that is read: no result is written over it."""
 
 MapFile = Annotated[
-    Path, MAP_INPUT, Parameter(help="The map is a map_server YAML file, or a folder with one.")
+    Path, MAP_INPUT, Parameter(help="Map: a map_server YAML file, or a folder with one.")
 ]
 MapFiles = Annotated[
     list[Path],
     MAP_INPUT,
-    Parameter(help="The maps are map_server YAML files, or folders of them."),
+    Parameter(help="Maps: map_server YAML files, or folders of them."),
 ]
-Params = Annotated[Path | None, Parameter(validator=_keep_params, metavar="FILE[:NAMESPACE]")]
-"""A parameter file of Nav2, and the namespace of the robot where it has several."""
 Text = Annotated[str, Parameter(allow_leading_hyphen=True)]
 """A text that may begin with a minus sign, such as -2,3."""
 MAX_COUNT = 100_000
@@ -64,14 +57,12 @@ Count = Annotated[int, Parameter(validator=Number(gte=1, lte=MAX_COUNT))]
 Pair = Annotated[int, Parameter(validator=Number(gte=2, lte=MAX_COUNT))]
 """A number of things of which there must be two at least."""
 Seed = Annotated[int, Parameter(validator=Number(gte=0, lte=2**63 - 1))]
-Json = Annotated[
-    bool, Parameter(name="--json", group=OUTPUT, help="The result is printed as JSON.")
-]
+Json = Annotated[bool, Parameter(name="--json", group=OUTPUT, help="Print the result as JSON.")]
 
 
 Force = Annotated[
     bool,
-    Parameter(group=OUTPUT, help="Files in the way are replaced, whoever wrote them."),
+    Parameter(group=OUTPUT, help="Replace files in the way, whoever wrote them."),
 ]
 
 
@@ -94,3 +85,21 @@ def option_group(heading: Group) -> Callable[[type[Options]], type[Options]]:
         return Parameter(name="*", group=heading)(dataclass(frozen=True)(kind))
 
     return made
+
+
+Folder = Annotated[Path | None, results("Folder for pictures, JSON and CSV.")]
+DriveSeed = Annotated[
+    Seed, Parameter(group=SIMULATION, help="Seed of all random numbers; 1 by default.")
+]
+
+
+@option_group(SIMULATION)
+class AtPlaces:
+    """The number of places drawn at random, and of the simulations at each."""
+
+    places: Pair = 100
+    """Number of places on each map; 100 by default."""
+    drives: Count | None = None
+    """Number of drives of 10 m to each place; 16 by default."""
+    scans: Count | None = None
+    """Number of single scans matched at each place; 16 by default."""

@@ -8,9 +8,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from locplan.cli._groups import FIELD, Json, MapFile, command, results
-from locplan.cli._options import RobotRadius, radius_of
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import show
-from locplan.field._lidar_presets import PRESETS
 
 COMPARED = ("turtlebot3", "turtlebot4", "tim571")
 """Lidars of short, middle and long range."""
@@ -23,23 +22,19 @@ def info(
     map_file: MapFile,
     /,
     *,
-    robot_radius: RobotRadius = None,
+    robot_options: RobotOptions = RobotOptions(),
     output: Annotated[
         Path | None,
-        results("A picture with grid lines and places is written here (.png, .pdf, .svg)."),
+        results("File for a picture with grid lines and places (.png, .pdf, .svg)."),
     ] = None,
     lidars: Annotated[
         bool,
         Parameter(
             group=FIELD,
-            help="Lidars are compared: how much of the floor is degenerate with each. They are"
-            " turtlebot3, turtlebot4 and tim571 by default.",
+            help="Compare how much of the floor is degenerate with the robot's lidar and with"
+            f" {', '.join(COMPARED)}.",
         ),
     ] = False,
-    lidar: Annotated[
-        tuple[str, ...],
-        Parameter(group=FIELD, choices=tuple(PRESETS), help="This lidar is compared; repeatable."),
-    ] = (),
     json: Json = False,
 ) -> None:
     """Describe a map: size, what misleads, rooms, and places for start and goal."""
@@ -49,17 +44,18 @@ def info(
 
     if output:
         check_target(output, *PICTURES)
-    radius = radius_of(robot_radius)
-    about = describe_map(map_file, robot_radius=radius)
+    robot = robot_options.load()
+    about = describe_map(map_file, robot_radius=robot.radius)
     shares = []
-    if lidars or lidar:
+    if lidars or robot.lidar:
         from locplan._util.progress import progress_bar
         from locplan.costs._lidars import compare_lidars
-        from locplan.field import Lidar
+        from locplan.robots import Lidar
 
-        named = [Lidar.preset(name) for name in lidar or COMPARED]
+        named = [Lidar.preset(name) for name in COMPARED] if lidars else []
+        named = list(dict.fromkeys([*([robot.lidar] if robot.lidar else []), *named]))
         with progress_bar("lidars", "cells") as progress:
-            shares = compare_lidars(about.grid, named, robot_radius=radius, progress=progress)
+            shares = compare_lidars(about.grid, named, robot_radius=robot.radius, progress=progress)
     if output:
         from locplan import plotting
         from locplan._util.working import working

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, get_type_hints
 
 from cyclopts import Group, Parameter
@@ -12,13 +12,13 @@ from locplan._util.documented import field_docs
 from locplan.errors import ConfigError
 
 
-def joint_options(kinds: Mapping[str, type], group: Group) -> type:
-    """A dataclass with the options of all kinds; one that was not given is None."""
+def joint_options(kinds: Mapping[str, type], group: Group, but: Collection[str] = ()) -> type:
+    """A dataclass with the options of all kinds but some; one that was not given is None."""
     docs: dict[str, dict[str, list[str]]] = {}
     types: dict[str, Any] = {}
     for kind, options in kinds.items():
         types |= get_type_hints(options)
-        for name, doc in field_docs(options).items():
+        for name, doc in ((n, d) for n, d in field_docs(options).items() if n not in but):
             docs.setdefault(name, {}).setdefault(doc.removesuffix("."), []).append(kind)
     fields = []
     for name, sentences in docs.items():
@@ -29,16 +29,19 @@ def joint_options(kinds: Mapping[str, type], group: Group) -> type:
     return Parameter(name="*", group=group)(joint)
 
 
-def options_of(kinds: Mapping[str, type], kind: str, switch: str, joint: Any) -> Any:
+def options_of(
+    kinds: Mapping[str, type], kind: str, switch: str, joint: Any, **others: object
+) -> Any:
     """The options of one kind from those given; `switch` is the option that chooses the kind.
 
-    An option that is given and not for this kind is a ConfigError.
+    An option that is given and not for this kind is a ConfigError; others are then left out.
     """
     given = given_of(joint)
     for name in given:
         having = [each for each in kinds if name in field_names(kinds[each])]
         check_has(f"--{name.replace('_', '-')}", switch, kind, having)
-    return kinds[kind](**given)
+    known = field_names(kinds[kind])
+    return kinds[kind](**given, **{name: others[name] for name in others if name in known})
 
 
 def field_names(kind: Any) -> list[str]:

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from locplan.cli._groups import (
-    COSTS,
     GENERAL,
     Count,
+    DriveSeed,
     Force,
     Json,
     MapFile,
@@ -18,15 +18,15 @@ from locplan.cli._groups import (
     option_group,
     results,
 )
-from locplan.cli._options import RobotRadius, Threads, radius_of
-from locplan.cli._route_options import LidarOptions, RouteOptions
-from locplan.cli._simulation_options import SimulationOptions
+from locplan.cli._options import Threads
+from locplan.cli._robot_options import RobotOptions
+from locplan.cli._route_options import RouteOptions
 from locplan.cli._values import load, numbers, position, show
 
 app = command(
     "landmarks",
     "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
-    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --params nav2_params.yaml -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
     "landmarks lab.yaml --object box:0.6,0.3 --count 8 --region all -o marked",
 )
 
@@ -36,33 +36,33 @@ class Placing:
     """The objects, the region that they serve if it is no route, and where they may stand."""
 
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2"
-    """They are poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH) [m]; pole:0.2 by default."""
+    """Poles (pole:DIAMETER) or boxes (box:LENGTH,WIDTH), in metres; pole:0.2 by default."""
     count: Annotated[int, Parameter()] = 6
-    """So many are placed at most, 6 by default."""
+    """Greatest number of objects; 6 by default."""
     region: Annotated[
         tuple[str, ...], Parameter(metavar="X0,Y0,X1,Y1", allow_leading_hyphen=True)
     ] = ()
-    """The robot may go anywhere in this rectangle [m], repeatable, or with "all" on the map."""
+    """Rectangle in which the robot may go anywhere, in metres, repeatable; "all" is the map."""
     where: Literal["walls", "free", "both"] = "both"
-    """Places along walls, in the open, or both are tried, by default both."""
+    """Places that are tried: along walls, in the open, or both, by default both."""
     spacing: float = 0.5
-    """Along walls a place is tried every 0.5 m by default."""
+    """Distance between places along walls, in metres; 0.5 by default."""
     margin: float = 0.2
-    """Routes and passages keep this distance from the objects besides the radius, 0.2 m by
-    default."""
+    """Distance of routes and passages from the objects besides the robot's radius, in metres; 0.2
+    by default."""
     keep_out: Annotated[
         tuple[str, ...], Parameter(metavar="X0,Y0,X1,Y1", allow_leading_hyphen=True)
     ] = ()
-    """No object stands in this rectangle [m]; repeatable."""
+    """Rectangle in which no object may stand, in metres; repeatable."""
     existing: Annotated[
         tuple[str, ...], Parameter(metavar="X,Y[,DEG]", allow_leading_hyphen=True)
     ] = ()
-    """An object of this kind stands in the map here, and may be moved [m, deg]; repeatable."""
+    """Object of this kind in the map, which may be moved, x,y in metres; repeatable."""
     drives: Annotated[int, Parameter()] = 100
-    """The number of drives of the verification is 100 by default; 0 leaves it out."""
+    """Number of drives of the verification; 100 by default, 0 leaves it out."""
     trials: Count | None = None
-    """So many placements that promise as much are driven first, and the best is taken; 4 by
-    default, and 1 without drives. Along routes the first two are by the two objectives."""
+    """Number of placements that are driven first, of which the best is taken; 4 by default, and 1
+    without drives. Along routes the first two are by the two objectives."""
 
 
 @app.default
@@ -72,15 +72,13 @@ def landmarks(
     *,
     routes: RouteOptions = RouteOptions(),
     placing: Placing = Placing(),
-    simulation: SimulationOptions = SimulationOptions(),
-    robot_radius: Annotated[RobotRadius, Parameter(group=COSTS)] = None,
-    lidar_options: LidarOptions = LidarOptions(),
+    robot_options: RobotOptions = RobotOptions(),
+    seed: DriveSeed = 1,
     threads: Threads = None,
     output: Annotated[
         Path | None,
         results(
-            "The places (CSV, GeoJSON), the map with the objects, a picture and the tables are"
-            " written to this folder."
+            "Folder for the places (CSV, GeoJSON), the map with the objects, a picture and tables."
         ),
     ] = None,
     force: Force = False,
@@ -95,6 +93,7 @@ def landmarks(
     from locplan import landmarks as core
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
+    from locplan.field import equipped
     from locplan.landmarks import _reports as reports
     from locplan.landmarks._objects import parsed_object
     from locplan.landmarks._trials import TRIALS, best_of_trials
@@ -104,9 +103,8 @@ def landmarks(
     driven = routes.given(region=placing.region)
     kind = parsed_object(placing.object)
     check_drives_or_none(drives)
-    lidar = lidar_options.named()
-    robot, not_simulated = simulation.robot(lidar)
-    radius = radius_of(robot_radius, simulation.params)
+    robot = equipped(robot_options.load())
+    robot_options.warn(robot)
     existing = [position("existing", text) for text in placing.existing]
     keep_out = [numbers("keep-out", text, 4) for text in placing.keep_out]
     region = [numbers("region", text, 4) for text in placing.region if text != "all"]
@@ -120,9 +118,7 @@ def landmarks(
             kind,
             placing.count,
             **driven,
-            lidar=lidar,
-            **robot,
-            robot_radius=radius,
+            robot=robot,
             margin=placing.margin,
             where=placing.where,
             spacing=placing.spacing,
@@ -131,7 +127,6 @@ def landmarks(
             threads=threads,
             progress=progress,
         )
-    seed = simulation.seed
     trials = placing.trials or (TRIALS if drives else 1)
     with progress_bar("driving placements", "drives") as progress:
         made = best_of_trials(made, trials, seed=seed, threads=threads, progress=progress)
@@ -141,6 +136,6 @@ def landmarks(
             verification = made.verify(drives, seed=seed, threads=threads, progress=progress)
     if folder:
         with working("writing the landmarks"):
-            reports.write_landmarks(folder, made, verification, not_simulated)
-    about = reports.landmarks_summary(made, verification, not_simulated)
-    show(json, about, reports.landmarks_table(made, verification, not_simulated), output)
+            reports.write_landmarks(folder, made, verification)
+    about = reports.landmarks_summary(made, verification)
+    show(json, about, reports.landmarks_table(made, verification), output)

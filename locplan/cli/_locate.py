@@ -14,6 +14,7 @@ from locplan.cli._groups import (
     GENERAL,
     INPUT,
     Count,
+    Folder,
     Force,
     Json,
     MapFile,
@@ -21,7 +22,6 @@ from locplan.cli._groups import (
     option_group,
 )
 from locplan.cli._options import Threads
-from locplan.cli._simulation_options import Folder
 from locplan.cli._values import load, refuse, show
 from locplan.errors import ConfigError
 
@@ -41,9 +41,9 @@ class ScanOptions:
     """The scan of the drive."""
 
     scan: Annotated[int | None, Parameter(validator=Number(gte=0))] = None
-    """The scan of this number is located, from 0 on; each scan is by default, by itself."""
+    """Number of the scan, from 0 on; by default each scan is located, by itself."""
     at: Annotated[float | None, Parameter(metavar="SECONDS")] = None
-    """The scan nearest to this time after the first one is located [s]."""
+    """Time of the scan after the first one, in seconds."""
 
     def chosen(self, drive: Recording) -> Recording:
         """The recording of the scan that was asked for, or of all.
@@ -75,13 +75,13 @@ class LocateOptions:
     """Where the robot is looked for."""
 
     near_path: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
-    """Only places near this path (x_m,y_m) are looked at."""
+    """Path (x_m,y_m) near which places are looked at; by default all are."""
     within: float | None = None
-    """They lie within 3 m of the path by default [m]."""
+    """Greatest distance of these from the path, in metres; 3 by default."""
     count: Count | None = None
-    """So many places are kept at most, 10 by default."""
+    """Greatest number of places that are kept; 10 by default."""
     clearance: float | None = None
-    """The robot's centre keeps this distance from walls, 0.1 by default [m]."""
+    """Distance of the robot's centre from walls, in metres; 0.1 by default."""
 
     def to_arguments(self) -> dict[str, Any]:
         """The arguments of `locate_drive`, without those that are by default."""

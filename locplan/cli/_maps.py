@@ -15,13 +15,13 @@ class MapOptions:
     """The maps that are written."""
 
     name: tuple[str, ...] = ()
-    """Only this map is written; repeatable."""
+    """Map to write, by default all; repeatable."""
     resolution: float = 0.05
-    """The edge of a cell is 0.05 by default [m]."""
+    """Edge of a cell, in metres; 0.05 by default."""
     boundary_noise: float = 0.0
-    """This share of boundary cells flips, as in a SLAM map; 0..1."""
+    """Share of boundary cells that flip, as in a SLAM map; 0..1."""
     seed: int = 0
-    """The seed of the noise is 0 by default."""
+    """Seed of the noise; 0 by default."""
 
 
 @app.default
@@ -33,7 +33,7 @@ def maps(
     Parameters
     ----------
     folder
-        The maps are written here, in maps by default.
+        Folder of the maps; maps by default.
     """
     from locplan._util.results import ResultFolder
     from locplan.maps import environments, save_map

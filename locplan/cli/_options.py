@@ -17,18 +17,19 @@ from cyclopts import Parameter
 
 from locplan.cli._groups import COMPUTING, COSTS, FIELD, INPUT, option_group
 from locplan.cli._kinds import check_has, field_names, given_of
-from locplan.cli._values import numbers, refuse, size_in
+from locplan.cli._robot_options import RobotOptions
+from locplan.cli._values import numbers
 from locplan.errors import ConfigError, FieldError
 from locplan.field import ESTIMATORS
-from locplan.field._lidar_presets import PRESETS
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from locplan.costs import Costmap
-    from locplan.field import CovarianceField, Estimator, FieldConfig, Lidar
+    from locplan.field import CovarianceField, Estimator, FieldConfig
     from locplan.maps import OccupancyGrid
+    from locplan.robots import Lidar, Robot
 
     class Compute(Protocol):
         """A function that gives the field of a map, or its values at some lattice points."""
@@ -40,21 +41,14 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("locplan.cli")
 
-RobotRadius = Annotated[
-    float | None, Parameter(group=COSTS, help="The robot's radius is 0.25 by default [m].")
-]
 Criterion = Annotated[
     str | None,
     Parameter(
         group=COSTS,
-        help="The degeneracy u is made of e (default of sad), position_std (default of the others),"
-        " position_rms or heading_std, or of ambiguity or entropy of scan and fused.",
+        help="Scalar that the degeneracy u is made of: e (default of sad), position_std (default of"
+        " the others), position_rms or heading_std; ambiguity or entropy of scan and fused.",
     ),
 ]
-
-
-BEYOND = 10.0
-"""Ratio to the data sheet's range above which a range was hardly meant in metres."""
 
 
 def _bearable(_: object, threads: int | None) -> None:
@@ -68,113 +62,71 @@ Threads = Annotated[
     Parameter(
         group=COMPUTING,
         validator=_bearable,
-        help="The number of threads is that of the cores by default.",
+        help="Number of threads; all cores by default.",
     ),
 ]
 CacheDir = Annotated[
     Path | None,
-    Parameter(help="Computed fields are kept in this folder; LOCPLAN_CACHE does the same."),
+    Parameter(help="Folder of the computed fields; LOCPLAN_CACHE names it, too."),
 ]
 
 
 @option_group(FIELD)
 class FieldOptions:
-    """The lidar, and the settings of the covariance field."""
+    """The settings of the covariance field."""
 
-    lidar: Annotated[str | None, Parameter(choices=tuple(PRESETS))] = None
-    """The lidar, or the robot that carries it, is one of these; it decides the estimator, too."""
-    range: float | None = None
-    """The lidar's range [m] is that of its data sheet, or 6 by default where none is named."""
-    field_of_view: float | None = None
-    """The lidar's field of view [deg] is that of its data sheet, or 360 where none is named."""
     config: Annotated[Path | None, INPUT, Parameter(metavar="FILE.json")] = None
-    """This file has all settings, as calibrate wrote them, and those of simulated robots if they
-    are of a recorded drive; only a lidar may be given beside it."""
+    """All settings of the field, as calibrate wrote them, in place of the options below."""
     estimator: Annotated[str | None, Parameter(choices=tuple(ESTIMATORS))] = None
-    """The estimator is fused by default where a lidar is named, and else the paper's sad."""
+    """Estimator of the covariance; fused by default where the lidar is known, else the paper's
+    sad."""
     preset: Literal["default", "paper"] | None = None
-    """The settings of sad are the default ones, or Eq. 8-10 of the paper as printed."""
+    """Settings of sad: the default ones, or Eq. 8-10 of the paper as printed."""
+    disc: Annotated[float | None, Parameter(metavar="METRES")] = None
+    """Radius of sad's template, in metres; 6 by default, or the lidar's range."""
     headings: int | None = None
-    """The number of headings is 1 by default where the lidar sees all round, else 8."""
+    """Number of headings; 1 by default where the lidar sees all round, else 8."""
     template: Literal["disc", "visible"] | None = None
-    """The template of sad is the paper's disc, or the part of it seen from its centre."""
+    """Template of sad: the paper's disc, or the part of it seen from its centre."""
     stride: float | None = None
-    """The spacing of the evaluated cells is 0.2 by default [m]; plan and choose take twice as much
+    """Spacing of the evaluated cells, in metres; 0.2 by default. plan and choose take twice as much
     away from their paths, where a lidar is simulated."""
 
-    def named_lidar(self, reach: float | None = None) -> Lidar | None:
-        """The lidar that was named, or None; `reach` replaces its range [m]."""
-        from locplan.field import Lidar
+    def with_robot(self, given: RobotOptions) -> tuple[Robot, FieldConfig]:
+        """The robot, which has the lidar of the file of settings if no other, and the settings."""
+        read = self._read()
+        robot = given.load(getattr(read.estimator, "lidar", None) if read else None)
+        return robot, _seen_by(read, robot.lidar) if read else self._made(robot.lidar)
 
-        if self.lidar is None:
-            return None
-        reach = self.range if reach is None else reach
-        sheet = Lidar.preset(self.lidar)
-        if reach is not None and reach > BEYOND * sheet.range:
-            raise ConfigError(
-                f"--range must be in metres; the data sheet of {self.lidar} names {sheet.range:g},"
-                f" not {reach:g}"
-            )
-        return _changed(sheet, reach, self.field_of_view)
+    def simulated(self, given: RobotOptions) -> tuple[Robot, FieldConfig]:
+        """The robot, which has the field's lidar if no other, and the field's settings.
 
-    def own_lidar(self, config: FieldConfig) -> Lidar | None:
-        """The lidar that was named, or that of the settings in the file; None without either."""
-        of_file = getattr(config.estimator, "lidar", None) if self.config else None
-        return self.named_lidar() or of_file
+        Warns of settings of the robot's filter that work badly with the lidar.
+        """
+        from locplan.field import equipped
 
-    def to_config(self, reach: float | None = None) -> FieldConfig:
-        """The settings of a field that were asked for; `reach` replaces the range [m]."""
-        from locplan.field import FieldConfig, load_config
-        from locplan.field._registry import estimator_class
-
-        lidar = self.named_lidar(reach)
-        given = given_of(self)
-        own, view = given.pop("range", None), given.pop("field_of_view", None)
-        reach = own if reach is None else reach
-        given.pop("lidar", None)
-        if self.config is not None:
-            if len(given) > 1:
-                allowed = ("config", "lidar", "range", "field_of_view")
-                names = [name for name in field_names(self) if name not in allowed]
-                raise ConfigError(
-                    "--config has all settings of the field; besides it only a lidar and its range"
-                    f" and field of view may be given, none of {', '.join(map(_flag, names))}"
-                )
-            config = load_config(self.config)
-            estimator = _seen_by(config.estimator, lidar, reach, view)
-            own = config.headings == config.estimator.headings  # by default, as is the new one's
-            headings = 0 if own else config.headings
-            return dataclasses.replace(config, estimator=estimator, headings=headings)
-        kinds = [estimator_class(name) for name in ESTIMATORS]
-        kind: Any = estimator_class(given.pop("estimator", "fused" if lidar else "sad"))
-        for name in given:
-            check_has(
-                _flag(name), "--estimator", kind.name, [k.name for k in kinds if _takes(k, name)]
-            )
-        others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
-        if kind.casts_rays:
-            made = kind.of(lidar or _assumed())
-        else:
-            paper = given.pop("preset", None) == "paper"
-            made = dataclasses.replace(kind.paper() if paper else kind(), **given)
-        return FieldConfig(_seen_by(made, lidar, reach, view), **others)
+        robot, config = self.with_robot(given)
+        robot = equipped(robot, config)
+        given.warn(robot)
+        return robot, config
 
     def of_drive(self, lidar: Lidar) -> FieldConfig:
-        """The settings of a field for a recorded drive: its lidar takes the place of a named one.
+        """The settings of a field for a recorded drive; an estimator that casts rays has its lidar.
 
         Without an estimator it is fused.
         """
-        from locplan.field import FieldConfig, Fused
+        read = self._read()
+        config = _seen_by(read, lidar) if read else self._made(lidar)
+        return config if config.estimator.casts_rays else read or self._made(None)
 
-        refuse("with --drive, whose lidar is taken", lidar=self.lidar, range=self.range)
-        refuse("with --drive, whose lidar is taken", field_of_view=self.field_of_view)
-        if set(given_of(self)) <= {"stride", "headings"}:
-            return FieldConfig(Fused.of(lidar), **given_of(self))
-        config = self.to_config()
-        if not config.estimator.casts_rays:
-            return config
-        headings = {} if self.headings else {"headings": 0}
-        return dataclasses.replace(config, estimator=config.estimator.with_lidar(lidar), **headings)
+    def to_configs(
+        self, given: RobotOptions, ranges: str | None
+    ) -> tuple[Robot, list[FieldConfig]]:
+        """The robot, and the settings with each of the ranges in a text [m], if there is one."""
+        robot, config = self.with_robot(given)
+        if ranges is None:
+            return robot, [config]
+        return robot, [_reaching(config, reach) for reach in numbers("ranges", ranges)]
 
     def is_fine_near_paths(self, config: FieldConfig) -> bool:
         """Whether a field on which paths are planned need only be fine near these.
@@ -183,9 +135,38 @@ class FieldOptions:
         """
         return config.estimator.casts_rays and self.stride is None and self.config is None
 
-    def to_configs(self, ranges: str | None) -> list[FieldConfig]:
-        """The settings with each of the ranges in a text [m], or as they are without a text."""
-        return [self.to_config(r) for r in (numbers("ranges", ranges) if ranges else (None,))]
+    def _read(self) -> FieldConfig | None:
+        """The settings in the file, if one was given."""
+        from locplan.field import load_config
+
+        if self.config is None:
+            return None
+        others = [_flag(name) for name in given_of(self) if name != "config"]
+        if others:
+            raise ConfigError(
+                f"--config has all settings of the field; leave out {', '.join(others)}"
+            )
+        return load_config(self.config)
+
+    def _made(self, lidar: Lidar | None) -> FieldConfig:
+        """The settings that were asked for; `lidar` is the robot's, where it is known."""
+        from locplan.field import FieldConfig
+        from locplan.field._registry import estimator_class
+
+        given = given_of(self)
+        kinds = [estimator_class(name) for name in ESTIMATORS]
+        kind: Any = estimator_class(given.pop("estimator", "fused" if lidar else "sad"))
+        for name in given:
+            having = [each.name for each in kinds if _takes(each, name)]
+            check_has(_flag(name), "--estimator", kind.name, having)
+        others = {name: given.pop(name) for name in ("stride", "headings") if name in given}
+        if kind.casts_rays:
+            return FieldConfig(kind.of(lidar or _assumed()), **others)
+        made = kind.paper() if given.pop("preset", None) == "paper" else kind()
+        if "disc" in given:
+            given["range"] = given.pop("disc")
+        made = made.with_lidar(lidar) if lidar else made
+        return FieldConfig(dataclasses.replace(made, **given), **others)
 
 
 def _flag(name: str) -> str:
@@ -199,43 +180,35 @@ def _takes(kind: type[Estimator], option: str) -> bool:
         return kind.casts_rays
     if option in ("stride", "preset"):
         return option == "stride" or hasattr(kind, "paper")
-    return option in field_names(kind)
+    return {"disc": "range"}.get(option, option) in field_names(kind)
 
 
 def _assumed() -> Lidar:
     """The lidar of estimators that need one where none is named."""
-    from locplan.simulation._settings import SHORT_LIDAR
+    from locplan.field import SHORT_LIDAR
 
     return dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
 
 
-def _changed(lidar: Lidar, reach: float | None, view: float | None) -> Lidar:
-    """A lidar with another range [m] and field of view [deg], where they are given."""
-    if reach is not None:
-        lidar = dataclasses.replace(lidar, range=reach)
-    return lidar if view is None else dataclasses.replace(lidar, field_of_view_deg=view)
+def _seen_by(config: FieldConfig, lidar: Lidar | None) -> FieldConfig:
+    """Settings with another lidar; the number of headings by default is that of the new one."""
+    if lidar is None or lidar == getattr(config.estimator, "lidar", None):
+        return config
+    by_default = config.headings == config.estimator.headings
+    return dataclasses.replace(
+        config,
+        estimator=config.estimator.with_lidar(lidar),
+        headings=0 if by_default else config.headings,
+    )
 
 
-def _seen_by(
-    estimator: Any, lidar: Lidar | None, reach: float | None, view: float | None
-) -> Estimator:
-    """An estimator with another lidar, or with another range [m] and field of view [deg]."""
-    if lidar is None and (own := getattr(estimator, "lidar", None)):
-        lidar = _changed(own, reach, view)
-    if lidar is not None:
-        made: Estimator = estimator.with_lidar(lidar)
-        return made
-    from locplan.field._registry import estimator_class
-
-    kinds = [estimator_class(name) for name in ESTIMATORS]
-    seeing = [kind.name for kind in kinds if kind.casts_rays]
-    if view is not None:
-        check_has("--field-of-view", "--estimator", estimator.name, seeing)
-    if reach is None:
-        return estimator  # type: ignore[no-any-return]
-    having = [kind.name for kind in kinds if kind.casts_rays or "range" in field_names(kind)]
-    check_has("--range", "--estimator", estimator.name, having)
-    return dataclasses.replace(estimator, range=reach)  # type: ignore[no-any-return]
+def _reaching(config: FieldConfig, reach: float) -> FieldConfig:
+    """Settings with another range of the lidar, or of the template [m]."""
+    lidar = getattr(config.estimator, "lidar", None)
+    if lidar:
+        return _seen_by(config, dataclasses.replace(lidar, range=reach))
+    estimator: Any = config.estimator
+    return dataclasses.replace(config, estimator=dataclasses.replace(estimator, range=reach))
 
 
 def _has_scheduler(_: object, scheduler: str | None) -> None:
@@ -253,7 +226,7 @@ class Computing:
     scheduler: Annotated[
         str | None, Parameter(metavar="tcp://HOST:PORT", validator=_has_scheduler)
     ] = None
-    """A dask cluster computes the field."""
+    """Dask cluster that computes the field."""
     cache_dir: CacheDir = None
 
     @contextmanager
@@ -305,14 +278,9 @@ class CostOptions:
     """The costs of a path."""
 
     weight: float | None = None
-    """The weight is the detour accepted per degenerate metre [m]; by default the estimator's own,
-    4 for sad and 8 for the others."""
+    """Detour accepted per degenerate metre, in metres; by default the estimator's own, 4 for sad
+    and 8 for the others."""
     criterion: Criterion = None
-    robot_radius: RobotRadius = None
-
-    def sized(self, params: Path | None) -> CostOptions:
-        """The costs of a robot whose radius is that of its parameters, unless one was given."""
-        return dataclasses.replace(self, robot_radius=radius_of(self.robot_radius, params))
 
     def check(self, config: FieldConfig) -> None:
         """Raise a ConfigError if an option is out of range; to be called before long work."""
@@ -324,23 +292,8 @@ class CostOptions:
         if self.criterion is not None:
             check_criterion(self.criterion, config)
 
-    def costmap(self, grid: OccupancyGrid, field: CovarianceField) -> Costmap:
-        """The costmap of a field."""
+    def costmap(self, grid: OccupancyGrid, field: CovarianceField, robot: Robot) -> Costmap:
+        """The costmap of a field for a robot."""
         from locplan.costs import Costmap
 
-        return Costmap.from_field(grid, field, **given_of(self))
-
-    def blank(self, grid: OccupancyGrid) -> Costmap:
-        """The costmap of the map alone, to check positions before long work."""
-        from locplan.costs import Costmap
-
-        return Costmap.blank(grid, robot_radius=radius_of(self.robot_radius))
-
-
-def radius_of(robot_radius: float | None, params: Path | None = None) -> float:
-    """The robot's radius that was given, or that of its parameters, or the library's own [m]."""
-    from locplan.costs import ROBOT_RADIUS
-
-    size = size_in(params) if robot_radius is None else None
-    given = size.radius if size else robot_radius
-    return ROBOT_RADIUS if given is None else given
+        return Costmap.from_field(grid, field, robot_radius=robot.radius, **given_of(self))

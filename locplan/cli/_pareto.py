@@ -17,7 +17,8 @@ from locplan.cli._groups import (
     option_group,
     results,
 )
-from locplan.cli._options import Computing, CostOptions, FieldOptions, RobotRadius
+from locplan.cli._options import Computing, FieldOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, position, show
 
 app = command("pareto", "pareto lab.yaml --start 2,3 --goal 38,3 -o front")
@@ -28,15 +29,15 @@ class Search:
     """The query, and the limits of the search."""
 
     start: Annotated[Text, Parameter(metavar="X,Y")]
-    """The start [m]."""
+    """Start, x,y in metres."""
     goal: Annotated[Text, Parameter(metavar="X,Y")]
-    """The goal [m]."""
+    """Goal, x,y in metres."""
     objective: Literal["u", "e"] = "u"
-    """The second objective is the degenerate metres (u), or the integral of e."""
+    """Second objective: the degenerate metres (u, by default), or the integral of e."""
     time_limit: float = 30.0
-    """The search ends after this time [s], exact or not; 30 by default."""
+    """Time of the search, in seconds, exact or not; 30 by default."""
     max_labels: int = 20_000_000
-    """The number of partial paths kept, of 48 bytes each, is 20 million by default."""
+    """Number of partial paths kept, of 48 bytes each; 20 million by default."""
 
 
 @app.default
@@ -45,12 +46,12 @@ def pareto(
     /,
     *,
     search: Search,
-    robot_radius: RobotRadius = None,
+    robot_options: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
     output: Annotated[
         Path | None,
-        results("The files front.png, front.csv, front.json and knee.csv go to this folder."),
+        results("Folder for front.png, front.csv, front.json and knee.csv."),
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -61,22 +62,22 @@ def pareto(
     """
     from locplan import planners
     from locplan._util.working import working
+    from locplan.costs import Costmap
     from locplan.export._plan_folders import FRONT, write_front
     from locplan.field._summary import about_field
     from locplan.planners._summary import front_summary, front_table
     from locplan.planners._trade_offs import check_caps
 
     ends = position("start", search.start), position("goal", search.goal)
-    costs = CostOptions(robot_radius=robot_radius)
     check_caps(search.objective, search.time_limit, search.max_labels)
     grid = load(map_file)
-    config = options.to_config()
-    planners.check_ends(costs.blank(grid), *ends)
+    robot, config = options.with_robot(robot_options)
+    planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
     folder = FRONT.into(output, force=force) if output else None
     field = computing.field(grid, config)
     with working("searching the front"):
         front = planners.pareto_front(
-            costs.costmap(grid, field),
+            Costmap.from_field(grid, field, robot_radius=robot.radius),
             *ends,
             objective=search.objective,
             time_limit=search.time_limit,

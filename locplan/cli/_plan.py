@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -14,18 +13,19 @@ from locplan.cli import _groups as groups
 from locplan.cli._groups import Force, Json, MapFile, Seed, Text, option_group, results
 from locplan.cli._kinds import given_of
 from locplan.cli._options import Computing, CostOptions, FieldOptions
-from locplan.cli._simulation_options import FilterOptions
-from locplan.cli._values import load, outline_of, position, refuse, settings_of, show, size_in
+from locplan.cli._robot_options import RobotOptions
+from locplan.cli._values import load, position, settings_of, show
 from locplan.planners import names
 
 if TYPE_CHECKING:
     from locplan.costs import Costmap
-    from locplan.field import CovarianceField
-    from locplan.planners import Plan
+    from locplan.field import CovarianceField, FieldConfig
+    from locplan.maps import OccupancyGrid
+    from locplan.planners import Plan, Planner
 
 app = groups.command(
     "plan",
-    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --params nav2.yaml -o planned",
+    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar --time-limit 2",
 )
 
@@ -35,28 +35,28 @@ class PlannerOptions:
     """The planner and its own options, which have the planner's defaults if they are not given."""
 
     planner: Annotated[str | None, Parameter(choices=names())] = None
-    """The planner is any-angle by default, grid with a budget; grid searches with astar or
-    dijkstra, whichever is quicker on the map; those with capitals are OMPL's."""
+    """Planner; any-angle by default, grid with a budget. grid searches with astar or dijkstra,
+    whichever is quicker on the map; those with capitals are OMPL's."""
     accuracy: Literal["normal", "high"] | None = None
-    """The accuracy of any-angle's paths is normal by default."""
+    """Accuracy of any-angle's paths; normal by default."""
     space: Literal["R2", "SE2", "Dubins", "ReedsShepp"] | None = None
-    """OMPL's planners plan in this space; R2 by default, the others have headings."""
+    """Space that OMPL's planners plan in; R2 by default, the others have headings."""
     turning_radius: float | None = None
-    """Curves of Dubins and ReedsShepp have this radius [m]."""
+    """Radius of the curves of Dubins and ReedsShepp, in metres."""
     time_limit: float | None = None
-    """OMPL's planners stop after this time for each path [s]; 5 by default."""
+    """Time of OMPL's planners for each path, in seconds; 5 by default."""
     iterations: int | None = None
-    """OMPL's planners stop after so many iterations; one seed then always gives one path."""
+    """Number of iterations of OMPL's planners; one seed then always gives one path."""
     convergence: float | None = None
-    """OMPL's planners stop once J falls by no more than this share, such as 0.001."""
+    """Share, such as 0.001, by which J must still fall lest OMPL's planners stop."""
     seed: Seed | None = None
-    """The seed of OMPL's random numbers, and of the simulated drives, is 1 by default."""
+    """Seed of OMPL's random numbers, and of the simulated drives; 1 by default."""
     from_grid: bool | None = None
-    """OMPL's planner begins with the grid planner's path."""
+    """Begin OMPL's planner with the grid planner's path."""
     improve: bool | None = None
-    """The path found by an OMPL planner is straightened at last."""
+    """Straighten the path found by an OMPL planner."""
     setting: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
-    """A setting of OMPL's own is changed, such as range=2.0; repeatable."""
+    """Setting of OMPL's own, such as range=2.0; repeatable."""
 
     def given(self) -> dict[str, Any]:
         """The options of the planner that were given."""
@@ -71,17 +71,15 @@ class Query:
     """The places and limits of the path."""
 
     start: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
-    """The path starts here [m], with this heading [deg] where the space has one."""
+    """Start of the path, x,y in metres, and the heading in degrees where the space has one."""
     goal: Annotated[Text, Parameter(metavar="X,Y[,DEG]")]
-    """The path ends here [m], with this heading [deg] where the space has one."""
+    """Goal of the path, x,y in metres, and the heading in degrees where the space has one."""
     via: Annotated[tuple[Text, ...], Parameter(metavar="X,Y[,DEG]", allow_leading_hyphen=True)] = ()
-    """The path visits this on its way [m]; repeatable."""
+    """Place to visit on the way, x,y in metres; repeatable."""
     max_e: float | None = None
-    """The path enters no cell with e above this [m² rad]."""
+    """Greatest e of the cells that the path enters, in m² rad."""
     budget: float | None = None
-    """The path is the shortest with ∫u ds of at most this [m]."""
-    footprint: Annotated[Text | None, Parameter(metavar="[[X,Y],...]")] = None
-    """The robot's outline [m], x forward, also sets its radius where that is not given."""
+    """Greatest ∫u ds of the path, in metres; the shortest such path is planned."""
 
 
 @app.default
@@ -90,14 +88,13 @@ def plan(
     /,
     *,
     query: Query,
+    robot_options: RobotOptions = RobotOptions(),
     planning: PlannerOptions = PlannerOptions(),
-    simulation: FilterOptions = FilterOptions(),
     no_verdict: Annotated[
         bool,
         Parameter(
             group=groups.SIMULATION,
-            help="The paths are not driven, and none is recommended. They are driven where the"
-            " lidar is named.",
+            help="Drive and recommend no path; paths are driven where the lidar is known.",
         ),
     ] = False,
     costs: CostOptions = CostOptions(),
@@ -105,18 +102,19 @@ def plan(
     computing: Computing = Computing(),
     output: Annotated[
         Path | None,
-        results("The paths (CSV), plan.json and plan.png are written to this folder."),
+        results("Folder for the paths (CSV), plan.json and plan.png."),
     ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Plan a path that the robot can localize on, beside the shortest one.
 
-    Where the lidar is named, both paths are driven in simulation, and one of them is recommended.
+    Where the lidar is known, both paths are driven in simulation, and one of them is recommended.
     """
     from locplan import planners
-    from locplan._util.progress import in_turn, progress_bar
+    from locplan._util.progress import progress_bar
     from locplan._util.working import working
+    from locplan.costs import Costmap
     from locplan.export._plan_folders import PLAN, write_plans
     from locplan.field._summary import about_field
     from locplan.planners._ahead import prepared_beside
@@ -124,86 +122,57 @@ def plan(
 
     start, goal = position("start", query.start), position("goal", query.goal)
     stops = [position("via", xy) for xy in query.via]
-    outline = outline_of(query.footprint)
-    size = None if outline or costs.robot_radius is not None else size_in(simulation.params)
-    if size and query.budget is None:  # which cannot be kept with an outline
-        outline = size.footprint
-    radius = size.radius if size else outline.inscribed_radius if outline else None
-    if costs.robot_radius is None:
-        costs = dataclasses.replace(costs, robot_radius=radius)
+    robot, config = options.with_robot(robot_options)
     limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget, "via": stops}
-    limits["footprint"] = outline
+    # A budget cannot be kept with an outline, only with its inscribed circle.
+    limits["footprint"] = robot.outline if query.budget is None else None
     given = planning.given()
-    config = options.to_config()
-    lidar = options.own_lidar(config)
+    driven = robot.lidar is not None and not no_verdict
     why_not = "not both paths were found"
-    if lidar is None or no_verdict:
-        why_not = "the paths are not driven" if lidar else "name the lidar (--lidar) to drive them"
-        why = "with --no-verdict" if lidar else "unless the lidar is named (--lidar)"
-        refuse(why, params=None if size else simulation.params, set=simulation.set or None)
-        lidar = None
-    elif not planners.takes(planners.planner_for(planning.planner, **limits), "seed"):
-        given.pop("seed", None)  # it is that of the drives alone
-    robot, left_out = simulation.robot(lidar, config=options.config) if lidar else (None, ())
+    if driven:
+        robot_options.warn(robot)
+        if not planners.takes(planners.planner_for(planning.planner, **limits), "seed"):
+            given.pop("seed", None)  # it is that of the drives alone
+    else:
+        unnamed = "name the lidar (--lidar) to drive them"
+        why_not = unnamed if robot.lidar is None else "the paths are not driven"
     planner = planners.planner_for(planning.planner, given, **limits)
     grid = load(map_file)
-    planners.check_ends(costs.blank(grid), start, goal, stops, space=planning.space or "R2")
+    blank = Costmap.blank(grid, robot_radius=robot.radius)
+    planners.check_ends(blank, start, goal, stops, space=planning.space or "R2")
+    del blank  # saves memory on a large map
     costs.check(config)
     history = ["history.png"] if planners.takes(planner, "progress") else []
     folder = PLAN.into(output, *history, force=force) if output else None
     asked = {"start": start, "goal": goal, "planner": planning.planner, **limits, **given}
-    slow, draft = planners.takes(planner, "progress"), asked
-    if slow:  # the default planner finds where the field must be fine
-        places = {"start": start[:2], "goal": goal[:2], "via": [xy[:2] for xy in stops]}
-        draft = {**limits, **places}
-
-    def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
-        costmap = costs.costmap(grid, field)
-        return costmap, planners.plan_beside_shortest(costmap, **request)
-
-    def drafted(field: CovarianceField) -> tuple[Costmap, dict[str, Plan]]:
-        ready()
-        with working("planning"):
-            return planned(field, draft)
-
     near_paths = options.is_fine_near_paths(config)
     compiling = not computing.begun(grid, config, in_part=near_paths)
     driving: AbstractContextManager[Callable[[], None]] = nullcontext(lambda: None)
-    if lidar:
+    if driven:
         from locplan.simulation._compiling import drives_prepared_beside
 
         driving = drives_prepared_beside(needed=compiling)
     with prepared_beside(planner, needed=compiling) as ready, driving as drivable:
-        with computing.of(config) as compute:
-            if near_paths:
-                field, (costmap, plans) = planners.planned_near_paths(
-                    grid,
-                    config,
-                    lambda points: compute(grid, points),
-                    drafted,
-                    lambda found: [plan.path for plan in found[1].values() if plan.path],
-                )
-            else:
-                field = compute(grid)
-        if slow or not near_paths:
-            ready()
-            untimed = planning.iterations and planning.time_limit is None
-            with progress_bar(planner.name, "iterations" if untimed else "") as progress:
-                if slow:
-                    asked["progress"] = in_turn(progress, 2 * (len(stops) + 1))
-                costmap, plans = planned(field, asked)
+        field, (costmap, plans) = _planned(
+            grid,
+            config,
+            planner,
+            asked,
+            near_paths=near_paths,
+            costmap_of=lambda field: costs.costmap(grid, field, robot),
+            computing=computing,
+            ready=ready,
+        )
         drivable()
     found = None
-    if lidar and robot:
+    if driven:
         from locplan.simulation import verdict
 
         with progress_bar("simulating", "drives") as progress:
             found = verdict(
                 costmap,
                 plans,
-                lidar=lidar,
-                **robot,
-                not_simulated=left_out,
+                robot,
                 seed=1 if planning.seed is None else planning.seed,
                 threads=computing.threads,
                 progress=progress,
@@ -217,3 +186,55 @@ def plan(
         lines.append("no weak spot for this lidar: u is 0 all over the map")
     about = plans_summary(plans) | {"verdict": found.summary() if found else None}
     show(json, about, "\n".join([*lines, said]), output)
+
+
+def _planned(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    planner: Planner,
+    asked: dict[str, Any],
+    *,
+    near_paths: bool,
+    costmap_of: Callable[[CovarianceField], Costmap],
+    computing: Computing,
+    ready: Callable[[], None],
+) -> tuple[CovarianceField, tuple[Costmap, dict[str, Plan]]]:
+    """The field, which need only be fine near the paths where that is so, and the plans on it."""
+    from locplan import planners
+    from locplan._util.progress import in_turn, progress_bar
+    from locplan._util.working import working
+
+    slow, draft = planners.takes(planner, "progress"), asked
+    if slow:  # the default planner finds where the field must be fine
+        draft = {name: asked[name] for name in ("max_e", "budget", "footprint")}
+        draft |= {"start": asked["start"][:2], "goal": asked["goal"][:2]}
+        draft["via"] = [xy[:2] for xy in asked["via"]]
+
+    def planned(field: CovarianceField, request: dict[str, Any]) -> tuple[Costmap, dict[str, Plan]]:
+        costmap = costmap_of(field)
+        return costmap, planners.plan_beside_shortest(costmap, **request)
+
+    def drafted(field: CovarianceField) -> tuple[Costmap, dict[str, Plan]]:
+        ready()
+        with working("planning"):
+            return planned(field, draft)
+
+    with computing.of(config) as compute:
+        if near_paths:
+            field, found = planners.planned_near_paths(
+                grid,
+                config,
+                lambda points: compute(grid, points),
+                drafted,
+                lambda found: [plan.path for plan in found[1].values() if plan.path],
+            )
+        else:
+            field = compute(grid)
+    if slow or not near_paths:
+        ready()
+        untimed = "iterations" in asked and "time_limit" not in asked
+        with progress_bar(planner.name, "iterations" if untimed else "") as progress:
+            if slow:
+                asked["progress"] = in_turn(progress, 2 * (len(asked["via"]) + 1))
+            found = planned(field, asked)
+    return field, found

@@ -11,6 +11,7 @@ from cyclopts.validators import Number
 from locplan.cli._groups import GENERAL, MapFile, Text, command, option_group, results
 from locplan.cli._kinds import check_has, given_of
 from locplan.cli._options import Computing, FieldOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, say_written, two_numbers
 from locplan.errors import ConfigError
 
@@ -27,22 +28,22 @@ class FigureOptions:
     """The figure and how it is drawn."""
 
     figure: Literal["field", "e", "ellipses", "distribution", "models"] = "field"
-    """The figure shows a field (default), the paper's e or ellipses, or a place (--at)."""
+    """Figure of a field (default), of the paper's e or ellipses, or of a place (--at)."""
     scalar: str | None = None
-    """The figure field shows what degeneracy is made of by default, or e, position_std,
+    """Scalar in the figure field: what degeneracy is made of by default, or e, position_std,
     position_rms, heading_std, ambiguity or entropy."""
     ranges: Annotated[str | None, Parameter(metavar="R1,R2")] = None
-    """The figures e and ellipses show these ranges of the lidar side by side [m]."""
+    """Ranges of the lidar side by side in the figures e and ellipses, in metres."""
     limits: Annotated[Text | None, Parameter(metavar="LOW,HIGH")] = None
-    """The colours of the figure e end here [m² rad]."""
+    """Ends of the colours of the figure e, in m² rad."""
     spacing: Annotated[float | None, Parameter(validator=Number(gte=0.1))] = None
-    """The ellipses are this far apart at least [m]; 2 by default."""
+    """Least distance between ellipses, in metres; 2 by default."""
     magnify: Annotated[float | None, Parameter(validator=Number(gte=0.01))] = None
-    """The ellipses are drawn so many times as large."""
+    """Factor by which ellipses are enlarged."""
     at: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The figures distribution and models (all seven) show the mismatch at this place [m]."""
+    """Place of the figures distribution and models (all seven), x,y in metres."""
     axis: Literal["x", "y", "theta"] | None = None
-    """The models are drawn along this axis, x by default."""
+    """Axis along which the models are drawn; x by default."""
 
 
 READ = {
@@ -60,8 +61,9 @@ def plot(
     map_file: MapFile,
     /,
     *,
-    output: Annotated[Path, results("The picture is written here (.png, .pdf, .svg).")],
+    output: Annotated[Path, results("File for the picture (.png, .pdf, .svg).")],
     shown: FigureOptions = FigureOptions(),
+    robot_options: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
 ) -> None:
@@ -77,7 +79,7 @@ def plot(
     figure, scalar = given.pop("figure"), given.get("scalar")
     for name in given:
         check_has(f"--{name}", "--figure", figure, [each for each in READ if name in READ[each]])
-    configs = options.to_configs(shown.ranges)
+    _, configs = options.to_configs(robot_options, shown.ranges)
     estimator: Any = configs[0].estimator
     at_a_place = figure in ("distribution", "models")
     known = [*SCALARS, *(layer.name for layer in estimator.layers)]

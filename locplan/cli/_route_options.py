@@ -1,19 +1,15 @@
-"""Options that say where the robot drives, and which lidar it carries."""
+"""Options that say where the robot drives."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from locplan.cli._groups import FIELD, GENERAL, INPUT, Text, option_group
+from locplan.cli._groups import GENERAL, INPUT, Text, option_group
 from locplan.cli._values import read_paths, two_numbers
 from locplan.errors import ConfigError
-from locplan.field._lidar_presets import PRESETS
-
-if TYPE_CHECKING:
-    from locplan.field import Lidar
 
 
 @option_group(GENERAL)
@@ -21,13 +17,13 @@ class RouteOptions:
     """The routes of the robot."""
 
     start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The robot drives the shortest path from here [m]."""
+    """Start of a shortest path, x,y in metres."""
     goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The shortest path leads here [m]."""
+    """Goal of this path, x,y in metres."""
     path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """The robot drives this path (x_m,y_m); repeatable."""
+    """Path of the robot (x_m,y_m); repeatable."""
     places: Annotated[Path | None, INPUT, Parameter(metavar="CSV")] = None
-    """The robot drives between all places in this file (name,x,y)."""
+    """Places (name,x,y) between all of which the robot drives."""
 
     def given(self, **others: object) -> dict[str, Any]:
         """The arguments paths or places, or nothing if one of the other options was given.
@@ -52,24 +48,3 @@ class RouteOptions:
             ends = two_numbers("start", self.start), two_numbers("goal", self.goal)
             return {"places": {"start": ends[0], "goal": ends[1]}}
         return {}
-
-
-@option_group(FIELD)
-class LidarOptions:
-    """The lidar."""
-
-    lidar: Annotated[str | None, Parameter(choices=tuple(PRESETS))] = None
-    """The lidar, or the robot that carries it, is one of these; one of 6 m by default."""
-    range: float | None = None
-    """The lidar's range [m] is that of its data sheet, or 6 by default where none is named."""
-    field_of_view: float | None = None
-    """The lidar's field of view [deg] is that of its data sheet, or 360 where none is named."""
-
-    def named(self) -> Lidar:
-        """The lidar that was named, or a short one, with its own range and view where given."""
-        from locplan.cli._options import _changed
-        from locplan.field import Lidar
-        from locplan.simulation._settings import SHORT_LIDAR
-
-        lidar = Lidar.preset(self.lidar) if self.lidar else SHORT_LIDAR
-        return _changed(lidar, self.range, self.field_of_view)

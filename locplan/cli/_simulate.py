@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -11,6 +12,8 @@ from locplan.cli._drive_options import DriveOptions
 from locplan.cli._groups import (
     GENERAL,
     INPUT,
+    DriveSeed,
+    Folder,
     Force,
     Json,
     MapFiles,
@@ -20,22 +23,29 @@ from locplan.cli._groups import (
     option_group,
 )
 from locplan.cli._options import Computing, CostOptions, FieldOptions
-from locplan.cli._simulation_options import Folder, SimulationOptions
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import read_paths, refuse, show, two_numbers
 from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan.costs import Costmap
+    from locplan.maps import OccupancyGrid
+    from locplan.robots import Robot
 
 app = command(
     "simulate",
     "simulate lab.yaml --start 2,3 --goal 38,3 -o driven",
     "simulate lab.yaml --path planned/shortest.csv --path mine.csv -o driven",
     "simulate lab.yaml --random 20 -o queries",
-    "simulate lab.yaml --drive monday.mcap --params nav2_params.yaml -o replayed",
+    "simulate lab.yaml --drive monday.mcap --robot nav2_params.yaml -o replayed",
 )
 
 DRIVES = 100
 """Number of drives along each path."""
 LEAST_DISTANCE = 10.0
 """Least distance from start to goal of random queries [m]."""
+OF_PLANS = ("preset", "disc", "template", "headings", "stride")
+"""Settings of a field that is only planned on."""
 
 
 @option_group(GENERAL)
@@ -43,17 +53,34 @@ class Driven:
     """The paths that are driven, and how often."""
 
     path: Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")] = ()
-    """This path (x_m,y_m) is driven, as plan wrote it; repeatable."""
+    """Path that is driven (x_m,y_m), as plan wrote it; repeatable."""
     start: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The shortest and the aware path from here are driven [m]."""
+    """Start of the shortest and the aware path, x,y in metres."""
     goal: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """The shortest and the aware path lead here [m]."""
+    """Goal of both paths, x,y in metres."""
     random: Pair | None = None
-    """Both paths of so many random queries on each map are driven; 5 or more give intervals."""
+    """Number of random queries on each map, in place of a start; 5 or more give intervals."""
     least_distance: float | None = None
-    """Random queries are this far from start to goal at least [m]; 10 by default."""
+    """Least distance from start to goal of random queries, in metres; 10 by default."""
     drives: Pair | None = None
-    """The number of drives along each path is 100 by default, and that of replays 20."""
+    """Number of drives along each path; 100 by default, and 20 of a recorded drive."""
+
+    @property
+    def least(self) -> float:
+        """Least distance from start to goal of random queries [m]."""
+        return LEAST_DISTANCE if self.least_distance is None else self.least_distance
+
+    def check(self, seed: int) -> None:
+        """Raise a ConfigError unless one kind of paths was asked for; to be called early."""
+        from locplan.planners import check_random
+
+        asked = bool(self.path), bool(self.start or self.goal), self.random is not None
+        if asked.count(True) != 1 or bool(self.start) != bool(self.goal):
+            raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
+        if self.random is None:
+            refuse("without --random", least_distance=self.least_distance)
+        else:
+            check_random(self.random, seed, self.least)
 
 
 @app.default
@@ -63,7 +90,8 @@ def simulate(
     *,
     driven: Driven = Driven(),
     recorded: DriveOptions = DriveOptions(),
-    simulation: SimulationOptions = SimulationOptions(),
+    robot_options: RobotOptions = RobotOptions(),
+    seed: DriveSeed = 1,
     costs: CostOptions = CostOptions(),
     options: FieldOptions = FieldOptions(),
     computing: Computing = Computing(),
@@ -76,100 +104,113 @@ def simulate(
     With --drive, AMCL runs on the odometry and the scans of a recorded drive instead, and its
     errors are those against the recorded poses.
     """
-    from locplan import planners
-    from locplan._util.progress import progress_bar
-    from locplan._util.working import working
-    from locplan.costs import Costmap
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _reports as reports, _routes as routes, simulate as drive
 
     recorded.check()
+    every = {"seed": seed, "threads": computing.threads}
     if recorded.drive:
         unread = {name: value or None for name, value in vars(driven).items() if name != "drives"}
-        of_field = {name: value for name, value in vars(options).items() if name != "config"}
-        refuse("with --drive", **unread, **vars(costs), **of_field)
+        refuse("with --drive", **unread, **vars(costs), **vars(options))
         refuse("with --drive", scheduler=computing.scheduler, cache_dir=computing.cache_dir)
-        _replay(maps, driven.drives, recorded, simulation, options, computing, output, force, json)
+        _replay(recorded, maps, driven.drives, robot_options, every, output, force, json)
         return
-    start, goal = driven.start, driven.goal
-    asked = bool(driven.path), bool(start or goal), driven.random is not None
-    if asked.count(True) != 1 or bool(start) != bool(goal):
-        raise ConfigError("give one of --path, --start with --goal, --random, and --drive")
-    least = LEAST_DISTANCE if driven.least_distance is None else driven.least_distance
-    if driven.random is None:
-        refuse("without --random", least_distance=driven.least_distance)
-    else:
-        planners.check_random(driven.random, simulation.seed, least)
+    driven.check(seed)
     if driven.path:
-        own = {
-            name: getattr(options, name) for name in ("preset", "template", "headings", "stride")
-        }
-        refuse("with --path: no path is planned", **vars(costs), **own)
-    config = options.to_config()
+        unread = {name: value for name, value in vars(options).items() if name in OF_PLANS}
+        refuse("with --path: no path is planned", **vars(costs), **unread)
+    robot, config = options.simulated(robot_options)
     costs.check(config)
-    simulated = simulation.simulated(config, options.named_lidar(), file=options.config)
-    if not driven.path:
-        costs = costs.sized(simulation.params)
-    drives, threads = driven.drives or DRIVES, computing.threads
+    every["drives"] = driven.drives or DRIVES
     files = find_maps(*maps)
     if driven.random is None and len(files) > 1:
         raise ConfigError(
             f"one path is of one map: name one of these {len(files)}, or give --random"
         )
     grids = [load_map(file) for file in files]
-    folder = None
-    if output and driven.random is not None:
-        pictures = reports.picture_names([grid.name for grid in grids])
-        folder = reports.QUERIES.into(output, *pictures, force=force)
-    elif output:
-        folder = reports.SIMULATION.into(output, force=force)
-
-    def drive_at_random(costmap: Costmap, count: int) -> routes.Routes:
-        queries = planners.random_queries(costmap, count, simulation.seed, least_distance=least)
-        with progress_bar(f"simulating in {costmap.grid.name}", "drives") as progress:
-            return routes.simulate_queries(
-                costmap, queries, **simulated, drives=drives, threads=threads, progress=progress
-            )
-
     with computing.of(config) as compute:
-        if driven.random is not None:
-            every = [drive_at_random(costs.costmap(g, compute(g)), driven.random) for g in grids]
-            with working("writing the results"):
-                written = reports.write_routes(folder, every) if folder else []
-            show(json, reports.routes_summary(every), reports.routes_table(every), *written)
-            return
-        if not (start and goal):
-            paths, costmap = read_paths(driven.path), None
+
+        def costmap_of(grid: OccupancyGrid) -> Costmap:
+            return costs.costmap(grid, compute(grid), robot)
+
+        if driven.random is None:
+            _along_paths(grids[0], driven, robot, costmap_of, every, output, force, json)
         else:
-            query = planners.Query("asked", two_numbers("start", start), two_numbers("goal", goal))
-            planners.check_ends(costs.blank(grids[0]), query.start, query.goal)
-            costmap = costs.costmap(grids[0], compute(grids[0]))
-            paths = routes.planned(costmap, query)
+            _at_random(grids, driven, robot, costmap_of, every, output, force, json)
+
+
+def _along_paths(
+    grid: OccupancyGrid,
+    driven: Driven,
+    robot: Robot,
+    costmap_of: Callable[[OccupancyGrid], Costmap],
+    every: dict[str, Any],
+    output: Path | None,
+    force: bool,
+    json: bool,
+) -> None:
+    """Drive the paths that were given, or the shortest and the aware one between two places."""
+    from locplan import planners
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.costs import Costmap
+    from locplan.simulation import _reports as reports, _routes as routes, simulate as drive
+
+    folder = reports.SIMULATION.into(output, force=force) if output else None
+    paths, costmap = read_paths(driven.path), None
+    if driven.start and driven.goal:
+        ends = two_numbers("start", driven.start), two_numbers("goal", driven.goal)
+        planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
+        costmap = costmap_of(grid)
+        paths = routes.planned(costmap, planners.Query("asked", *ends))
     if not paths:
         show(json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
         return
     with progress_bar("simulating", "drives") as progress:
-        result = drive(
-            grids[0],
-            paths,
-            **simulated,
-            drives=drives,
-            threads=threads,
-            costs=costmap,
-            progress=progress,
-        )
+        result = drive(grid, paths, robot, costs=costmap, progress=progress, **every)
     with working("writing the results"):
         written = reports.write_simulation(folder, result) if folder else []
     show(json, result.summary(), reports.simulation_table(result), *written)
 
 
+def _at_random(
+    grids: list[OccupancyGrid],
+    driven: Driven,
+    robot: Robot,
+    costmap_of: Callable[[OccupancyGrid], Costmap],
+    every: dict[str, Any],
+    output: Path | None,
+    force: bool,
+    json: bool,
+) -> None:
+    """Drive both paths of random queries on each map."""
+    from locplan._util.progress import progress_bar
+    from locplan._util.working import working
+    from locplan.planners import random_queries
+    from locplan.simulation import _reports as reports, _routes as routes
+
+    pictures = reports.picture_names([grid.name for grid in grids])
+    folder = reports.QUERIES.into(output, *pictures, force=force) if output else None
+    found = []
+    for grid in grids:
+        costmap = costmap_of(grid)
+        queries = random_queries(
+            costmap, driven.random or 0, every["seed"], least_distance=driven.least
+        )
+        with progress_bar(f"simulating in {grid.name}", "drives") as progress:
+            found.append(
+                routes.simulate_queries(costmap, queries, robot, progress=progress, **every)
+            )
+    with working("writing the results"):
+        written = reports.write_routes(folder, found) if folder else []
+    show(json, reports.routes_summary(found), reports.routes_table(found), *written)
+
+
 def _replay(
+    recorded: DriveOptions,
     maps: list[Path],
     runs: int | None,
-    recorded: DriveOptions,
-    simulation: SimulationOptions,
-    options: FieldOptions,
-    computing: Computing,
+    robot_options: RobotOptions,
+    every: dict[str, Any],
     output: Path | None,
     force: bool,
     json: bool,
@@ -181,16 +222,11 @@ def _replay(
 
     folder = reports.REPLAY.into(output, force=force) if output else None
     grid, recording = recorded.on_map(maps)
-    replayed = simulation.replayed(recording.lidar, config=options.config)
+    robot = robot_options.on_drive(recording.lidar)
+    robot_options.warn(robot)
     with progress_bar("replaying", "runs") as progress:
         result = core.replay(
-            recording,
-            grid,
-            **replayed,
-            runs=core.RUNS if runs is None else runs,
-            seed=simulation.seed,
-            threads=computing.threads,
-            progress=progress,
+            recording, grid, robot, runs=runs or core.RUNS, progress=progress, **every
         )
     with working("writing the results"):
         written = reports.write_replay(folder, result) if folder else []

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from locplan.cli._groups import (
-    COSTS,
     FIELD,
     GENERAL,
     Count,
@@ -21,8 +20,8 @@ from locplan.cli._groups import (
     option_group,
     results,
 )
-from locplan.cli._options import RobotRadius, Threads, radius_of
-from locplan.cli._route_options import LidarOptions
+from locplan.cli._options import Threads
+from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, refuse, show, two_numbers
 
 app = command(
@@ -37,16 +36,16 @@ class Asked:
     """What is asked for."""
 
     at: Annotated[Text | None, Parameter(metavar="X,Y")] = None
-    """Only the twins of this place are looked for [m]."""
+    """Place whose twins are looked for, x,y in metres; all places by default."""
     starts: Count | None = None
-    """So many starts are proposed at most; 5 by default."""
+    """Greatest number of starts that are proposed; 5 by default."""
     spacing: float | None = None
-    """The distance between neighbouring places is 0.8 by default [m]."""
+    """Distance between neighbouring places, in metres; 0.8 by default."""
     matches: Annotated[int, Parameter()] = 0
-    """So many noisy scans from random poses are matched with the map, to check what is foreseen;
-    none by default."""
+    """Number of noisy scans from random poses that are matched with the map, to check what is
+    foreseen; none by default."""
     seed: Seed | None = None
-    """The seed of these scans is 1 by default."""
+    """Seed of these scans; 1 by default."""
 
 
 @option_group(FIELD)
@@ -54,10 +53,10 @@ class Compared:
     """How scans are compared."""
 
     global_effective_beams: float | None = None
-    """All beams together tell as much as so many independent ones, 36 by default; it is fitted to
-    global matches, and not the number of scan."""
+    """Number of independent beams that tell as much as all together; 36 by default. It is fitted
+    to global matches, and not the number of scan."""
     count_missing: bool = False
-    """A beam without a return counts against places where it would meet a wall in range; AMCL
+    """Count beams without a return against places where they would meet a wall in range; AMCL
     ignores such beams."""
 
 
@@ -67,13 +66,12 @@ def twins(
     /,
     *,
     asked: Asked = Asked(),
-    robot_radius: Annotated[RobotRadius, Parameter(group=COSTS)] = None,
-    lidar_options: LidarOptions = LidarOptions(),
+    robot_options: RobotOptions = RobotOptions(),
     compared: Compared = Compared(),
     threads: Threads = None,
     output: Annotated[
         Path | None,
-        results("The layers (CSV, NPZ), symmetries, starts and a picture go to this folder."),
+        results("Folder for the layers (CSV, NPZ), symmetries, starts and a picture."),
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -101,17 +99,16 @@ def twins(
         whole("--matches", asked.matches, 2, 100_000)
     else:
         refuse("without --matches", seed=asked.seed)
-    lidar = lidar_options.named()
+    robot = robot_options.load()
     folder = reports.TWINS.into(output, force=force) if output else None
     grid = load(map_file)
     beams = compared.global_effective_beams
     with progress_bar("looking for twins", "poses") as progress:
         found = core.find_twins(
             grid,
-            lidar=lidar,
+            robot,
             spacing=SPACING if asked.spacing is None else asked.spacing,
             global_effective_beams=GLOBAL_EFFECTIVE_BEAMS if beams is None else beams,
-            robot_radius=radius_of(robot_radius),
             count_missing=compared.count_missing,
             threads=threads,
             progress=progress,

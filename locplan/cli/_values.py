@@ -14,7 +14,7 @@ from locplan._util.reading import parsed_json
 from locplan.errors import ConfigError, LocplanError, one_line
 
 if TYPE_CHECKING:
-    from locplan.costs import Footprint, Path as Route, RobotSize
+    from locplan.costs import Path as Route
     from locplan.maps import OccupancyGrid
 
 
@@ -84,26 +84,6 @@ def settings_of(
                 ) from None
             settings[name] = value
     return settings
-
-
-def outline_of(text: str | None) -> Footprint | None:
-    """A footprint as Nav2's parameter files have it, such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]]."""
-    from locplan.costs import Footprint
-
-    try:
-        return None if text is None else Footprint.from_text(text)
-    except ConfigError as error:
-        raise ConfigError(f"--{error}") from None
-
-
-def size_in(params: Path | None) -> RobotSize | None:
-    """The robot's size in its parameters of Nav2, which is said on stderr, if there is one."""
-    from locplan.costs import read_robot_size
-
-    size = read_robot_size(params) if params else None
-    if size:
-        print(one_line(f"read {size.source}"), file=sys.stderr)
-    return size
 
 
 def refuse(why: str, **options: object) -> None:

@@ -2,7 +2,6 @@ from ._about import about_costs as about_costs
 from ._check import check_costs as check_costs
 from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap
 from ._degeneracy import CostSettings as CostSettings
-from ._footprint import Footprint as Footprint
 from ._lidars import LidarShare as LidarShare, compare_lidars as compare_lidars
 from ._metrics import (
     DEGENERATE as DEGENERATE,
@@ -12,4 +11,3 @@ from ._metrics import (
     profile as profile,
 )
 from ._path import Path as Path
-from ._robot_size import RobotSize as RobotSize, read_robot_size as read_robot_size

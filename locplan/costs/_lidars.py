@@ -12,8 +12,9 @@ from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.tables import table
 from locplan.costs._costmap import ROBOT_RADIUS, Costmap
 from locplan.costs._metrics import DEGENERATE
-from locplan.field import FieldConfig, Fused, Lidar, load_or_compute
+from locplan.field import FieldConfig, Fused, load_or_compute
 from locplan.maps import OccupancyGrid
+from locplan.robots import Lidar
 
 STRIDE = 0.4
 """Spacing of the evaluated cells, which is enough for shares of an area [m]."""

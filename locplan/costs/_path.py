@@ -86,6 +86,11 @@ class Path:
         """Positions, (n, 2) [m]."""
         return np.array(self.xy, dtype=dtype, copy=copy)
 
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Positions, with headings where the path has them, (n, 2) or (n, 3) [m, m, rad]."""
+        return self.xy if self.heading is None else np.column_stack([self.xy, self.heading])
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write x_m, y_m, and heading_rad if there are headings, as CSV with a row per position.
 

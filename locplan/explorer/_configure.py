@@ -6,13 +6,14 @@ import dataclasses
 from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.checks import MAX_RANGE
 from locplan.explorer._cancelling import Cancelled
 from locplan.explorer._session import Session
 from locplan.explorer._upkeep import Upkeep
 from locplan.explorer._wire import Ask
-from locplan.field import ESTIMATORS, PRESETS, FieldConfig, Lidar
-from locplan.field._lidar import MAX_RANGE
+from locplan.field import ESTIMATORS, FieldConfig
 from locplan.field._registry import estimator_class
+from locplan.robots import PRESETS, Lidar
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -90,7 +91,7 @@ def _present_lidar(session: Session, ask: Ask) -> Lidar | None:
 
 def _assumed(reach: float | None) -> Lidar:
     """The lidar of an estimator that needs one where none is named."""
-    from locplan.simulation._settings import SHORT_LIDAR
+    from locplan.field import SHORT_LIDAR
 
     lidar = dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
     return lidar if reach is None else dataclasses.replace(lidar, range=reach)

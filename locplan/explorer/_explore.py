@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._util.checks import file_path, whole
+from locplan._util.checks import file_path, instance, whole
 from locplan._util.extras import needed
-from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._notebook import frame_html, in_notebook
-from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Lidar, Sad
+from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad
 from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Robot
 
 if TYPE_CHECKING:
     from locplan.explorer._scene import Opening
@@ -88,10 +89,9 @@ class Explorer:
 def explore(
     grid: OccupancyGrid,
     field: CovarianceField | None = None,
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
     estimator: FieldConfig | Estimator | None = None,
-    robot_radius: float = ROBOT_RADIUS,
     port: int = 0,
     open_browser: bool = True,
     folder: str | os.PathLike[str] | None = None,
@@ -109,12 +109,10 @@ def explore(
         The map.
     field : CovarianceField, optional
         The map's field; by default it is read from the cache, or computed while the page is used.
-    lidar : Lidar, optional
-        The robot's lidar; by default the field's, if it has one.
+    robot : Robot, optional
+        The robot; where its lidar is not known, it has the field's.
     estimator : FieldConfig or Estimator, optional
         Settings of the field; by default `Fused` of the lidar, or `Sad` without one.
-    robot_radius : float, default 0.25
-        Radius of the robot [m], >= 0.
     port : int, default 0
         Port of the server, 0 to 65535; 0 takes any free one. Name one to find the page again.
     open_browser : bool, default True
@@ -146,16 +144,17 @@ def explore(
     from locplan.explorer._scene import Opening
 
     check_grid(grid)
+    robot = Robot() if robot is None else robot
+    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
     if field is not None and estimator is None:
         config = field.config
     elif estimator is None:
-        config = FieldConfig(Sad() if lidar is None else Fused.of(lidar))
+        config = FieldConfig(Fused.of(robot.lidar) if robot.lidar else Sad())
     else:
         config = config_of(estimator)
     opening = Opening(
         config,
-        lidar=lidar or getattr(config.estimator, "lidar", None),
-        robot_radius=robot_radius,
+        robot,
         folder=None if folder is None else Path(file_path("folder", folder)),
         drives=tuple(RecordedDrive.of(each) for each in drives),
     )
@@ -190,8 +189,8 @@ def opened(
     session = Session(grid, opening)
     if not np.isfinite(session.scene.costs.density).any():
         raise ConfigError(
-            f"a robot of radius {opening.robot_radius:g} m has no room on this map; give a smaller"
-            " radius"
+            f"a robot of radius {opening.robot.radius:g} m has no room on this map; give it a"
+            " smaller footprint or margin"
         )
     server = Server(session, port, framed=framed)
     server.start()
@@ -210,7 +209,7 @@ def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
     for role, xy in named:
         if xy is not None and not grid.contains(*grid.world_to_cell(*xy[:2])):
             # A blank costmap makes the sentence of the planners, with the nearest free place.
-            Costmap.blank(grid, robot_radius=opening.robot_radius).cell_of(xy, role)
+            Costmap.blank(grid, robot_radius=opening.robot.radius).cell_of(xy, role)
 
 
 def _warm_up(session: Session) -> None:

@@ -14,7 +14,6 @@ from locplan.landmarks import Box, Landmarks, place_landmarks
 from locplan.landmarks._landmarks import PAYS
 from locplan.landmarks._objects import parsed_object
 from locplan.landmarks._verification import Verification
-from locplan.simulation import Amcl, Disturbances
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -84,8 +83,6 @@ def landmarks_of(
     object: str = "pole:0.2",
     count: int = 3,
     drives: int = FEW_DRIVES,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -102,8 +99,6 @@ def landmarks_of(
         Greatest number of objects, 1 to 20.
     drives : int
         Number of drives before and after, 2 to 100; 0 leaves the verification out.
-    amcl, disturbances : optional
-        The robot's filter and the disturbances; see `locplan.simulation.Simulator`.
     seed : int
         Seed of all random numbers.
     threads : int, optional
@@ -132,10 +127,7 @@ def landmarks_of(
         kind,
         count,
         paths={"shown": aware},
-        lidar=view.simulated_lidar,
-        amcl=amcl,
-        disturbances=disturbances,
-        robot_radius=view.costs.robot_radius,
+        robot=view.robot,
         threads=threads,
         progress=told,
     )
@@ -152,13 +144,5 @@ def landmarks(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     count = given(ask.whole("count", 1, MOST), 3)
     object = given(ask.text("object"), "pole:0.2")
     work.progress(0, count, "planning")
-    made = landmarks_of(
-        view,
-        object=object,
-        count=count,
-        drives=drives,
-        amcl=session.opening.amcl,
-        disturbances=session.opening.disturbances,
-        progress=work.progress,
-    )
+    made = landmarks_of(view, object=object, count=count, drives=drives, progress=work.progress)
     return made.summary()

@@ -108,7 +108,7 @@ def planned(
     shortest = _over(session, scene, placed, SHORTEST_WEIGHT, held, check)
     check()
     if shortest is None:
-        why = f"no path joins them for a robot of radius {session.robot_radius:g} m"
+        why = f"no path joins them for a robot of radius {session.robot.radius:g} m"
         return PlanAnswer(tuple(placed), False, None, None, why)
     if scene.field is None:
         why = "the field is still being computed"

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import shlex
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import printable
-from locplan.costs import ROBOT_RADIUS
 from locplan.explorer._simulating import MOST_DRIVES, PATH_SHOWN
 from locplan.explorer._view import View
-from locplan.field import PRESETS, Estimator, FieldConfig, Lidar, Sad
+from locplan.field import Estimator, FieldConfig, Sad, lidar_of
 from locplan.planners import AnyAngle
 from locplan.planners._plan import AWARE
-from locplan.simulation import Amcl, Disturbances
-from locplan.simulation._settings import SHORT_LIDAR, lidar_of
+from locplan.robots import PRESETS, Lidar, Robot
 
 if TYPE_CHECKING:
     from locplan.costs import CostSettings
@@ -33,12 +32,6 @@ UNSAVED = (
     "For the page's map: save it on the page under a new name, and copy this once more.",
 )
 NO_FILE = 'No file of this map is known: locplan.save_map(grid, "map.yaml") writes one'
-EXPORTED = {
-    "locplan": ("FieldConfig", "Fisher", "Fused", "Lidar", "Sad", "Scan", "SearchWindow"),
-    "locplan.field": ("Exponential", "InverseSquare"),
-    "locplan.simulation": ("Amcl", "Disturbances"),
-}
-"""Packages of the classes of settings, by whose names code can make them."""
 
 
 @dataclass(frozen=True)
@@ -49,32 +42,17 @@ class Driven:
     """Greatest number of drives of each candidate."""
     own: bool = True
     """Whether the path of the view's weight is a candidate of its own."""
-    amcl: Amcl = field(default_factory=Amcl)
-    """The robot's filter."""
-    disturbances: Disturbances = field(default_factory=Disturbances)
-    """The disturbances."""
 
     def words(self) -> list[str]:
         """Options of `locplan choose`; the recommended path is written to a folder."""
         words = ["--planner", AnyAngle.name] if self.own else []
-        words += ["--drives", str(self.drives)]
-        for settings in (self.amcl, self.disturbances):
-            for each in dataclasses.fields(settings):
-                value = getattr(settings, each.name)
-                if value != each.default:
-                    text = value if isinstance(value, str) else json.dumps(value)
-                    words += ["--set", f"{each.name}={text}"]
-        return [*words, "--output", "chosen"]
+        return [*words, "--drives", str(self.drives), "--output", "chosen"]
 
-    def code(self, ends: str, lidar: Lidar | None) -> list[str]:
+    def code(self, ends: str) -> list[str]:
         """Lines of code that choose on a costmap, and print the positions of the path."""
-        given = [f"drives={self.drives}", *([f"lidar={_code(lidar)}"] if lidar else [])]
-        given += [f"candidates={{{PATH_SHOWN!r}: plans[{AWARE!r}]}}"] if self.own else []
-        for name, settings in (("amcl", self.amcl), ("disturbances", self.disturbances)):
-            if settings != type(settings)():
-                given.append(f"{name}={_code(settings)}")
+        own = f", candidates={{{PATH_SHOWN!r}: plans[{AWARE!r}]}}" if self.own else ""
         return [
-            f"choice = locplan.choose(grid, {ends}, costs=costs, {', '.join(given)})",
+            f"choice = locplan.choose(grid, {ends}, robot, costs=costs, drives={self.drives}{own})",
             "print(choice.path.xy.tolist())",
         ]
 
@@ -117,35 +95,28 @@ def reproduced(
     file = map_file or "map.yaml"
     if map_file and edited:
         notes = [line.format(printable(file)) for line in UNSAVED]
-    settings = view.costs.settings
-    options = options_for(view.field.config)
+    robot, kept = _named_robot(view), _criterion(view, view.costs.settings)
+    options = field_options(view.field.config, robot.lidar, "fused" if driven else "sad")
+    notes_of_shell = list(notes)
     if options is None:
         options = ["--config", SETTINGS]
-        notes_of_shell = [*notes, f"{SETTINGS} is written by the Python code"]
-    else:
-        notes_of_shell = list(notes)
+        notes_of_shell.append(f"{SETTINGS} is written by the Python code")
+        if robot.lidar and robot.lidar != getattr(view.field.config.estimator, "lidar", None):
+            kept["lidar"] = robot.lidar.title
     words = ["locplan", "choose" if driven else "plan", _as_argument(file)]
     words += ["--start", _place(view.start), "--goal", _place(view.goal)]
     for each in view.via:
         words += ["--via", _place(each)]
-    if driven and not {"--estimator", "--lidar", "--config"} & set(options):
-        options = ["--estimator", view.field.config.estimator.name, *options]  # fused without it
-    words += [*options, "--weight", _number(view.costs.weight)]
-    if view.costs.robot_radius != ROBOT_RADIUS:
-        words += ["--robot-radius", _number(view.costs.robot_radius)]
-    kept = _criterion(view, settings)
+    words += [*robot_options(robot), *options, "--weight", _number(view.costs.weight)]
     if "criterion" in kept:
         words += ["--criterion", kept.pop("criterion")]
-    lidar = view.simulated_lidar
-    own = None if lidar == lidar_of(view.field.config) else lidar
     if driven:
         words += driven.words()
-        kept |= {"lidar": lidar.model} if own else {}
     if kept:
         notes_of_shell.append(f"the command cannot say {', '.join(kept)}: take the Python code")
     shell = "\n".join([*(f"# {note}" for note in notes_of_shell), shlex.join(words)])
-    *code, ends, printed = _python(view, file, notes, "--config" in options)
-    more = driven.code(ends, own) if driven else [printed]
+    *code, ends, printed = _python(view, robot, file, notes, "--config" in options)
+    more = driven.code(ends) if driven else [printed]
     return Reproduction(shell, "\n".join([*code, *more]) + "\n")
 
 
@@ -154,31 +125,31 @@ def reproduce(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     drives, driven = ask.whole("drives", 2, MOST_DRIVES), None
     view = session.view(ask)
     if drives is not None and not view.via:
-        robot = session.opening.amcl or Amcl(), session.opening.disturbances or Disturbances()
-        driven = Driven(drives, ask.flag("own"), *robot)
+        driven = Driven(drives, ask.flag("own"))
     map_file, edited = session.map_file, session.edited
     return reproduced(view, map_file, edited=edited, driven=driven).summary()
 
 
-def options_for(config: FieldConfig) -> list[str] | None:
-    """Options of the commands that make these settings of a field; None if none do."""
-    estimator: Any = config.estimator
-    own: Lidar | None = getattr(estimator, "lidar", None)
-    named = own.model if own and own.model in PRESETS else None
+def robot_options(robot: Robot) -> list[str]:
+    """Options of the commands that make this robot."""
+    named, changes = _changes_of(robot)
     words = ["--lidar", named] if named else []
-    lidar = Lidar.preset(named) if named else SHORT_LIDAR
-    reach = own.range if own else estimator.reach
-    if reach != lidar.range:
-        words += ["--range", _number(reach)]
-    view = own.field_of_view_deg if own else lidar.field_of_view_deg
-    if view != lidar.field_of_view_deg:
-        words += ["--field-of-view", _number(view)]
-    if estimator.name != ("fused" if named else "sad"):
+    for name, value in changes.items():
+        text = value if isinstance(value, str) else json.dumps(value)
+        words += ["--set", f"{name}={text}"]
+    return words
+
+
+def field_options(config: FieldConfig, lidar: Lidar | None, unnamed: str) -> list[str] | None:
+    """Options of the commands that make these settings of a field; None if none do.
+
+    Without a lidar their estimator is the unnamed one.
+    """
+    estimator: Any = config.estimator
+    words = []
+    if estimator.name != ("fused" if lidar else unnamed):
         words += ["--estimator", estimator.name]
-    lidar = dataclasses.replace(lidar, range=reach, field_of_view_deg=view)
-    if own and own != lidar:
-        return None
-    makes = _made(type(estimator), lidar, bool(named))
+    makes = _made(type(estimator), lidar, estimator.reach)
     fitting = [more for more, made in makes if made == estimator]
     if not fitting:
         return None
@@ -191,17 +162,39 @@ def options_for(config: FieldConfig) -> list[str] | None:
 
 
 def _made(
-    kind: type[Estimator], lidar: Lidar, named: bool
+    kind: type[Estimator], lidar: Lidar | None, reach: float
 ) -> Iterator[tuple[list[str], Estimator]]:
     """Further options, and the estimator that the commands make with each of them."""
-    if kind.casts_rays:
+    if kind.casts_rays and lidar:
         yield [], kind.of(lidar)
     elif kind is Sad:
+        disc = ["--disc", _number(reach)] if lidar or reach != Sad.range else []
         for preset, made in (([], Sad()), (["--preset", "paper"], Sad.paper())):
-            for template in ("disc", "visible"):
-                each: Sad = dataclasses.replace(made, range=lidar.range, template=template)
-                each = each.with_lidar(lidar) if named else each
-                yield preset + (["--template", template] if template != "disc" else []), each
+            yield disc + preset, dataclasses.replace(made, range=reach)
+            seen = dataclasses.replace(made, range=reach, template="visible")
+            yield [*disc, *preset, "--template", "visible"], seen
+
+
+def _named_robot(view: View) -> Robot:
+    """The robot of a view; without a lidar where commands assume the same one."""
+    config = view.field.config
+    assumed = not config.estimator.casts_rays and view.robot.lidar == lidar_of(config)
+    return dataclasses.replace(view.robot, lidar=None) if assumed else view.robot
+
+
+def _changes_of(robot: Robot) -> tuple[str | None, dict[str, Any]]:
+    """Name of a robot's lidar, if it has one, and what `Robot.changed` makes the robot of it by."""
+    lidar = robot.lidar
+    named = lidar.model if lidar and lidar.model in PRESETS else None
+    usual = Robot(Lidar.preset(named) if named else lidar and Lidar()).summary()
+    # Any setting of it makes a lidar.
+    changes = {"range": lidar.range} if lidar and not named else {}
+    for name, value in robot.summary().items():
+        before = usual[name] if isinstance(usual[name], dict) else {name: usual[name]}
+        after = value if isinstance(value, dict) else {name: value}
+        changes |= {key: own for key, own in after.items() if own != before.get(key)}
+    changes.pop("model", None)  # it decides nothing
+    return named, changes
 
 
 def _criterion(view: View, settings: CostSettings | None) -> dict[str, str]:
@@ -214,21 +207,23 @@ def _criterion(view: View, settings: CostSettings | None) -> dict[str, str]:
     return {name: value for name, value in values.items() if value != defaults[name]}
 
 
-def _python(view: View, file: str, notes: list[str], keeps: bool) -> list[str]:
+def _python(view: View, robot: Robot, file: str, notes: list[str], keeps: bool) -> list[str]:
     """Lines of code that plan the path; then the ends as arguments, and the line that prints."""
-    costs = [f"weight={_number(view.costs.weight)}"]
-    costs.append(f"robot_radius={_number(view.costs.robot_radius)}")
+    costs = [f"weight={_number(view.costs.weight)}", "robot_radius=robot.radius"]
     criterion = _criterion(view, view.costs.settings)
     costs += [f"{name}={value!r}" for name, value in criterion.items()]
     ends = [f"({_place(each).replace(',', ', ')})" for each in (view.start, view.goal)]
     via = [f"({_place(each).replace(',', ', ')})" for each in view.via]
     through = f", via=[{', '.join(via)}]" if via else ""
+    named, changes = _changes_of(robot)
+    made = f"locplan.Robot({named!r})" if named else "locplan.Robot()"
     return [
         *(f"# {note}" for note in notes),
         "import locplan",
         "",
         f"grid = locplan.load_map({file!r})",
-        f"config = {_config_code(view.field.config)}",
+        f"robot = {made}.changed({changes!r})" if changes else f"robot = {made}",
+        f"config = {_config_code(view.field.config, robot.lidar)}",
         *([f"locplan.save_config({SETTINGS!r}, config)"] if keeps else []),
         "field = locplan.load_or_compute(grid, config)",
         f"costs = locplan.Costmap.from_field(grid, field, {', '.join(costs)})",
@@ -238,35 +233,14 @@ def _python(view: View, file: str, notes: list[str], keeps: bool) -> list[str]:
     ]
 
 
-def _config_code(config: FieldConfig) -> str:
-    """Code that makes these settings."""
-    try:
-        return _code(config)
-    except KeyError:  # an estimator of the user's own, which is registered by its name
+def _config_code(config: FieldConfig, lidar: Lidar | None = None) -> str:
+    """Code that makes these settings, with robot.lidar for the lidar."""
+    if not type(config.estimator).__module__.startswith("locplan."):
+        # The user's own, which is registered by its name.
         return f"locplan.FieldConfig.from_json({json.loads(json.dumps(config.to_json()))!r})"
-
-
-def _code(value: Any) -> str:
-    """Code that makes a setting: the class with what is not by default; a KeyError of others."""
-    if isinstance(value, Lidar) and value.model in PRESETS:
-        preset = Lidar.preset(value.model)
-        if preset == value:
-            return f"locplan.Lidar.preset({value.model!r})"
-    if not dataclasses.is_dataclass(value):
-        return repr(value)
-    kind = type(value)
-    package = {name: home for home, names in EXPORTED.items() for name in names}[kind.__name__]
-    if kind.__module__.partition(".")[0] != "locplan":
-        raise KeyError(kind)
-    given = []
-    for each in dataclasses.fields(value):
-        own, made = getattr(value, each.name), each.default_factory
-        default = each.default if made is dataclasses.MISSING else made()
-        if isinstance(value, FieldConfig) and each.name == "headings":
-            default = value.estimator.headings
-        if own != default:
-            given.append(f"{each.name}={_code(own)}")
-    return f"{package}.{kind.__name__}({', '.join(given)})"
+    text = repr(config).replace(repr(lidar), "robot.lidar") if lidar else repr(config)
+    text = re.sub(r"\b(Exponential|InverseSquare)\(", r"field.\1(", text)
+    return re.sub(r"\b(?=(field\.)?[A-Z]\w+\()(?<!\.)", "locplan.", text)
 
 
 def _as_argument(file: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs import Costmap
 from locplan.explorer._floor import Floor
 from locplan.explorer._snap import Parts
-from locplan.field import CovarianceField, FieldConfig, Lidar
+from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Position
+from locplan.robots import Robot
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,8 @@ class Opening:
 
     config: FieldConfig
     """Settings of the first field."""
-    lidar: Lidar | None = None
-    """The robot's lidar; None where none was named."""
-    robot_radius: float = ROBOT_RADIUS
-    """Radius of the robot [m]."""
+    robot: Robot = field(default_factory=Robot)
+    """The robot; its lidar is None where none was named."""
     criterion: str | None = None
     """Scalar that u is made of; None for the estimator's own."""
     weight: float | None = None
@@ -51,10 +50,6 @@ class Opening:
     """The map's file as it was named; None where the map comes from Python."""
     force: bool = False
     """True lets files in the way be replaced."""
-    amcl: Any = None
-    """Settings of the simulated filter, see `locplan.simulation.Amcl`; None for the default."""
-    disturbances: Any = None
-    """Disturbances of simulated drives; None for the default."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,10 @@ from locplan.explorer._textures import Texture, textures_of
 from locplan.explorer._upkeep import Upkeep
 from locplan.explorer._view import View
 from locplan.explorer._wire import Ask
-from locplan.field import CovarianceField, Lidar
+from locplan.field import CovarianceField, equipped
 from locplan.maps import OccupancyGrid
 from locplan.planners import Position
-from locplan.simulation._settings import lidar_of
+from locplan.robots import Lidar, Robot
 
 KEPT_BYTES = 520e6
 """Bytes of costmaps and searches that are kept: at 4000 x 4000 cells two costmaps, searches on both
@@ -66,7 +66,7 @@ class Session:
         self.changing = threading.RLock()
         self.opening_ends = threading.Lock()
         self.listeners: list[Listener] = []
-        blank = Costmap.blank(grid, robot_radius=opening.robot_radius)
+        blank = Costmap.blank(grid, robot_radius=opening.robot.radius)
         self.scene = Scene(blank, None, True, 0)
         self.saved, self.saved_as = grid, ""
         self.written: set[Path] = set()
@@ -87,12 +87,12 @@ class Session:
     def lidar(self) -> Lidar | None:
         """The robot's lidar by the present settings; None where none was named."""
         own: Lidar | None = getattr(self.config.estimator, "lidar", None)
-        return own if self.config is not self.opening.config else self.opening.lidar
+        return own if self.config is not self.opening.config else self.opening.robot.lidar or own
 
     @property
-    def simulated_lidar(self) -> Lidar:
-        """The robot's lidar; where none was named, one of the field's range."""
-        return self.lidar or lidar_of(self.config)
+    def robot(self) -> Robot:
+        """The robot with its lidar; where none was named, with one of the field's range."""
+        return equipped(dataclasses.replace(self.opening.robot, lidar=self.lidar), self.config)
 
     @property
     def twins_digest(self) -> str:
@@ -100,14 +100,8 @@ class Session:
         field = self.scene.field
         if field is None:
             return ""
-        lidar = dataclasses.asdict(self.simulated_lidar)
-        made_of = [self.grid.digest, lidar, self.robot_radius, field.stride]
-        return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:32]
-
-    @property
-    def robot_radius(self) -> float:
-        """Radius of the robot [m]."""
-        return self.opening.robot_radius
+        made_of = [self.grid.digest, self.robot.digest, field.stride]
+        return hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:32]
 
     @property
     def map_file(self) -> str | None:
@@ -143,7 +137,7 @@ class Session:
     def costmap_of(self, field: CovarianceField) -> Costmap:
         """The costmap of a field with the session's settings."""
         given = {"criterion": self.opening.criterion, "weight": self.opening.weight}
-        radius = self.robot_radius
+        radius = self.opening.robot.radius
         options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
         return Costmap.from_field(field.grid, field, robot_radius=radius, **options)
 
@@ -193,7 +187,7 @@ class Session:
         costs = self.costs(self.weight_of(ask), scene)
         assert scene.field is not None
         start, *via, goal = self.stops(ask, scene)
-        return View(costs.grid, scene.field, costs, self.lidar, start, goal, tuple(via))
+        return View(costs.grid, scene.field, costs, self.robot, start, goal, tuple(via))
 
     def textures(self, digest: str) -> Mapping[str, Texture] | None:
         """The layers of a digest: of the scene, of one shortly before, or of the look-alikes.

@@ -17,16 +17,8 @@ from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.explorer._view import STEPS, View, given, rounded
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation import (
-    Amcl,
-    Disturbances,
-    Drives,
-    choose,
-    simulate as simulate_paths,
-    verdict,
-)
+from locplan.simulation import Drives, choose, simulate as simulate_paths, verdict
 from locplan.simulation._scores import FLOOR
-from locplan.simulation._settings import changed
 from locplan.simulation.choice._choice import count_of, in_one_line
 from locplan.simulation.choice._choose import FEW_DRIVES
 from locplan.simulation.choice._verdict import is_one_way
@@ -138,8 +130,6 @@ def simulated(
     *,
     drives: int = FEW_DRIVES,
     filter: Mapping[str, object] | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -159,9 +149,7 @@ def simulated(
     drives : int
         Greatest number of drives of each candidate, 2 to 100.
     filter : mapping of str to value, optional
-        Parameters of AMCL and disturbances by name that are not as given by the next two.
-    amcl, disturbances : optional
-        The robot's filter and the disturbances; see `locplan.simulation.Simulator`.
+        Settings of the robot by name that are not the view's, see `Robot.changed`.
     seed : int
         Seed of all random numbers.
     threads : int, optional
@@ -178,11 +166,8 @@ def simulated(
     count = whole("drives", drives, 2, MOST_DRIVES)
     if not isinstance(filter, (Mapping, type(None))):
         raise ConfigError("filter must be settings by name, such as alpha1 and its value")
-    robot = changed(amcl or Amcl(), disturbances or Disturbances(), filter or {})
     asked: dict[str, Any] = {
-        "lidar": view.simulated_lidar,
-        "amcl": robot[0],
-        "disturbances": robot[1],
+        "robot": view.robot.changed(filter or {}),
         "drives": count,
         "seed": seed,
         "threads": threads,
@@ -197,15 +182,7 @@ def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     drives = given(ask.whole("drives", 2, MOST_DRIVES), FEW_DRIVES)
     filter = ask.mapping("filter")
     work.progress(0, drives, "planning")
-    told = simulated(
-        view,
-        drives=drives,
-        filter=filter,
-        amcl=session.opening.amcl,
-        disturbances=session.opening.disturbances,
-        progress=work.progress,
-    )
-    return told.summary()
+    return simulated(view, drives=drives, filter=filter, progress=work.progress).summary()
 
 
 def _chosen(view: View, asked: Mapping[str, Any]) -> Simulated:
@@ -224,7 +201,7 @@ def _chosen(view: View, asked: Mapping[str, Any]) -> Simulated:
     text, done = in_one_line(choice), 0
     if choice.chosen is not None:
         done = len(choice.chosen.drives.errors)
-        text += f" ({count_of(choice)} in simulation with {choice.amcl.title})"
+        text += f" ({count_of(choice)} in simulation with {choice.robot.title})"
     return Simulated(text, choice.chosen.name if choice.chosen else None, made, done)
 
 

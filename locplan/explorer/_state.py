@@ -8,9 +8,9 @@ from locplan import __version__
 from locplan._util.tables import finite
 from locplan.explorer._scene import Scene
 from locplan.explorer._session import GREATEST_WEIGHT, Session
-from locplan.field import ESTIMATORS, PRESETS
-from locplan.field._lidar_presets import Preset
+from locplan.field import ESTIMATORS
 from locplan.field._registry import estimator_class
+from locplan.robots import PRESETS, Preset
 
 TITLES = {
     "sad": "SAD, the paper's",
@@ -44,7 +44,6 @@ def about(session: Session) -> dict[str, Any]:
         "can": {"export": writes, "save": writes, "twins": True, "landmarks": True},
         "drives": [each.about() for each in session.drives],
         "max_weight": GREATEST_WEIGHT,
-        "robot_radius": session.robot_radius,
     }
 
 
@@ -67,6 +66,7 @@ def state(session: Session) -> dict[str, Any]:
                 "can_undo": bool(session.history.before),
                 "can_redo": bool(session.history.undone),
             },
+            "robot": session.robot.title,
             "field": _field(scene),
             "lattice": lattice,
             "layers": layers,

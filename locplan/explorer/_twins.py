@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from locplan._util.checks import FARTHEST
-from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
-from locplan.costs import ROBOT_RADIUS
 from locplan.errors import ConfigError
 from locplan.explorer._snap import snapped
-from locplan.field import Lidar
-from locplan.maps import OccupancyGrid
-from locplan.twins import ScanDatabase, find_twins
+from locplan.robots import Robot
+from locplan.twins import ScanDatabase, Twins, find_twins
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -59,6 +55,20 @@ class LookAlikes:
     twins: tuple[LookAlike, ...]
     """The best of the look-alikes, the one with the least excess first."""
 
+    @classmethod
+    def of(cls, found: Twins) -> LookAlikes:
+        """The look-alikes of the first place that was searched for twins."""
+        alike = [each for each in found.of(0) if each.excess <= ALIKE]
+        x, y = found.places[0].tolist()
+        return cls(
+            (x, y),
+            float(found.excess[0]),
+            float(found.elsewhere[0]),
+            int(found.modes[0]),
+            float(found.stretch[0]),
+            tuple(LookAlike(each.x, each.y, each.heading, float(each.excess)) for each in alike),
+        )
+
     def summary(self) -> dict[str, object]:
         """The look-alikes, fit for JSON."""
         about: dict[str, object] = {
@@ -76,87 +86,27 @@ class LookAlikes:
         return finite(about)
 
 
-def twins_of(
-    grid: OccupancyGrid,
-    lidar: Lidar,
-    place: Sequence[float],
-    *,
-    robot_radius: float = ROBOT_RADIUS,
-    database: ScanDatabase | None = None,
-    threads: int | None = None,
-    progress: ProgressCallback | None = None,
-) -> LookAlikes:
-    """Find the look-alikes of one place.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    lidar : Lidar
-        The robot's lidar.
-    place : (x, y)
-        The place in the world [m].
-    robot_radius : float
-        Radius of the robot [m].
-    database : ScanDatabase, optional
-        What the lidar sees at all places of the map.
-    threads : int, optional
-        Number of threads; all cores by default.
-    progress : callable, optional
-        Called with (done, total) headings at the place. A database that is not yet prepared has no
-        progress, see `locplan.twins.ScanDatabase.prepare`.
-
-    Raises
-    ------
-    LocplanError
-        If the robot cannot stand there.
-    """
-    found = find_twins(
-        grid,
-        lidar=lidar,
-        places=[tuple(place[:2])],
-        robot_radius=robot_radius,
-        database=database,
-        threads=threads,
-        progress=progress,
-    )
-    alike = [each for each in found.of(0) if each.excess <= ALIKE]
-    x, y = found.places[0].tolist()
-    return LookAlikes(
-        (x, y),
-        float(found.excess[0]),
-        float(found.elsewhere[0]),
-        int(found.modes[0]),
-        float(found.stretch[0]),
-        tuple(LookAlike(each.x, each.y, each.heading, float(each.excess)) for each in alike),
-    )
-
-
 def twins(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Answer the ask for the look-alikes of a place."""
     x, y = (ask.number(name, -FARTHEST, FARTHEST) for name in ("x", "y"))
     if x is None or y is None:
         raise ConfigError("look-alikes need a place: x and y in metres")
     (place,) = snapped(session.parts(), [(x, y)])
-    database = database_of(session, work)
+    robot = session.robot
+    database = database_of(session, robot, work)
     work.progress(0, 1, "comparing places")
-    found = twins_of(
-        database.grid,
-        database.lidar,
-        place,
-        robot_radius=session.robot_radius,
-        database=database,
-        progress=work.progress,
+    found = find_twins(
+        database.grid, robot, places=[place], database=database, progress=work.progress
     )
-    return found.summary()
+    return LookAlikes.of(found).summary()
 
 
-def database_of(session: Session, work: Work) -> ScanDatabase:
+def database_of(session: Session, robot: Robot, work: Work) -> ScanDatabase:
     """What the lidar sees at all places of the map, made once and kept with the costmaps."""
-    grid, lidar, radius = session.grid, session.simulated_lidar, session.robot_radius
+    grid, lidar = session.grid, robot.known_lidar
 
     def prepared() -> ScanDatabase:
-        made = ScanDatabase(grid, lidar, radius)
+        made = ScanDatabase(grid, lidar, robot.radius)
         made.prepare(lambda done, total: work.progress(done, total, "looking from all places"))
         return made
 

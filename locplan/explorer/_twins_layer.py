@@ -76,10 +76,10 @@ def texture_of(found: Twins, stride: int, digest: str) -> Texture:
 
 def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Answer the ask for the look-alikes of all places: they become a layer of every page."""
-    digest, field = session.twins_digest, session.scene.field
+    digest, field, robot = session.twins_digest, session.scene.field, session.robot
     if field is None:
         raise ConfigError("the field is still being computed; wait until it is there")
-    database = database_of(session, work)
+    database = database_of(session, robot, work)
 
     def progress(done: int, total: int) -> None:
         if session.twins_digest != digest:
@@ -89,9 +89,8 @@ def twins_everywhere(session: Session, ask: Ask, work: Work) -> dict[str, object
     progress(0, 1)
     found = find_twins(
         database.grid,
-        lidar=database.lidar,
+        robot,
         spacing=spacing_of(database),
-        robot_radius=session.robot_radius,
         database=database,
         progress=progress,
     )

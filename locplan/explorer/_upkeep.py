@@ -144,7 +144,7 @@ class Upkeep:
         """Show an edited map before there is a field."""
         session = self.session
         if session.scene.costs.grid.digest != grid.digest:
-            radius = session.opening.robot_radius
+            radius = session.opening.robot.radius
             session.show(Costmap.blank(grid, robot_radius=radius), None, whole=True)
 
     def _repaint(self, grid: OccupancyGrid, cancel: Cancel) -> None:

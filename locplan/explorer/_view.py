@@ -11,11 +11,11 @@ import numpy as np
 
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, Lidar
+from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 from locplan.planners import Plan, Position, plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
-from locplan.simulation._settings import lidar_of
+from locplan.robots import Robot
 
 T = TypeVar("T")
 STEPS = 400
@@ -34,8 +34,8 @@ class View:
     """The field of this map."""
     costs: Costmap
     """The costmap of the field, at the weight and for the robot radius that the page shows."""
-    lidar: Lidar | None
-    """The robot's lidar; None where none was named."""
+    robot: Robot
+    """The robot with its lidar."""
     start: Position
     """Position of the start in the world [m]."""
     goal: Position
@@ -46,11 +46,6 @@ class View:
     def __repr__(self) -> str:
         (x0, y0), (x1, y1) = self.start[:2], self.goal[:2]
         return f"View({self.grid.name or 'map'}, {x0:g},{y0:g} to {x1:g},{y1:g})"
-
-    @property
-    def simulated_lidar(self) -> Lidar:
-        """The lidar to simulate: the robot's, or one of the range that the field reads."""
-        return self.lidar or lidar_of(self.field.config)
 
     @property
     def legs(self) -> list[tuple[Position, Position]]:

@@ -23,7 +23,7 @@ def mask_readme(
 ) -> list[str]:
     """Lines on the files, the commands, the needs of a mask, and the parameters that are ours."""
     own = f"all of {robot.file.name} (but its comments), with ours" if robot.file else "ours alone"
-    merging = "" if robot.file else "; merge them into the robot's own, as `--params` does"
+    merging = "" if robot.file else "; merge them into the robot's own, as `--robot` does"
     file = f"$PWD/{params}" if robot.file else "PARAMS.yaml"
     lines = [
         f"- mask.yaml, mask.pgm: the mask of {costs.grid.name or 'the map'} (grey 0-100 as it"
@@ -32,7 +32,7 @@ def mask_readme(
         f"- `ros2 launch ./{LAUNCH}` (in this folder)",
         f"- `{BRINGUP.replace('PARAMS.yaml', file)}`",
         *needs,
-        f"- Another mask goes beside this one with `locplan export ... --params {params}`.",
+        f"- Another mask goes beside this one with `locplan export ... --robot {params}`.",
         *about_map(costs),
     ]
     if robot.file and changed:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +40,8 @@ from locplan.export._servers import (
     write_yaml,
 )
 from locplan.export._travel_costs import Conversion, planner_named, values_for
-from locplan.maps._ros_parameters import Nav2Parameters, Parameters
 from locplan.plotting._captions import made_of
+from locplan.robots import Nav2Parameters
 
 PARAMS = "nav2.yaml"
 MASK = "mask"
@@ -48,7 +49,7 @@ LETHAL = 100
 """Value of a mask where no robot may be."""
 MAX_SLOWED = 99
 """Greatest value of a speed mask: 100 would mean full speed."""
-FILTERS: dict[str, Parameters] = {
+FILTERS: dict[str, dict[str, Any]] = {
     "keepout": {"type": 0, "base": 0.0, "multiplier": 1.0},
     "speed": {"type": 1, "base": 100.0, "multiplier": -1.0},
 }
@@ -280,7 +281,7 @@ def _write(
     values: NDArray[np.int8],
     robot: Robot,
     merged: Nav2Parameters,
-    about: Parameters,
+    about: dict[str, Any],
     needs: Sequence[str],
 ) -> None:
     """Write the folder of a mask; `needs` says what the mask needs besides itself."""

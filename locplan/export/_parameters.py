@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from locplan._util.plain_yaml import scalar_text
 from locplan.export._robots import SPEED_TOPIC, Robot
 from locplan.export._travel_costs import Conversion
-from locplan.maps._parameter_edits import scalar_text
-from locplan.maps._ros_parameters import (
+from locplan.robots import (
     GLOBAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
-    Parameters,
-    listed_names,
 )
 
 OWN_PLANNER = "Localizability"
@@ -24,7 +22,7 @@ QUADRATIC = "use_quadratic_cost_penalty"
 """A parameter of SmacPlannerHybrid from jazzy on."""
 INSCRIBED = {"inscribed_obstacle_cost_value": 99}
 """A further one from lyrical on; layers hold less than this."""
-FIRST_LAYERS: dict[str, Parameters] = {
+FIRST_LAYERS: dict[str, dict[str, Any]] = {
     "static_layer": {
         "plugin": "nav2_costmap_2d::StaticLayer",
         "map_subscribe_transient_local": True,
@@ -40,11 +38,11 @@ def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
     base = f"localizability_{kind}"  # topics are absolute: Kilted is the first to resolve others
     if kind == "static":
         plugin = f"{base}_layer"
-        names = listed_names(costmap, "plugins", list(FIRST_LAYERS))
+        names = robot.parameters.names(GLOBAL_COSTMAP, "plugins", list(FIRST_LAYERS))
         if plugin not in names:  # before the inflation, and behind what knows the walls
             at = names.index("static_layer") + 1 if "static_layer" in names else len(names)
             names.insert(at, plugin)
-        own: Parameters = {"plugin": "nav2_costmap_2d::StaticLayer", "enabled": True}
+        own: dict[str, Any] = {"plugin": "nav2_costmap_2d::StaticLayer", "enabled": True}
         own |= {"map_topic": f"/{base}_mask", "map_subscribe_transient_local": True}
         layers = {plugin: own} | ({} if costmap.get("plugins") else FIRST_LAYERS)
         shared = STATIC_LAYERS | (INSCRIBED if robot.distribution.inscribed_value else {})
@@ -53,7 +51,7 @@ def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
             changes |= _settings(layer, settings)
     else:
         plugin = f"{base}_filter"
-        names = listed_names(costmap, "filters", [])
+        names = robot.parameters.names(GLOBAL_COSTMAP, "filters")
         own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
         own |= {"filter_info_topic": f"/{base}_info"}
         if kind == "speed":
@@ -76,7 +74,7 @@ def with_planner(
     alike = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     name = alike[0] if alike else OWN_PLANNER if names else "GridBased"
     plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
-    own: Parameters = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
+    own: dict[str, Any] = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
     if not runs.quadratic_penalty:
         own.pop(QUADRATIC, None)
     if planner.parameter is not None:
@@ -93,7 +91,7 @@ def with_planner(
     return merged.changed(PLANNER_SERVER, changes), name
 
 
-def _settings(name: str, own: Parameters) -> Parameters:
+def _settings(name: str, own: dict[str, Any]) -> dict[str, Any]:
     """The settings of a plugin by their names in ROS."""
     return {f"{name}.{key}": value for key, value in own.items()}
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from locplan._util.progress import ProgressCallback
     from locplan.costs import Costmap, Path as Route
     from locplan.field import CovarianceField
+    from locplan.robots import Robot
 
 MODULES = [
     f"locplan.export._formats.{name}" for name in ("_nav2", "_routes", "_lif", "_files", "_layers")
@@ -33,6 +34,8 @@ class ExportJob:
     progress: ProgressCallback | None = None
     """The function that is called with (done, total) by formats whose work has steps; what it
     raises ends the work."""
+    robot: Robot | None = None
+    """The robot, for formats that simulate drives; None for one with the field's lidar."""
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,11 @@ from pathlib import Path
 
 from locplan.export._distros import Distribution, distribution
 from locplan.export._travel_costs import PLANNERS
-from locplan.maps._ros_parameters import (
+from locplan.robots import (
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
     PLANNER_SERVER,
     Nav2Parameters,
-    listed_names,
     read_parameters,
 )
 
@@ -92,7 +91,7 @@ class Robot:
         if isinstance(own, (int, float)) and own > radius + 1e-9 and math.isfinite(own):
             yield (
                 f"its robot_radius is {own:g} m, but the ways are for {radius:g} m; give"
-                f" --robot-radius {own:g}"
+                f" --set footprint={own:g}"
             )
 
     def _misspelt(self) -> Iterator[str]:
@@ -106,5 +105,5 @@ class Robot:
     def _plugins(self) -> dict[str, str]:
         """The plugin of each of its planners by name, as the file has it."""
         server = self.parameters.of(PLANNER_SERVER)
-        names = listed_names(server, "planner_plugins", [])
+        names = self.parameters.names(PLANNER_SERVER, "planner_plugins")
         return {name: str(server.get(f"{name}.plugin", "")) for name in names}

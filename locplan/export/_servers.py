@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from locplan._util.plain_yaml import ROS_BOOLEANS, ROS_NUMBER
 from locplan.export._distros import Distribution
-from locplan.maps._ros_parameters import ROS_BOOLEANS, ROS_NUMBER
 
 BRINGUP = "ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=PARAMS.yaml"
 LAUNCH = "localizability.launch.xml"

@@ -1,5 +1,10 @@
 from ._compute import covariance_field as covariance_field
-from ._config import FieldConfig as FieldConfig
+from ._config import (
+    SHORT_LIDAR as SHORT_LIDAR,
+    FieldConfig as FieldConfig,
+    equipped as equipped,
+    lidar_of as lidar_of,
+)
 from ._config_files import (
     CalibrationWarning as CalibrationWarning,
     load_config as load_config,
@@ -14,8 +19,6 @@ from ._covariance import (
 )
 from ._estimator import Estimator as Estimator, Layer as Layer, MapPart as MapPart
 from ._field import CovarianceField as CovarianceField
-from ._lidar import Lidar as Lidar
-from ._lidar_presets import PRESETS as PRESETS
 from ._registry import ESTIMATORS as ESTIMATORS
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
 from ._store import CacheWarning as CacheWarning, load_or_compute as load_or_compute

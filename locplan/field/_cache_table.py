@@ -10,9 +10,8 @@ from locplan._util.checks import shown
 from locplan._util.tables import age, in_bytes, table
 from locplan.field._cache import CacheEntry
 from locplan.field._config import FieldConfig
-from locplan.field._lidar import Lidar
-from locplan.field._lidar_presets import PRESETS
 from locplan.field._registry import ESTIMATORS, estimator_class
+from locplan.robots import PRESETS, Lidar
 
 
 def cache_summary(entries: Sequence[CacheEntry]) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,12 @@ from locplan.errors import ConfigError
 from locplan.field._estimator import Estimator
 from locplan.field._registry import estimator_class
 from locplan.field._settings import made_of, settings_of
-from locplan.field.estimators._sad import Sad
+from locplan.field.estimators._sad import PAPER_RANGE, Sad
+from locplan.robots import Lidar, Robot
 
 MAX_HEADINGS = 360
+SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
+"""Lidar that is simulated where none is named; its range is that of the paper's disc."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,3 +113,37 @@ def config_of(settings: FieldConfig | Estimator | None) -> FieldConfig:
     remedy = "give an estimator, such as locplan.Sad(range=6.0), or a FieldConfig of one"
     instance("config", settings, FieldConfig, remedy)
     return settings
+
+
+def lidar_of(config: FieldConfig | None) -> Lidar:
+    """The lidar of a field's settings, or a short one of the range that its estimator reads.
+
+    Parameters
+    ----------
+    config : FieldConfig or None
+        The settings; without them the lidar is the short one of 6 m, the range of the paper's disc.
+    """
+    if config is None:
+        return SHORT_LIDAR
+    own: Lidar | None = getattr(config.estimator, "lidar", None)
+    return own or replace(SHORT_LIDAR, range=config.estimator.reach)
+
+
+def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
+    """The robot, or one by default, with the lidar of a field's settings if it names none.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot.
+    config : FieldConfig, optional
+        The field's settings, see `lidar_of`.
+
+    Raises
+    ------
+    ConfigError
+        If it is no robot.
+    """
+    robot = Robot() if robot is None else robot
+    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    return robot if robot.lidar else replace(robot, lidar=lidar_of(config))

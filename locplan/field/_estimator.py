@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import Settings, keep, positive
 from locplan.errors import ConfigError
-from locplan.field._lidar import Lidar
 from locplan.field._search_window import OffsetLattice
 from locplan.field._settings import settings_of
+from locplan.robots import Lidar
 
 Values = dict[str, NDArray[np.float64]]
 """Arrays by name: "covariance", and the layers of an estimator."""

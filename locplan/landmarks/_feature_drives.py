@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Path
-from locplan.field import Lidar
 from locplan.landmarks._outcomes import Outcome
 from locplan.maps import FREE, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances, Drives, Simulator
+from locplan.robots import Robot
+from locplan.simulation import Drives, Simulator
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulate import drive_paths
 from locplan.simulation._simulator import random_of
@@ -101,7 +101,7 @@ class FeatureDrives:
 def driven_without(
     grid: OccupancyGrid,
     routes: Mapping[str, Path],
-    setting: tuple[Lidar, Amcl, Disturbances],
+    robot: Robot,
     taken: Mapping[int, Cells],
     others: Sequence[Cells],
     drives: int,
@@ -128,7 +128,7 @@ def driven_without(
     callbacks = parts(progress, [len(routes) * n for n in numbers])
     made: list[tuple[Drives, ...]] = []
     for own, number, part in zip(lacking, numbers, callbacks, strict=True):
-        simulator = simulator_without(grid, own, setting, seed, threads)
+        simulator = simulator_without(grid, own, robot, seed, threads)
         made.append(tuple(drive_paths(simulator, routes, number, 0, part).values()))
     before, without, *rest = made
     singles, others_made = rest[: len(alone)], rest[len(alone) :]
@@ -146,17 +146,14 @@ def driven_without(
 def simulator_without(
     grid: OccupancyGrid,
     lacking: Sequence[Cells],
-    setting: tuple[Lidar, Amcl, Disturbances],
+    robot: Robot,
     seed: int,
     threads: int | None,
 ) -> Simulator:
     """Simulator whose worlds lack features that the robot's map shows."""
-    lidar, amcl, disturbances = setting
 
     def on(own: OccupancyGrid) -> Simulator:
-        return Simulator(
-            own, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
-        )
+        return Simulator(own, robot=robot, seed=seed, threads=threads)
 
     simulator = on(grid)
     if lacking:

@@ -49,7 +49,7 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
     grid = around(found.grid, list(found.routes.values()))
     said = [f"{found.grid.name or 'map'}: {found.verdict}"]
     said.append(drives.verdict if drives else "not verified by drives")
-    said.append(f"with {found.amcl.title}; {found.lidar.title}")
+    said.append(f"with {found.robot.title}")
     figure, part, (axes,), plots = panels(grid, said, 1, 2)
     draw_map(axes, grid)
     axes.images[-1].remove()

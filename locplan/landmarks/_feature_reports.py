@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from locplan.landmarks._outcomes import (
     outcomes_rows,
     outcomes_table,
 )
-from locplan.simulation._settings import differing
 from locplan.simulation._writing import write_json, write_rows
 
 FEATURES = Results(
@@ -43,14 +41,8 @@ LISTED = 10
 """Number of features in the table for people."""
 
 
-def features_table(
-    found: KeyFeatures, drives: FeatureDrives | None, not_simulated: Sequence[str] = ()
-) -> str:
-    """The verdicts, then the features with the greatest loss.
-
-    `not_simulated` names parameters of the robot's filter that are left out.
-    """
-    kinds = ", ".join(differing(found.disturbances))
+def features_table(found: KeyFeatures, drives: FeatureDrives | None) -> str:
+    """The verdicts, then the features with the greatest loss."""
     lines = [found.verdict]
     driven = ""
     if drives:
@@ -58,11 +50,7 @@ def features_table(
         lines.append(drives.verdict)
     else:
         lines.append("not verified: nothing was driven")
-    lines.append(f"with {found.amcl.title}; {found.lidar.title}")
-    if kinds:
-        lines.append(f"disturbances: {kinds}")
-    if not_simulated:
-        lines.append(f"not simulated: {', '.join(not_simulated)}")
+    lines.append(f"with {found.robot.title}")
     shown = found.features[:LISTED]
     shown += tuple(found.feature(n) for n in found.together if n > LISTED)
     heads = ["", "what", "size [m]", "x,y [m]", "rise [cm]", "worst", "moved"]
@@ -137,14 +125,11 @@ def to_geojson(found: KeyFeatures, frame: str = "map") -> dict[str, Any]:
     return {"type": "FeatureCollection", "name": "features", "features": made}
 
 
-def features_summary(
-    found: KeyFeatures, drives: FeatureDrives | None, not_simulated: Sequence[str] = ()
-) -> dict[str, object]:
+def features_summary(found: KeyFeatures, drives: FeatureDrives | None) -> dict[str, object]:
     """Verification and features in numbers, fit for JSON."""
     return {
         "verification": drives.summary() if drives else None,
         **found.summary(),
-        "not_simulated": list(not_simulated),
     }
 
 
@@ -152,7 +137,6 @@ def write_features(
     results: ResultFolder,
     found: KeyFeatures,
     drives: FeatureDrives | None,
-    not_simulated: Sequence[str] = (),
 ) -> list[Path]:
     """Write the features, the picture, and the tables.
 
@@ -166,7 +150,7 @@ def write_features(
 
     order = {number: n for n, number in enumerate(found.together, 1)}
     with results.writing() as folder:
-        write_json(folder / "features.json", features_summary(found, drives, not_simulated))
+        write_json(folder / "features.json", features_summary(found, drives))
         figure = _feature_figures.key_features_figure(found, drives)
         save_figure(figure, folder / "features.png")
         rows = (

@@ -15,10 +15,9 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.landmarks._feature_drives import FeatureDrives, driven_without
 from locplan.maps import OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Robot
 from locplan.simulation._simulate import DRIVES
 
 MATTERS = 0.1
@@ -134,12 +133,8 @@ class KeyFeatures(Pictured):
     """The map."""
     routes: Mapping[str, Path]
     """Routes of the robot by name."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     features: tuple[Feature, ...]
     """All features that rays meet, the greatest loss first."""
     together: tuple[int, ...]
@@ -276,7 +271,7 @@ class KeyFeatures(Pictured):
         return driven_without(
             self.grid,
             self.routes,
-            (self.lidar, self.amcl, self.disturbances),
+            self.robot,
             taken,
             [each.cells for each in self.features if each.number not in taken],
             drives,
@@ -299,9 +294,7 @@ class KeyFeatures(Pictured):
                 "stand_in": self.stand_in,
                 "shift_m": self.shift,
                 "routes": {name: path.length for name, path in self.routes.items()},
-                "lidar": dataclasses.asdict(self.lidar),
-                "amcl": dataclasses.asdict(self.amcl),
-                "disturbances": dataclasses.asdict(self.disturbances),
+                "robot": self.robot.summary(),
             }
         )
 

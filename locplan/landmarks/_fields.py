@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.field import CovarianceField, FieldConfig, Fused, Lidar, covariance_field, scalar
+from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, scalar
 from locplan.field._lattice import points_near, stride_cells
 from locplan.field._tiles import wanted_points
 from locplan.maps import OccupancyGrid
+from locplan.robots import Lidar
 
 SPACING = 0.5
 """Distance between the positions along a route at which the field is read [m]."""

@@ -44,7 +44,7 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
     grids = [around(grid, list(made.setting.routes.values())) for grid in (made.before, made.grid)]
     title = f"{made.before.name or 'map'}: {len(made)} x {made.setting.kind.title}"
     said = [title, verification.verdict if verification else "not verified by drives"]
-    said.append(f"with {made.setting.amcl.title}; {made.setting.lidar.title}")
+    said.append(f"with {made.setting.robot.title}")
     figure, part, maps, plots = panels(grids[0], said, 2, 3 if verification else 1)
     profiles = list(verification.profiles.values()) if verification else []
     _draw_maps(part, maps, grids, made, profiles)

@@ -10,17 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import number, positive, whole
 from locplan._util.progress import ProgressCallback, parts
-from locplan.costs import ROBOT_RADIUS, Path
+from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import equipped
 from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._features import Feature, KeyFeatures
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._pieces import pieces_of
-from locplan.landmarks._problem import robot_of, routes_of
+from locplan.landmarks._problem import routes_of
 from locplan.landmarks._surroundings import lines_along, step_of, surroundings
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Robot
 
 COUNT = 3
 """Default number of features that are taken away together."""
@@ -46,10 +46,7 @@ def key_features(
     *,
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
-    robot_radius: float = ROBOT_RADIUS,
+    robot: Robot | None = None,
     count: int = COUNT,
     piece: float = PIECE,
     largest: float = LARGEST,
@@ -72,15 +69,9 @@ def key_features(
         Routes of the robot in the world [m], within the free cells.
     places : sequence of (x, y), or mapping of str to (x, y), optional
         Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m].
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
-        indoors by default.
-    robot_radius : float, default 0.25
-        Radius of the robot, for the shortest paths [m], >= 0.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     count : int, default 3
         Number of features that are taken away together, 1 to 50: the worst one, then the worst
         beside it, and so on, since features that stand in for each other hide their loss.
@@ -128,22 +119,21 @@ def key_features(
     ('object of 0.2 x 0.2 m', 20)
     """
     check_grid(grid)
-    number("robot_radius", robot_radius, 0.0)
     number("gap", gap, 0.0, GREATEST_GAP)
     number("piece", piece, 0.0, GREATEST_PIECE)
     whole("count", count, 1, MAX_COUNT)
     number("shift", shift, 0.0, GREATEST_SHIFT)
     for name, value in (("piece", piece), ("largest", largest), ("shift", shift)):
         positive(name, value, "m")
-    lidar, amcl, disturbances = robot_of(lidar, amcl, disturbances)
+    robot = equipped(robot)
     if (paths is None) == (places is None):
         raise ConfigError("give paths, or places that routes lead between, and not both")
-    routes = routes_of(grid, paths, places, robot_radius)
+    routes = routes_of(grid, paths, places, robot.radius)
     half = ACROSS * grid.resolution / 2
     shape = Shape(half, half, is_round=True)
-    step = step_of(amcl)
+    step = step_of(robot.filter)
     lines = lines_along(grid, routes, step)
-    seen = surroundings(grid, lines, step, shape, lidar, amcl, disturbances)
+    seen = surroundings(grid, lines, step, shape, robot)
     occupied = grid.cells == OCCUPIED
     met = met_cells(occupied, grid.resolution, seen.rays)
     pieces = pieces_of(occupied, met, grid.resolution, piece, largest, gap)
@@ -165,9 +155,7 @@ def key_features(
     return KeyFeatures(
         grid,
         routes,
-        lidar,
-        amcl,
-        disturbances,
+        robot,
         tuple(dataclasses.replace(found[n], number=rank[n]) for n in order),
         tuple(rank[n] for n in chosen),
         np.array([float(profile.mean()) for profile in (base, *few)]),

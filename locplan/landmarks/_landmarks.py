@@ -252,9 +252,6 @@ class Landmarks(Pictured):
                 "region_m2": None
                 if setting.region is None
                 else float(setting.region.sum()) * self.grid.resolution**2,
-                "robot_radius": setting.robot_radius,
-                "lidar": dataclasses.asdict(setting.lidar),
-                "amcl": dataclasses.asdict(setting.amcl),
-                "disturbances": dataclasses.asdict(setting.disturbances),
+                "robot": setting.robot.summary(),
             }
         )

@@ -8,8 +8,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import Fisher, Lidar
+from locplan.field import Fisher
 from locplan.landmarks._sight import Sight
+from locplan.robots import Lidar
 
 
 class Measure(NamedTuple):

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import number, one_of, positive, whole
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
-from locplan.costs import ROBOT_RADIUS, Path
+from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import equipped
 from locplan.landmarks._candidates import (
     WHERE,
     Candidates,
@@ -32,7 +32,7 @@ from locplan.landmarks._objects import (
     on_grid,
 )
 from locplan.landmarks._passages import Passages
-from locplan.landmarks._problem import Robot, cells_in, robot_of, routes_of
+from locplan.landmarks._problem import cells_in, routes_of
 from locplan.landmarks._region import poses_in, routes_across, where_robot_is
 from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import Search, in_world
@@ -45,7 +45,7 @@ from locplan.landmarks._surroundings import (
     surroundings,
 )
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Robot
 from locplan.simulation._motion import Poses
 
 MARGIN = 0.2
@@ -64,10 +64,7 @@ def place_landmarks(
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
     region: ArrayLike | None = None,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
-    robot_radius: float = ROBOT_RADIUS,
+    robot: Robot | None = None,
     margin: float = MARGIN,
     where: Where = "both",
     spacing: float = SPACING,
@@ -101,15 +98,9 @@ def place_landmarks(
     region : (H, W) array of bool, or sequence of (x0, y0, x1, y1), optional
         Instead of paths: the robot may go anywhere in these cells, or rectangles in the world [m].
         Of parts that no way joins, the largest counts. Drives between places far apart verify it.
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
-        indoors by default.
-    robot_radius : float, default 0.25
-        Radius of the robot [m], >= 0.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     margin : float, default 0.2
         Distance that routes, and ends of those in a region, and passages keep from the objects
         besides the radius [m], >= 0. Lower it where no place is left.
@@ -151,8 +142,8 @@ def place_landmarks(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> route = Path(np.array([[6.0, 3.0], [30.0, 3.0]]))
-    >>> filter_ = Amcl(laser_model_type="likelihood_field_prob")
-    >>> made = place_landmarks(grid, locplan.Pole(0.2), 2, paths=route, amcl=filter_)
+    >>> robot = locplan.Robot().changed({"laser_model_type": "likelihood_field_prob"})
+    >>> made = place_landmarks(grid, locplan.Pole(0.2), 2, paths=route, robot=robot)
     >>> made.poses.shape, bool(made.curve[2] < made.curve[1] < made.curve[0])
     ((2, 3), True)
     """
@@ -160,11 +151,10 @@ def place_landmarks(
     check_object(kind)
     moved = checked_poses(existing, "an existing object")
     whole("count", count, 0 if len(moved) else 1, MAX_COUNT)
-    number("robot_radius", robot_radius, 0.0)
     number("margin", margin, 0.0)
     positive("spacing", spacing, "m")
     one_of("where", where, WHERE)
-    robot = robot_of(lidar, amcl, disturbances)
+    robot = equipped(robot)
     threads = check_threads(threads)
     given = {"paths": paths, "places": places, "region": region}
     if sum(each is not None for each in given.values()) != 1:
@@ -172,14 +162,14 @@ def place_landmarks(
     area = cells_in(grid, keep_out, "keep_out")
     empty = without_objects(grid, kind, moved) if len(moved) else grid
     if region is not None:
-        ways = _ways_in(empty, region, robot, robot_radius)
+        ways = _ways_in(empty, region, robot)
     else:
-        ways = _ways_along(empty, routes_of(empty, paths, places, robot_radius), robot)
+        ways = _ways_along(empty, routes_of(empty, paths, places, robot.radius), robot)
         if paths is not None and len(moved):
-            lines_along(grid, ways.routes, step_of(robot[1]))  # nor may an object stand on them
-    setting = Setting(empty, kind, ways.routes, ways.region, paths is None, *robot, robot_radius)
-    passages = Passages(empty, kind.shape, robot_radius, margin)
-    seen = surroundings(empty, ways.lines, step_of(robot[1]), kind.shape, *robot)
+            lines_along(grid, ways.routes, step_of(robot.filter))  # nor may an object stand on them
+    setting = Setting(empty, kind, ways.routes, ways.region, paths is None, robot)
+    passages = Passages(empty, kind.shape, robot.radius, margin)
+    seen = surroundings(empty, ways.lines, step_of(robot.filter), kind.shape, robot)
     candidates = _candidates(setting, ways, passages, seen, where, spacing, margin, area)
     every = np.concatenate([on_grid(empty, moved), candidates.poses])
     if not len(every):
@@ -191,7 +181,7 @@ def place_landmarks(
     sight = Sight(seen, kind.shape, every, grid.resolution, threads)
     objective: Objective = AlongRoutes(sight)
     if region is not None:
-        objective = MeanDegeneracy(sight, anchors_of(setting.lidar, grid.resolution))
+        objective = MeanDegeneracy(sight, anchors_of(robot.known_lidar, grid.resolution))
     search = Search(objective, passages, np.arange(len(every)))
     order, shifts = without_rows(search, search.run(list(range(len(moved))), count, progress))
     refused = np.concatenate([candidates.refused, every[list(search.refused)]], dtype=np.float64)
@@ -219,16 +209,16 @@ class _Ways(NamedTuple):
 def _ways_along(grid: OccupancyGrid, routes: dict[str, Path], robot: Robot) -> _Ways:
     """Poses along routes."""
     fine = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
-    lines = lines_along(grid, routes, step_of(robot[1]))
+    lines = lines_along(grid, routes, step_of(robot.filter))
     return _Ways(routes, None, lines, np.concatenate(fine))
 
 
-def _ways_in(grid: OccupancyGrid, region: Any, robot: Robot, robot_radius: float) -> _Ways:
+def _ways_in(grid: OccupancyGrid, region: Any, robot: Robot) -> _Ways:
     """Poses in a region, and the routes across it."""
-    cells = where_robot_is(grid, _region(grid, region), robot_radius)
-    routes = routes_across(grid, cells, robot_radius)
+    cells = where_robot_is(grid, _region(grid, region), robot.radius)
+    routes = routes_across(grid, cells, robot.radius)
     ends = np.concatenate([path.xy[[0, -1]] for path in routes.values()])
-    return _Ways(routes, cells, [poses_in(grid, cells, robot[0])], ends)
+    return _Ways(routes, cells, [poses_in(grid, cells, robot.known_lidar)], ends)
 
 
 def _candidates(
@@ -242,7 +232,7 @@ def _candidates(
     keep_out: NDArray[np.bool_] | None,
 ) -> Candidates:
     """Places within the lidar's range of the robot, those that are refused apart."""
-    grid, shape, keep = setting.grid, setting.kind.shape, setting.robot_radius + margin
+    grid, shape, keep = setting.grid, setting.kind.shape, setting.robot.radius + margin
     beside = setting.routes.values() if setting.region is None else ()
     tried = places_of(grid, shape, where, spacing, beside, keep)
     poses = np.concatenate([line[:, :2] for line in ways.lines])

@@ -9,14 +9,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, position, shown
+from locplan._util.checks import position, shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
-from locplan.simulation import Amcl, Disturbances
-from locplan.simulation._settings import SHORT_LIDAR
+from locplan.robots import Amcl, Disturbances, Lidar
 
 Robot: TypeAlias = tuple[Lidar, Amcl, Disturbances]
 """The robot's lidar, its filter, and the disturbances."""
@@ -77,23 +75,6 @@ def _named_places(places: Any) -> dict[str, tuple[float, float]]:
             " give longer lists of routes as paths"
         )
     return {str(name): position(xy, name=f"place {name}") for name, xy in places.items()}
-
-
-def robot_of(lidar: Lidar | None, amcl: Amcl | None, disturbances: Disturbances | None) -> Robot:
-    """The lidar, the filter and the disturbances that were given, or the usual ones.
-
-    Raises
-    ------
-    ConfigError
-        If one is something else.
-    """
-    lidar = SHORT_LIDAR if lidar is None else lidar
-    amcl = Amcl() if amcl is None else amcl
-    disturbances = Disturbances() if disturbances is None else disturbances
-    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-    instance("amcl", amcl, Amcl)
-    instance("disturbances", disturbances, Disturbances)
-    return lidar, amcl, disturbances
 
 
 def cells_in(grid: OccupancyGrid, areas: Any, name: str) -> NDArray[np.bool_] | None:

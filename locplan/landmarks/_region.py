@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
+from locplan.robots import Lidar
 from locplan.simulation._motion import Poses
 
 MIN_STEP = 0.5

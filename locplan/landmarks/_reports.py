@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from locplan.landmarks._outcomes import (
     outcomes_table,
 )
 from locplan.landmarks._verification import Verification
-from locplan.simulation._settings import differing
 from locplan.simulation._writing import write_json, write_rows
 
 MAP = "map_with_landmarks"
@@ -48,15 +46,9 @@ DRIVEN = ("landmarks", *OUTCOMES)
 """Names of the columns of verification.csv."""
 
 
-def landmarks_table(
-    made: Landmarks, verification: Verification | None, not_simulated: Sequence[str] = ()
-) -> str:
-    """What the drives say, then the landmarks in order of gain, and what was refused.
-
-    `not_simulated` names parameters of the robot's filter that are left out.
-    """
+def landmarks_table(made: Landmarks, verification: Verification | None) -> str:
+    """What the drives say, then the landmarks in order of gain, and what was refused."""
     setting = made.setting
-    kinds = ", ".join(differing(setting.disturbances))
     driven, lines = "", []
     if verification:
         driven = outcomes_table("landmarks", _outcomes(verification)) + "\n"
@@ -68,11 +60,7 @@ def landmarks_table(
         )
     else:
         lines.append("not verified: nothing was driven")
-    lines.append(f"with {setting.amcl.title}; {setting.lidar.title}")
-    if kinds:
-        lines.append(f"disturbances: {kinds}")
-    if not_simulated:
-        lines.append(f"not simulated: {', '.join(not_simulated)}")
+    lines.append(f"with {setting.robot.title}")
     placed = [
         [str(n), f"{x:.2f}", f"{y:.2f}", f"{math.degrees(heading):.0f}", f"{deviation:.3f}"]
         for n, ((x, y, heading), deviation) in enumerate(
@@ -158,14 +146,11 @@ def to_geojson(made: Landmarks, frame: str = "map") -> dict[str, Any]:
     return {"type": "FeatureCollection", "name": "landmarks", "features": features}
 
 
-def landmarks_summary(
-    made: Landmarks, verification: Verification | None, not_simulated: Sequence[str] = ()
-) -> dict[str, object]:
+def landmarks_summary(made: Landmarks, verification: Verification | None) -> dict[str, object]:
     """Verification and landmarks in numbers, fit for JSON."""
     return {
         "verification": verification.summary() if verification else None,
         **made.summary(),
-        "not_simulated": list(not_simulated),
     }
 
 
@@ -173,7 +158,6 @@ def write_landmarks(
     results: ResultFolder,
     made: Landmarks,
     verification: Verification | None,
-    not_simulated: Sequence[str] = (),
 ) -> list[Path]:
     """Write the places, the map with the landmarks, the picture, and the tables.
 
@@ -188,7 +172,7 @@ def write_landmarks(
 
     shape = made.setting.kind.shape
     with results.writing() as folder:
-        write_json(folder / "landmarks.json", landmarks_summary(made, verification, not_simulated))
+        write_json(folder / "landmarks.json", landmarks_summary(made, verification))
         save_figure(_figures.landmarks_figure(made, verification), folder / "landmarks.png")
         rows = [
             [n, x, y, math.degrees(heading), 2 * shape.half_length, 2 * shape.half_width, *gained]

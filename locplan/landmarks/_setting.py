@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.field import Lidar
 from locplan.landmarks._objects import LandmarkObject
 from locplan.maps import OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +28,5 @@ class Setting:
     """Cells in which the robot may be anywhere, (H, W), or None where it drives the routes."""
     planned: bool
     """True if the routes are shortest paths, to be planned again among the objects."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
-    robot_radius: float
-    """Radius of the robot [m]."""
+    robot: Robot
+    """The robot that was simulated."""

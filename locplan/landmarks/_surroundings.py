@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 from locplan._util.machine import check_memory
 from locplan.costs import Path
 from locplan.errors import LocplanError
-from locplan.field import Lidar
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks._objects import Shape
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Robot
 from locplan.simulation._arguments import compared_beams, reach_of
 from locplan.simulation._motion import Poses, poses_along
-from locplan.simulation._settings import OMNIDIRECTIONAL
 
 SIGMA = 2.0
 """Standard deviation of what a beam tells, in times of the filter's own sigma_hit [1].
@@ -65,21 +63,19 @@ def surroundings(
     lines: Sequence[Poses],
     step: float,
     shape: Shape,
-    lidar: Lidar,
-    amcl: Amcl,
-    disturbances: Disturbances,
+    robot: Robot,
 ) -> Surroundings:
     """Look around on a map at poses in the world, about `step` [m] apart on each line."""
-    rays = rays_at(on_own_axes(grid, np.concatenate(lines)), shape, lidar, amcl, grid.resolution)
-    of_looks = partial(told_by, amcl, lidar, rays.beams, grid.resolution)
-    update = max(amcl.update_min_d, 1e-3)
+    rays = rays_at(on_own_axes(grid, np.concatenate(lines)), shape, robot, grid.resolution)
+    of_looks = partial(told_by, robot, rays.beams, grid.resolution)
+    update = max(robot.filter.update_min_d, 1e-3)
     return Surroundings(
         rays,
         hits_on(grid, rays),
         np.cumsum([0, *map(len, lines)]),
         of_looks(step / update),
         of_looks(1.0 / update),
-        motion_of(amcl, disturbances),
+        motion_of(robot),
     )
 
 
@@ -115,10 +111,11 @@ def _every(poses: Poses, step: float) -> Poses:
     return kept
 
 
-def rays_at(poses: Poses, shape: Shape, lidar: Lidar, amcl: Amcl, resolution: float) -> Any:
+def rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any:
     """`landmarks.Rays` at poses in the map's own axes, so dense that no object is missed."""
     from locplan._kernels.landmarks import Rays
 
+    lidar, amcl = robot.known_lidar, robot.filter
     reach = reach_of(lidar, amcl)
     narrow = 2 * min(shape.half_length, shape.half_width)
     round_ = min(max(MIN_RAYS, RAYS_ACROSS * 2 * math.pi * reach / narrow), MAX_RAYS)
@@ -175,7 +172,7 @@ def hits_on(grid: OccupancyGrid, rays: Any) -> NDArray[np.float32]:
     return hits
 
 
-def told_by(amcl: Amcl, lidar: Lidar, rays: int, resolution: float, looks: float) -> Any:
+def told_by(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
     """`way_covariances.Told` of a filter: the curvature of its log-weight, per look around.
 
     A product of likelihoods adds the curvature of each beam. The other model of Nav2 weighs by
@@ -183,6 +180,7 @@ def told_by(amcl: Amcl, lidar: Lidar, rays: int, resolution: float, looks: float
     """
     from locplan._kernels.way_covariances import Told
 
+    lidar, amcl = robot.known_lidar, robot.filter
     share = len(compared_beams(lidar.angles, amcl)) / rays
     sigma = SIGMA * max(amcl.sigma_hit, resolution)
     likelihood = amcl.z_hit + amcl.z_rand / reach_of(lidar, amcl)
@@ -192,18 +190,19 @@ def told_by(amcl: Amcl, lidar: Lidar, rays: int, resolution: float, looks: float
     return Told(looks * share * curvature, share * likelihood**3)
 
 
-def motion_of(amcl: Amcl, disturbances: Disturbances) -> Any:
+def motion_of(robot: Robot) -> Any:
     """`way_covariances.Motion` of a filter with its updates, and of the odometry."""
     from locplan._kernels.way_covariances import Motion
 
+    amcl, odometry, disturbances = robot.filter, robot.odometry, robot.disturbances
     step = amcl.update_min_d
-    drift = math.radians(disturbances.heading_drift_deg)
+    drift = math.radians(odometry.heading_drift_deg)
     if amcl.robot_model_type == OMNIDIRECTIONAL:
         across, turn = amcl.alpha5 * step, amcl.alpha2 * step
     else:  # it turns before and after it drives
         across, turn = amcl.alpha2 * step**3, 2 * amcl.alpha2 * step
     return Motion(
-        amcl.alpha3 * step + disturbances.distance_drift**2,
+        amcl.alpha3 * step + odometry.distance_drift**2,
         across,
         turn + drift**2,
         max(disturbances.start_sigma**2, MIN_VARIANCE),

@@ -121,7 +121,9 @@ def contenders(made: Landmarks, trials: int, seed: int) -> list[Landmarks]:
     objectives: list[Objective] = [made.search.objective]
     if made.setting.region is None:
         sight = made.search.objective.sight
-        objectives.append(MeanDegeneracy(sight, anchors_of(made.setting.lidar, sight.resolution)))
+        objectives.append(
+            MeanDegeneracy(sight, anchors_of(made.setting.robot.known_lidar, sight.resolution))
+        )
     found = [made]
     every: NDArray[np.bool_] = np.ones(len(made.search.places), bool)
     for n in range(1, trials):

@@ -148,7 +148,7 @@ def verified(
         Outcome(tuple(after)),
         Outcome(tuple(others)) if others else None,
         dict(zip(setting.routes, zip(before, after, strict=True), strict=True)),
-        fields_along(maps, ways, setting.lidar, threads),
+        fields_along(maps, ways, setting.robot.known_lidar, threads),
         seed,
     )
 
@@ -164,9 +164,7 @@ def drive_on(
     """Drives of each route on a map that the robot's filter has, too."""
     simulator = Simulator(
         grid,
-        lidar=setting.lidar,
-        amcl=setting.amcl,
-        disturbances=setting.disturbances,
+        robot=setting.robot,
         seed=seed,
         threads=threads,
     )
@@ -177,7 +175,7 @@ def paths_on(setting: Setting, grid: OccupancyGrid) -> Mapping[str, Path]:
     """The routes that were given, or the shortest paths between their ends on a map."""
     if not setting.planned:
         return setting.routes
-    costs = Costmap.blank(grid, robot_radius=setting.robot_radius)
+    costs = Costmap.blank(grid, robot_radius=setting.robot.radius)
     paths = {}
     for name, path in setting.routes.items():
         (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()

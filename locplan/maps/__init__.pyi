@@ -9,5 +9,4 @@ from ._files import (
 from ._grid import OccupancyGrid as OccupancyGrid, check_grid as check_grid
 from ._misleading import misleading as misleading
 from ._occupancy import FREE as FREE, OCCUPIED as OCCUPIED, UNKNOWN as UNKNOWN
-from ._ros_parameters import read_parameters as read_parameters
 from ._source import MapSource as MapSource

@@ -15,20 +15,14 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, printable
 from locplan._util.leftovers import temporary_folder
+from locplan._util.plain_yaml import fault_of, reason_of
 from locplan._util.reading import opened
 from locplan.errors import MapError
 from locplan.maps._grid import OccupancyGrid, check_grid
 from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.maps._pixels import read_pixels
 from locplan.maps._source import ROWS, MapSource
-from locplan.maps._yaml import (
-    MAX_YAML_BYTES,
-    MODES,
-    Header,
-    fault_of,
-    read_header,
-    reason_of,
-)
+from locplan.maps._yaml import MAX_YAML_BYTES, MODES, Header, read_header
 
 if TYPE_CHECKING:
     from PIL import Image

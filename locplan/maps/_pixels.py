@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.plain_yaml import fault_of, read_content, reason_of
 from locplan.maps._source import ROWS
-from locplan.maps._yaml import fault_of, read_content, reason_of
 
 if TYPE_CHECKING:
     from PIL import Image, ImageFile

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import positive
-from locplan.costs import Costmap, Footprint, Path
+from locplan.costs import Costmap, Path
 from locplan.costs._path import joined
 from locplan.errors import ConfigError
 from locplan.planners._budget import rounded_up
 from locplan.planners._grid import bordered_index
 from locplan.planners._protocol import Found, Position, Wrapper
 from locplan.planners._spaces import CURVED
+from locplan.robots import Footprint
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,8 @@ class Limited(Wrapper):
             return self._over(costs, stops)
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         meets, gave_up = None, None
+        wider = f"planned for the footprint's outer circle (radius {outer:.3g} m), since it meets a"
+        wider += " wall on the path of the inner one: there may be a better path between"
         for radius in (inner, outer):
             wide = costs.with_robot_radius(max(radius, costs.robot_radius))
             if not _free(wide, stops):
@@ -77,7 +80,7 @@ class Limited(Wrapper):
             if found.path is not None:
                 collision = self.outline.first_collision(costs.grid, found.path)
                 if collision is None:
-                    return found
+                    return dataclasses.replace(found, note=wider) if radius > inner else found
                 meets = meets or collision
         if not self._joins(self._thin(costs), stops):
             without = self._over(costs, stops)

@@ -128,7 +128,7 @@ class MapInfo(Pictured):
             Start and goal, such as one of `pairs`.
         """
         file = self.source.file if self.source else f"{self.grid.name or 'MAP'}.yaml"
-        radius = f" --robot-radius {self.robot_radius:g}"
+        radius = f" --set footprint={self.robot_radius:g} --set margin=0"
         return (
             f"locplan plan {shlex.quote(file)} --start {pair.start.xy} --goal {pair.goal.xy}"
             f" --lidar {LIDAR}{'' if self.robot_radius == ROBOT_RADIUS else radius}"
@@ -318,7 +318,7 @@ def _of_robot(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
         widest = float(grid.clearance[grid.free].max())
         return [
             f"a robot of radius {radius:g} m fits nowhere: the widest place is {widest:.3g} m from"
-            " its walls; give a smaller --robot-radius if the robot is smaller"
+            " its walls; give the robot's own footprint and margin if it is smaller"
         ]
     if 0 < radius < grid.resolution:
         return [

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan._util.checks import shown
-from locplan.costs import Footprint
 from locplan.errors import ConfigError
 from locplan.planners._budget import BudgetPlanner
 from locplan.planners._function import FunctionPlanner, Guarded, PlannerFunction
 from locplan.planners._limits import Limited
 from locplan.planners._protocol import Planner, Position, Wrapper
 from locplan.planners._registry import DEFAULT, check_names, defaults_of, named
+from locplan.robots import Footprint
 
 AnyPlanner: TypeAlias = str | Planner | PlannerFunction
 """A planner as a caller may give it."""

@@ -10,7 +10,7 @@ from locplan._util.checks import instance
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
-from locplan.field import Estimator, FieldConfig, Fused, Lidar
+from locplan.field import Estimator, FieldConfig, Fused, equipped
 from locplan.field._config import config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._field_level import calibrated_field
@@ -22,7 +22,8 @@ from locplan.recordings._odometry_noise import (
 )
 from locplan.recordings._recording import Recording
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
-from locplan.simulation import Amcl, Calibration, Disturbances
+from locplan.robots import Lidar, Robot
+from locplan.simulation import Calibration
 
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 FILTER_NOTE = (
@@ -47,24 +48,15 @@ class DriveCalibration:
     """Noise of the scans."""
     odometry: OdometryNoise | None
     """Noise of odometry; None where the drive has none, or is too short."""
-    amcl: Amcl
-    """The filter's parameters as they were given; the fitted alphas are `odometry`'s."""
-    disturbances: Disturbances
-    """Disturbances of simulated robots, with all that was fitted."""
+    robot: Robot
+    """The robot with the recording's lidar and all that was fitted but the alphas, which are those
+    of the odometry."""
     notes: tuple[str, ...]
     """What limits the calibration, in sentences without a full stop."""
 
     def __repr__(self) -> str:
         level = f"k {self.field.noise_level.value:.3g}, " if self.field else ""
         return f"DriveCalibration({level}{self.recording!r})"
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The parts of a file of settings besides the field's, fit for JSON."""
-        return {
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
-        }
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -82,9 +74,8 @@ def calibrate_drive(
     recording: Recording,
     grid: OccupancyGrid,
     config: FieldConfig | Estimator | None = None,
+    robot: Robot | None = None,
     *,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> DriveCalibration:
@@ -101,13 +92,10 @@ def calibrate_drive(
         The map; the poses are in its world frame.
     config : FieldConfig or Estimator, optional
         Settings of the field; by default those of `locplan.Fused` with the recording's lidar.
-    amcl : Amcl, optional
-        The robot's filter; Nav2's defaults without it. The alphas that are fitted hold for its
-        distance between updates. They are those of the odometry alone, and no advice for a filter,
-        whose particles must spread more.
-    disturbances : Disturbances, optional
-        Disturbances whose values stay where a drive says nothing of them; those of a small robot
-        indoors by default.
+    robot : Robot, optional
+        The robot, whose settings stay where a drive says nothing of them. The alphas that are
+        fitted hold for its filter's distance between updates. They are those of the odometry alone,
+        and no advice for a filter, whose particles must spread more.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
@@ -138,17 +126,15 @@ def calibrate_drive(
     >>> from locplan.recordings import record_drive
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
-    >>> drive = record_drive(grid, path, locplan.Lidar(range=6.0, beams=60))
+    >>> drive = record_drive(grid, path, locplan.Robot(locplan.Lidar(range=6.0, beams=60)))
     >>> found = calibrate_drive(drive, grid)
-    >>> 0.02 < found.disturbances.outliers < 0.06
+    >>> 0.02 < found.robot.disturbances.outliers < 0.06
     True
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     config = config_of(Fused.of(recording.lidar) if config is None else config)
-    amcl, disturbances = amcl or Amcl(), disturbances or Disturbances()
-    instance("amcl", amcl, Amcl)
-    instance("disturbances", disturbances, Disturbances)
+    robot = equipped(robot)
     first, second = parts(progress, [500, 500])
     scans = scan_noise(recording, grid, threads=threads, progress=first)
     notes = []
@@ -162,7 +148,7 @@ def calibrate_drive(
         "occlusion": scans.occlusion.value,
         "occlusion_deg": min(360.0, scans.occlusion_deg.value),
     }
-    odometry = odometry_noise(recording, amcl)
+    odometry = odometry_noise(recording, robot.filter)
     if odometry:
         notes += odometry.notes
         changes |= as_disturbances(odometry)
@@ -188,8 +174,7 @@ def calibrate_drive(
         field,
         scans,
         odometry,
-        amcl,
-        dataclasses.replace(disturbances, **changes),  # type: ignore[arg-type]
+        dataclasses.replace(robot, lidar=recording.lidar).changed(changes),
         tuple(notes),
     )
 

@@ -83,7 +83,8 @@ def write_drive_calibration(
     picture = check_calibration(target, force=force)
     field = found.field
     verdict = field.verdict if field else {"in_metres": False, "why": found.notes[-1]}
-    about = {**found.settings, **verdict, "calibration": found.summary()}
+    robot = found.robot.summary()
+    about = {"robot": robot, **verdict, "calibration": found.summary()}
     if field is None:
         with replacing(target) as settings:
             save_config(settings, found.config, **about)

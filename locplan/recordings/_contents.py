@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from locplan._util.checks import Settings
-from locplan.field import Lidar
+from locplan.robots import Lidar
 
 MAX_ARRAY_BYTES = 2**28
 """Greatest size of a file's arrays together, unpacked; reading takes some six times as much."""

@@ -15,15 +15,7 @@ from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import RecordingError
-from locplan.field import (
-    FieldConfig,
-    Fisher,
-    Fused,
-    Lidar,
-    Sad,
-    Scan,
-    scalar,
-)
+from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, scalar
 from locplan.field._at_points import covariances_along
 from locplan.field._estimator import Estimator
 from locplan.maps import OccupancyGrid
@@ -32,6 +24,7 @@ from locplan.recordings._blocks import blocks_along
 from locplan.recordings._matches import Matches, match_scans
 from locplan.recordings._recording import Recording
 from locplan.recordings._verdict import conclusions
+from locplan.robots import Lidar
 
 Numbers = NDArray[np.float64]
 OUTDATED = -0.5

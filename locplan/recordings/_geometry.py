@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import Lidar
+from locplan.robots import Lidar
 
 Numbers = NDArray[np.float64]
 

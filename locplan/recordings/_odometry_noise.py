@@ -20,7 +20,7 @@ from locplan.recordings._geometry import Numbers, way_between, wrapped
 from locplan.recordings._jumps import without_jumps
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of
-from locplan.simulation import Amcl
+from locplan.robots import Amcl
 
 SPANS = (0.5, 1.0, 2.0, 4.0)
 """Lengths of the stretches over which odometry is compared with the poses [m]. Errors of the poses

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from locplan._util.checks import Settings, keep, keep_checked, number, positive, shown, whole
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.recordings._scans import MAX_RANGE
+from locplan.robots import Lidar
 
 FOR_BAGS = ("pose_topic", "odom_topic", "base_frame")
 """Options that only a bag can follow."""

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
 from locplan.errors import RecordingError
-from locplan.field import Lidar
 from locplan.recordings._contents import Contents, Source
 from locplan.recordings._geometry import (
     Numbers,
@@ -24,6 +23,7 @@ from locplan.recordings._geometry import (
 )
 from locplan.recordings._summary import DriveSummary
 from locplan.recordings._tables import load, save
+from locplan.robots import Lidar
 
 NO_SOURCE = Source()
 BLOCK = 4096

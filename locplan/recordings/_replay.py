@@ -12,18 +12,20 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, number, whole
+from locplan._util.checks import instance, whole
 from locplan._util.intervals import Interval
 from locplan._util.machine import check_memory, check_threads
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
+from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._blocks import blocks_along, mean_interval
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
-from locplan.simulation import Amcl, Disturbances, Drives
+from locplan.robots import Robot
+from locplan.simulation import Drives
 from locplan.simulation._simulator import random_of
 
 RUNS = 20
@@ -95,12 +97,8 @@ class Replay(Pictured):
     """The drive."""
     grid: OccupancyGrid
     """The map."""
-    amcl: Amcl
-    """Parameters of the filter."""
-    start_sigma: float
-    """Standard deviation of the filter's first position in x and y [m]."""
-    start_sigma_deg: float
-    """Standard deviation of the filter's first heading [deg]."""
+    robot: Robot
+    """The robot, with the recording's lidar."""
     seed: int
     """Seed of all random numbers."""
     errors: Numbers
@@ -176,7 +174,7 @@ class Replay(Pictured):
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the replay, in sentences without a full stop."""
-        return sparse_notes(self.recording, self.amcl)
+        return sparse_notes(self.recording, self.robot.filter)
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
@@ -196,9 +194,7 @@ class Replay(Pictured):
             "verdict": self.verdict,
             "notes": list(self.notes),
             "seed": self.seed,
-            "start_sigma_m": self.start_sigma,
-            "start_sigma_deg": self.start_sigma_deg,
-            "amcl": dataclasses.asdict(self.amcl),
+            "robot": self.robot.summary(),
         }
         return finite(about)
 
@@ -206,11 +202,9 @@ class Replay(Pictured):
 def replay(
     recording: Recording,
     grid: OccupancyGrid,
+    robot: Robot | None = None,
     *,
-    amcl: Amcl | None = None,
     runs: int = RUNS,
-    start_sigma: float = Disturbances.start_sigma,
-    start_sigma_deg: float = Disturbances.start_sigma_deg,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -226,15 +220,12 @@ def replay(
         The drive, with odometry; its poses are the reference.
     grid : OccupancyGrid
         The map; the poses are in its world frame.
-    amcl : Amcl, optional
-        Parameters of the filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
+    robot : Robot, optional
+        The robot: its filter, and the deviation of the filter's first pose, are read; Nav2's
+        defaults without it.
     runs : int, default 20
         Number of runs, 1 to 10,000, which have random numbers of their own. Raise it to tell how
         often a filter is lost.
-    start_sigma : float, default 0.1
-        Standard deviation of the filter's first position in x and y [m], >= 0.
-    start_sigma_deg : float, default 3.0
-        Standard deviation of the filter's first heading [deg], >= 0.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
@@ -266,18 +257,16 @@ def replay(
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
-    own = amcl or Amcl()
-    instance("amcl", own, Amcl)
+    robot = dataclasses.replace(equipped(robot), lidar=recording.lidar)
     whole("runs", runs, 1, MAX_RUNS)
     whole("seed", seed, 0)
-    start = number("start_sigma", start_sigma, 0.0), number("start_sigma_deg", start_sigma_deg, 0.0)
     workers = check_threads(threads)
     check_memory(f"{runs} runs of {len(recording)} scans", 12 * 8 * runs * len(recording), "fewer")
     tracks = Tracks(recording, grid)
-    arguments = tracks.arguments(own, Disturbances(start_sigma=start[0], start_sigma_deg=start[1]))
+    arguments = tracks.arguments(robot)
     errors = np.empty((runs, len(recording), 3))
     covariances = np.empty((runs, len(recording), 3, 3))
-    ends = tracks.ends(own)
+    ends = tracks.ends(robot.filter)
 
     def run(n: int) -> None:
         found = tracks.track(random_of(seed, REPLAY, n), ends, arguments)
@@ -292,4 +281,4 @@ def replay(
                     progress(done, runs)
         finally:
             pool.shutdown(cancel_futures=True)
-    return Replay(recording, grid, own, *start, seed, errors, covariances)
+    return Replay(recording, grid, robot, seed, errors, covariances)

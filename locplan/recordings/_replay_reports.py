@@ -43,7 +43,7 @@ def replay_table(replay: Replay) -> str:
     ]
     about = (
         "errors against the recorded positions [95 % intervals over runs, of the ellipse by"
-        f" stretches of\n10 m]; with {replay.amcl.title}; {replay.recording.lidar.title}"
+        f" stretches of\n10 m]; with {replay.robot.title}"
     )
     said = textwrap.fill(replay.verdict, WIDTH, break_on_hyphens=False)
     return "\n".join([table([], rows), about, said])

@@ -14,11 +14,11 @@ from locplan._util.intervals import Interval
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
-from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.recordings._blocks import blocks_along, intervals
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
+from locplan.robots import Lidar
 from locplan.simulation._arguments import FARTHEST, NEAREST
 
 MOST_SCANS = 300

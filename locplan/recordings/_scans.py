@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.errors import RecordingError
-from locplan.field import Lidar
 from locplan.recordings._geometry import has_return
+from locplan.robots import Lidar
 
 MAX_BEAMS = 100_000
 MAX_RANGE = 10_000.0

@@ -7,11 +7,11 @@ import numpy as np
 from locplan._util.checks import instance, positive
 from locplan.costs import Path
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.recordings._contents import Source
 from locplan.recordings._recording import Recording
-from locplan.simulation import Disturbances, Simulator
+from locplan.robots import Robot
+from locplan.simulation import Simulator
 from locplan.simulation._motion import SPACING, poses_along
 
 PAUSE = 0.01
@@ -21,9 +21,8 @@ PAUSE = 0.01
 def record_drive(
     grid: OccupancyGrid,
     path: Path,
-    lidar: Lidar,
+    robot: Robot | None = None,
     *,
-    disturbances: Disturbances | None = None,
     spacing: float = 0.2,
     speed: float = 0.5,
     seed: int = 1,
@@ -38,11 +37,8 @@ def record_drive(
         The map.
     path : Path
         The way of the robot, in the world.
-    lidar : Lidar
-        The lidar that is recorded.
-    disturbances : Disturbances, optional
-        The differences of the world from the map, outliers, and the noise of the odometry; those
-        of a small robot indoors by default.
+    robot : Robot, optional
+        The robot with the lidar that is recorded; by default one of 6 m that sees all round.
     spacing : float, default 0.2
         Distance from scan to scan [m], above 0; it is rounded to multiples of 0.05 m.
     speed : float, default 0.5
@@ -65,7 +61,7 @@ def record_drive(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (20.0, 3.0)).path
-    >>> record_drive(grid, path, locplan.Lidar(range=6.0, beams=90), spacing=0.5)
+    >>> record_drive(grid, path, locplan.Robot(locplan.Lidar(range=6.0, beams=90)), spacing=0.5)
     Recording(simulated, 37 scans of 90 beams, 18 m, with odometry)
     """
     from locplan._kernels.drives import odometry_along
@@ -74,7 +70,8 @@ def record_drive(
     instance("path", path, Path)
     every = max(1, round(positive("spacing", spacing, "m") / SPACING))
     positive("speed", speed, "m/s")
-    simulator = Simulator(grid, lidar=lidar, disturbances=disturbances, seed=seed, threads=1)
+    simulator = Simulator(grid, robot, seed=seed, threads=1)
+    lidar = simulator.robot.known_lidar
     try:
         line = poses_along(path, grid)
     except LocplanError as error:

@@ -18,11 +18,11 @@ from locplan._util.checks import file_path, shown
 from locplan._util.files import replacing
 from locplan._util.reading import opened, parsed_json
 from locplan.errors import LocplanError, RecordingError
-from locplan.field import Lidar
 from locplan.recordings._contents import MAX_ARRAY_BYTES, Contents, Source
 from locplan.recordings._csv import read_csv, write_csv
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options, with_options
+from locplan.robots import Lidar
 
 NONE_MM = 65535
 """No return among ranges in whole millimetres, uint16."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid
 from locplan.recordings._geometry import Numbers, way_length, wrapped
 from locplan.recordings._recording import Recording
-from locplan.simulation import Amcl, Disturbances
+from locplan.robots import Amcl, Robot
 from locplan.simulation._arguments import Arguments, arguments_of, beam_step
 
 REPLAY = 14
@@ -86,11 +87,10 @@ class Tracks:
         cos, sin = math.cos(yaw), math.sin(yaw)
         self._turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
-    def arguments(
-        self, amcl: Amcl, start: Disturbances, scores: NDArray[np.float32] | None = None
-    ) -> Arguments:
+    def arguments(self, robot: Robot, scores: NDArray[np.float32] | None = None) -> Arguments:
         """The arguments of the kernels; of the disturbances those of the start are read."""
-        return arguments_of(self.grid, self.recording.lidar, amcl, start, scores=scores)
+        robot = replace(robot, lidar=self.recording.lidar)
+        return arguments_of(self.grid, robot, scores=scores)
 
     def ends(self, amcl: Amcl) -> Numbers:
         """Ends of the beams that AMCL compares, (n, beams, 2) [cells]; NaN without a return."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,11 +14,13 @@ from locplan._util.checks import instance, whole
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
+from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
-from locplan.simulation import Amcl, Disturbances, Tuning
+from locplan.robots import Amcl, Robot
+from locplan.simulation import Tuning
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import random_of
 from locplan.simulation.tuning._bench import LONGEST, AnyBench
@@ -42,8 +45,8 @@ class RecordedBench(AnyBench):
         What the filter gets of the drive.
     stretches : sequence of slice
         The scans of each stretch.
-    start : Disturbances
-        Its `start_sigma` and `start_sigma_deg` are those of the filter's first poses.
+    robot : Robot
+        Its disturbances are read for the deviation of the filter's first poses.
     drives : int
         Greatest number of replays of each stretch.
     seed, threads : int
@@ -54,7 +57,7 @@ class RecordedBench(AnyBench):
         self,
         tracks: Tracks,
         stretches: Sequence[slice],
-        start: Disturbances,
+        robot: Robot,
         drives: int,
         *,
         seed: int,
@@ -64,12 +67,12 @@ class RecordedBench(AnyBench):
         own: Any = {"seed": seed, "threads": threads}
         lidar = tracks.recording.lidar
         super().__init__(tracks.grid, lidar, [RECORDED], lines, drives, **own)
-        self._tracks, self._stretches, self._start = tracks, stretches, start
+        self._tracks, self._stretches, self._robot = tracks, stretches, robot
 
     def arguments(self, amcl: Amcl) -> list[Any]:
         """The ends of beams that the filter compares, and the kernel's arguments."""
-        ends = self._tracks.ends(amcl)
-        return [(ends, self._tracks.arguments(amcl, self._start, self.scores(amcl)))]
+        ends, robot = self._tracks.ends(amcl), dataclasses.replace(self._robot, filter=amcl)
+        return [(ends, self._tracks.arguments(robot, self.scores(amcl)))]
 
     def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
         """Errors of one replay, in the world."""
@@ -81,11 +84,9 @@ class RecordedBench(AnyBench):
 def tune_on_drive(
     recording: Recording,
     grid: OccupancyGrid,
+    robot: Robot | None = None,
     *,
-    amcl: Amcl | None = None,
     drives: int = DRIVES,
-    start_sigma: float = Disturbances.start_sigma,
-    start_sigma_deg: float = Disturbances.start_sigma_deg,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -104,14 +105,11 @@ def tune_on_drive(
         The drive, with odometry.
     grid : OccupancyGrid
         The map; the poses are in its world frame.
-    amcl : Amcl, optional
-        The user's own settings, from which the search begins; Nav2's by default.
+    robot : Robot, optional
+        The robot, from whose filter the search begins, with the deviation of the filter's first
+        pose on a stretch; Nav2's defaults without it.
     drives : int, default 8
         Number of replays of each stretch, 2 to 100,000.
-    start_sigma : float, default 0.1
-        Standard deviation of the filter's first position in x and y on a stretch [m], >= 0.
-    start_sigma_deg : float, default 3.0
-        Standard deviation of the filter's first heading on a stretch [deg], >= 0.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1
@@ -139,35 +137,33 @@ def tune_on_drive(
     >>> from locplan.recordings import record_drive
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
-    >>> drive = record_drive(grid, path, locplan.Lidar(range=6.0, beams=60))
-    >>> own = Amcl(min_particles=20, max_particles=20)
-    >>> tune_on_drive(drive, grid, amcl=own, drives=2).winner.max_particles
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
+    >>> drive = record_drive(grid, path, robot)
+    >>> own = robot.changed({"min_particles": 20, "max_particles": 20})
+    >>> tune_on_drive(drive, grid, own, drives=2).winner.max_particles
     20
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     check_drives(drives)
     whole("seed", seed, 0)
-    own = amcl or Amcl()
-    instance("amcl", own, Amcl)
     workers = check_threads(threads)
-    start = Disturbances(start_sigma=start_sigma, start_sigma_deg=start_sigma_deg)
+    robot = dataclasses.replace(equipped(robot), lidar=recording.lidar)
     tracks = Tracks(recording, grid)
     stretches = _stretches(recording)
     halves = {SEARCH: stretches[::2], JUDGE: stretches[1::2]}
     paths = len(halves[JUDGE])  # never more than those of the search
-    ends = tracks.ends(own)
+    ends = tracks.ends(robot.filter)
     left = BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
 
     def bench_of(stream: int) -> RecordedBench:
         own_seed = int(random_of(seed, stream).integers(2**31))
         some = halves[stream][:paths]
-        return RecordedBench(tracks, some, start, drives, seed=own_seed, threads=workers)
+        return RecordedBench(tracks, some, robot, drives, seed=own_seed, threads=workers)
 
     return searched(
         bench_of,
-        start,
-        own,
+        robot,
         paths,
         drives,
         left=left,
@@ -175,7 +171,7 @@ def tune_on_drive(
         seed=seed,
         progress=progress,
         drive=recording.source.file or "the drive",
-        notes=sparse_notes(recording, own),
+        notes=sparse_notes(recording, robot.filter),
     )
 
 

@@ -7,10 +7,8 @@ from ._figures import (
     queries_figure as queries_figure,
     simulation_figure as simulation_figure,
 )
-from ._nav2 import read_amcl as read_amcl
 from ._places import Places as Places, choose_points as choose_points, measure as measure
 from ._routes import Routes as Routes, simulate_queries as simulate_queries
-from ._settings import Amcl as Amcl, Disturbances as Disturbances
 from ._simulate import Simulation as Simulation, simulate as simulate
 from ._simulator import Simulator as Simulator
 from .choice._choice import Candidate as Candidate, Choice as Choice

@@ -1,4 +1,4 @@
-"""Arguments of the drive kernels, made of a map, a lidar, AMCL's parameters and disturbances."""
+"""Arguments of the drive kernels, made of a map and a robot."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import Lidar
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.simulation._settings import OMNIDIRECTIONAL, Amcl, Disturbances
+from locplan.robots import OMNIDIRECTIONAL, Amcl, Lidar, Robot
 
 NEAREST, FARTHEST = 0.5, 2.0
 """Least and greatest distance of an object that occludes the lidar [m]."""
@@ -37,15 +36,13 @@ class Arguments(NamedTuple):
 
 def arguments_of(
     grid: OccupancyGrid,
-    lidar: Lidar,
-    amcl: Amcl,
-    disturbances: Disturbances,
+    robot: Robot,
     *,
     scores: NDArray[np.float32] | None = None,
 ) -> Arguments:
-    """Arguments for a map, a lidar, a filter and the disturbances.
+    """Arguments for a map and a robot.
 
-    `scores` are what `beam_scores` makes of the first three, where that is known.
+    `scores` are what `beam_scores` makes of the map, the filter and the lidar, if that is known.
     """
     from locplan._kernels.drives import Odometry
     from locplan._kernels.lidar import Lidar as Beams
@@ -53,6 +50,8 @@ def arguments_of(
     from locplan._kernels.particles import BeamScores, Filter
     from locplan._kernels.tracking import Start
 
+    lidar, amcl = robot.known_lidar, robot.filter
+    odometry, disturbances = robot.odometry, robot.disturbances
     reach = reach_of(lidar, amcl)
     values = beam_scores(grid, amcl, reach) if scores is None else scores
     return Arguments(
@@ -81,12 +80,12 @@ def arguments_of(
             farthest=FARTHEST,
         ),
         Odometry(
-            distance_drift=disturbances.distance_drift,
-            heading_drift=math.radians(disturbances.heading_drift_deg),
-            turn_drift=math.radians(disturbances.turn_drift_deg),
-            distance_bias=disturbances.distance_bias,
-            heading_bias=math.radians(disturbances.heading_bias_deg),
-            turn_bias=disturbances.turn_bias,
+            distance_drift=odometry.distance_drift,
+            heading_drift=math.radians(odometry.heading_drift_deg),
+            turn_drift=math.radians(odometry.turn_drift_deg),
+            distance_bias=odometry.distance_bias,
+            heading_bias=math.radians(odometry.heading_bias_deg),
+            turn_bias=odometry.turn_bias,
         ),
         Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg)),
         Filter(

@@ -10,6 +10,7 @@ from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.field import save_config
 from locplan.field._config_files import picture_of_calibration
+from locplan.robots import Robot
 from locplan.simulation._calibration import NOT_IN_METRES, Calibration
 
 
@@ -45,10 +46,13 @@ def calibration_table(calibration: Calibration) -> str:
     return f"{table([], rows)}\n{verdict}"
 
 
-def write_calibration(target: Path, calibration: Calibration, *, force: bool = False) -> list[Path]:
+def write_calibration(
+    target: Path, calibration: Calibration, robot: Robot, *, force: bool = False
+) -> list[Path]:
     """Write the calibrated settings as `locplan.save_config` does, and a picture beside them.
 
-    The file says whether deviations are in metres, so that `locplan.load_config` can warn.
+    The file says whether deviations are in metres, so that `locplan.load_config` can warn, and
+    holds the robot that was simulated, for `Robot.load`.
 
     Raises
     ------
@@ -59,7 +63,8 @@ def write_calibration(target: Path, calibration: Calibration, *, force: bool = F
     from locplan.simulation import _figures
 
     picture = check_calibration(target, force=force)
-    about = {**calibration.verdict, "calibration": calibration.summary()}
+    about = {**calibration.verdict, "robot": robot.summary()}
+    about["calibration"] = calibration.summary()
     with replacing(picture) as drawn, replacing(target) as settings:
         try:
             save_figure(_figures.calibration_figure(calibration), drawn)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan.field import Lidar
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners._ahead import prepared_beside
+from locplan.robots import Lidar, Robot
 from locplan.simulation._simulator import Simulator
 
 
@@ -24,7 +24,7 @@ class DriveKernels:
         """Compile them by a short drive through an empty room."""
         grid = OccupancyGrid(np.full((8, 8), FREE), 0.5)
         line = np.array([[1.0, 2.0, 0.0], [2.0, 2.0, 0.0]])
-        Simulator(grid, lidar=Lidar(range=2.0, beams=8), threads=1).drive([line])
+        Simulator(grid, Robot(Lidar(range=2.0, beams=8)), threads=1).drive([line])
 
 
 def drives_prepared_beside(*, needed: bool = True) -> AbstractContextManager[Callable[[], None]]:

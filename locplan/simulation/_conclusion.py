@@ -102,8 +102,8 @@ def _about_places(agreement: Interval, fields: Sequence[Ranked]) -> str:
     if agreement.low > 0:
         return (
             f"Where the filter errs depends on the place ({halves}), but no field that"
-            f" `locplan plan` takes ranks the places ({why}): do not plan by a field with this"
-            " filter."
+            f" `locplan plan` takes was shown to rank the places ({why}): with this filter a path"
+            " by a field may not help; more places narrow the intervals."
         )
     if math.isnan(agreement.low):
         return f"No field that `locplan plan` takes ranks the errors of this filter ({why})."

@@ -15,14 +15,13 @@ from locplan._util.checks import whole
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
-from locplan.costs import ROBOT_RADIUS
-from locplan.field import Lidar
+from locplan.field import equipped
 from locplan.maps import OccupancyGrid
+from locplan.robots import Robot
 from locplan.simulation._conclusion import FAILED_MATCH, Ranked, Sizes, conclusion
 from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, places_of
 from locplan.simulation._predictors import PLANNED, Predictor, configs, predictions
 from locplan.simulation._ranking import Rank, Resamples, rank
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 
 KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
 KIND_LABELS: dict[ErrorKind, str] = {
@@ -62,12 +61,8 @@ class Evaluation:
     predictions: Sequence[dict[Predictor, NDArray[np.float64]]]
     """Values of each predictor at the places of each map, (n,); a predictor names a field and its
     scalar, or a baseline, and greater values foresee greater errors."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     drives: int
     """Number of drives to each place."""
     scans: int
@@ -220,9 +215,7 @@ class Evaluation:
             "drives": self.drives,
             "scans": self.scans,
             "seed": self.seed,
-            "lidar": dataclasses.asdict(self.lidar),
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
+            "robot": self.robot.summary(),
         }
         return finite(about)
 
@@ -249,15 +242,12 @@ Their memory grows with its square: 0.3 GB a thread at 0.05 m a cell."""
 
 def evaluate(
     grids: Sequence[OccupancyGrid] | OccupancyGrid,
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     places: int = PLACES,
     drives: int = DRIVES,
     scans: int = SCANS,
     disc: float | None = None,
-    robot_radius: float = ROBOT_RADIUS,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -268,12 +258,9 @@ def evaluate(
     ----------
     grids : sequence of OccupancyGrid
         One map or several.
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     places : int, default 100
         Greatest number of random places on each map, at least 2, which are at least 1 m apart.
     drives, scans : int, default 16
@@ -281,8 +268,6 @@ def evaluate(
         narrow the errors of a place, more places the intervals.
     disc : float, optional
         Radius of the templates of "sad" [m]; by default the paper's 6 m. Take the lidar's range.
-    robot_radius : float, default 0.25
-        Radius of the robot, which limits where drives may go [m].
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results.
     threads : int, optional
@@ -301,22 +286,18 @@ def evaluate(
         If there is no map, a number is out of its range, or a robot has no room on a map.
     """
     grids = [grids] if isinstance(grids, OccupancyGrid) else list(grids)
-    lidar = lidar or SHORT_LIDAR
-    amcl, disturbances = amcl or Amcl(), disturbances or Disturbances()
+    robot = equipped(robot)
     for name, value in (("drives", drives), ("scans", scans)):
         whole(name, value, 1)
-    fields = configs(lidar, disc)
+    fields = configs(robot.known_lidar, disc)
     effort = len(grids) * places * (drives + 1)
     callbacks = parts(progress, [effort, *[max(1, effort // 50)] * len(grids)])
     measured = places_of(
         grids,
-        lidar=lidar,
-        amcl=amcl,
-        disturbances=disturbances,
+        robot=robot,
         places=places,
         drives=drives,
         scans=scans,
-        robot_radius=robot_radius,
         seed=seed,
         threads=threads,
         progress=callbacks[0],
@@ -325,4 +306,4 @@ def evaluate(
     for each, part in zip(measured, callbacks[1:], strict=True):
         found.append(predictions(each.grid, fields, each.points, threads=threads))
         part(max(1, effort // 50), 0)
-    return Evaluation(measured, found, lidar, amcl, disturbances, drives, scans, seed)
+    return Evaluation(measured, found, robot, drives, scans, seed)

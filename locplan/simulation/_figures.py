@@ -15,13 +15,13 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
-from locplan.field import Lidar
 from locplan.field._field import SATURATION
 from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
 from locplan.plotting._picture import Picture
 from locplan.plotting._plans import PATH_STYLES
 from locplan.plotting._ticks import label_plainly, make_logarithmic
 from locplan.plotting._views import draw_inset, zoomed_to
+from locplan.robots import Robot
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation
@@ -121,7 +121,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=1)
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
-        f"{grid.name or 'map'}: {count} simulated drives of each path, {simulation.lidar.title}\n"
+        f"{grid.name or 'map'}: {count} simulated drives of each path,"
+        f" {simulation.robot.known_lidar.title}\n"
         "below: mean error of the position, and where 80 % of the drives are",
         fontsize="medium",
     )
@@ -159,10 +160,10 @@ def queries_figure(routes: Routes) -> Figure:
     for number, at in enumerate(_beside(np.log(rmse)), 1):
         style = {"ha": "center", "va": "center", "fontsize": "small"}
         left.annotate(str(number), rmse[number - 1], at, textcoords="offset points", **style)
-    lidar: Any = routes.about.get("lidar")
+    robot: Any = routes.about.get("robot")
+    lidar = f", {Robot.from_summary(robot).known_lidar.title}" if robot else ""
     lines = [
-        f"{routes.grid.name or 'map'}{f', {Lidar(**lidar).title}' if lidar else ''},"
-        f" {len(routes.routes)} queries: {routes.verdict}",
+        f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
         *([] if lost.any() else ["no drive was lost on either path"]),
@@ -211,7 +212,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         upper.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False)
     title = _names([each.grid.name for each in evaluation.places])
     count = sum(len(each.points) for each in evaluation.places)
-    about = f"{title}: {count} places\n{evaluation.lidar.title}"
+    about = f"{title}: {count} places\n{evaluation.robot.known_lidar.title}"
     upper.suptitle(about, x=0.02, ha="left", fontsize="medium")
     examples = Predictor("sad", "e"), Predictor("scan", "position_std")
     few = len(evaluation.places) <= len(MAP_MARKS)

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
-from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.field import FieldConfig, Lidar
+from locplan.field import FieldConfig
 from locplan.field._lattice import stride_cells, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Robot
 from locplan.simulation._drives import LOST, MAX_DRIVES
 from locplan.simulation._motion import approaches
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
 
 APART = 1.0
@@ -225,14 +225,11 @@ def measure(
 
 def places_of(
     grids: Sequence[OccupancyGrid],
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     places: int = PLACES,
     drives: int = DRIVES,
     scans: int = SCANS,
-    robot_radius: float = ROBOT_RADIUS,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -243,15 +240,14 @@ def places_of(
     for name, value in (("drives", drives), ("scans", scans)):
         whole(name, value, 0, MAX_DRIVES)
     whole("seed", seed, 0)
-    chosen = [choose_points(grid, places, robot_radius=robot_radius, seed=seed) for grid in grids]
+    robot = robot or Robot()
+    chosen = [choose_points(grid, places, robot_radius=robot.radius, seed=seed) for grid in grids]
     callbacks = parts(progress, [(drives + 1) * len(points) for points in chosen])
     return [
         measure(
-            Simulator(
-                grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
-            ),
+            Simulator(grid, robot=robot, seed=seed, threads=threads),
             points,
-            robot_radius=robot_radius,
+            robot_radius=robot.radius,
             drives=drives,
             scans=scans,
             progress=part,

@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import FieldConfig, Fisher, Fused, Lidar, Sad, Scan, scalar
+from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, scalar
 from locplan.field._at_points import covariances_at
 from locplan.field._lattice import stride_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.robots import Lidar
 
 Array = NDArray[np.float64]
 SCALARS = ("e", "position_std", "heading_std")

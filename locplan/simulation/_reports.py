@@ -9,12 +9,10 @@ from typing import Any
 
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
-from locplan.field import Lidar
 from locplan.simulation._drives import PROFILE, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, SIZES, Evaluation
 from locplan.simulation._formats import digits_of, in_degrees, in_percent, plain, short, with_unit
 from locplan.simulation._routes import COLUMNS, Routes
-from locplan.simulation._settings import Amcl
 from locplan.simulation._simulate import Simulation
 from locplan.simulation._writing import file_name, write_json, write_rows
 
@@ -46,13 +44,8 @@ def simulation_table(simulation: Simulation) -> str:
     count = len(next(iter(drives.values())).errors)
     return (
         f"{table(['', *drives], rows)}\nerrors of the position, of {count} drives each"
-        f" [95 % intervals]\n{_robot(simulation.lidar, simulation.amcl)}"
+        f" [95 % intervals]\nwith {simulation.robot.title}"
     )
-
-
-def _robot(lidar: Lidar, amcl: Amcl) -> str:
-    """Lidar and filter of a simulated robot."""
-    return f"with {amcl.title}; {lidar.title}"
 
 
 def routes_table(every: Sequence[Routes]) -> str:
@@ -105,7 +98,7 @@ def evaluation_table(evaluation: Evaluation) -> str:
         _sizes(evaluation),
         f"{sum(len(each.points) for each in evaluation.places)} places, {evaluation.drives} drives"
         f" to each, {evaluation.scans} scans there;"
-        f" {_robot(evaluation.lidar, evaluation.amcl)}",
+        f" with {evaluation.robot.title}",
         "",
         textwrap.fill(" ".join(evaluation.conclusion), WIDTH),
     ]

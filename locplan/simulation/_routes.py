@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +13,12 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.planners import Query, plan_beside_shortest
 from locplan.planners._plan import AWARE, SHORTEST
+from locplan.robots import Robot
 from locplan.simulation._drives import Drives, check_drives, contrasts
-from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulate import DRIVES, drive_paths
 from locplan.simulation._simulator import Simulator
 
@@ -179,10 +178,8 @@ class Routes:
 def simulate_queries(
     costs: Costmap,
     queries: Sequence[Query],
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     drives: int = DRIVES,
     seed: int = 1,
     threads: int | None = None,
@@ -196,9 +193,10 @@ def simulate_queries(
         Costmap of a field, with the weight of the aware paths; the planner is any-angle.
     queries : sequence of Query
         Queries to drive; those without a path are left out.
-    lidar : Lidar, optional
-        The robot's lidar; by default the field's, or one that sees all round as far as the field.
-    amcl, disturbances, drives, seed, threads, progress
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
+    drives, seed, threads, progress
         See `simulate`; the drives are those along each path.
 
     Returns
@@ -214,9 +212,7 @@ def simulate_queries(
     check_drives(drives)
     simulator = Simulator(
         costs.grid,
-        lidar=lidar or lidar_of(costs.settings.config if costs.settings else None),
-        amcl=amcl,
-        disturbances=disturbances,
+        equipped(robot, costs.settings.config if costs.settings else None),
         seed=seed,
         threads=threads,
     )
@@ -233,9 +229,7 @@ def simulate_queries(
         **about_costs(costs),
         "drives": drives,
         "seed": seed,
-        "lidar": dataclasses.asdict(simulator.lidar),
-        "amcl": dataclasses.asdict(simulator.amcl),
-        "disturbances": dataclasses.asdict(simulator.disturbances),
+        "robot": simulator.robot.summary(),
     }
     return Routes(costs.grid, routes, about)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -13,11 +12,10 @@ from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
+from locplan.robots import Robot
 from locplan.simulation._drives import Drives, check_drives, contrasts
 from locplan.simulation._motion import poses_along
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator
 
 DRIVES = 100
@@ -34,12 +32,8 @@ class Simulation:
     """Paths by name; the others are compared with the first."""
     drives: Mapping[str, Drives]
     """Drives of each path, equally many; the n-th of all have the same world and seed."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     seed: int
     """Seed of all random numbers."""
     costs: Costmap | None = None
@@ -57,9 +51,7 @@ class Simulation:
             "paths": {name: each.summary() for name, each in self.drives.items()},
             "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
             "seed": self.seed,
-            "lidar": dataclasses.asdict(self.lidar),
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
+            "robot": self.robot.summary(),
         }
         return finite(about)
 
@@ -67,10 +59,8 @@ class Simulation:
 def simulate(
     grid: OccupancyGrid,
     paths: Mapping[str, Path | ArrayLike],
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     drives: int = DRIVES,
     seed: int = 1,
     threads: int | None = None,
@@ -88,12 +78,9 @@ def simulate(
     paths : mapping of str to Path, or to (n, 2) array
         Paths by name, each within the free cells; the others are compared with the first. Arrays
         are positions in the world [m].
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round. Give your robot's own.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     drives : int, default 100
         Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
     seed : int, default 1
@@ -129,16 +116,13 @@ def simulate(
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:
         raise ConfigError("there must be at least one path to drive")
-    simulator = Simulator(
-        grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
-    )
+    simulator = Simulator(grid, robot=robot, seed=seed, threads=threads)
     routes = {
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
     }
     driven = drive_paths(simulator, routes, drives, 0, progress)
-    settings = simulator.lidar, simulator.amcl, simulator.disturbances
-    return Simulation(grid, routes, driven, *settings, seed, costs)
+    return Simulation(grid, routes, driven, simulator.robot, seed, costs)
 
 
 def drive_paths(

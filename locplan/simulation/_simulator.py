@@ -10,16 +10,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import instance, whole
+from locplan._util.checks import whole
 from locplan._util.machine import check_memory, check_threads
 from locplan._util.progress import ProgressCallback
-from locplan.field import Lidar
+from locplan.field import equipped
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.maps.environments import with_boundary_noise
+from locplan.robots import Robot
 from locplan.simulation._arguments import Arguments, arguments_of
 from locplan.simulation._drives import Drives
 from locplan.simulation._motion import Poses
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 
 MATCH_WINDOW = 2.0
 """Half width of the window in which single scans are matched [m]."""
@@ -44,13 +44,9 @@ class Simulator:
     ----------
     grid : OccupancyGrid
         The robot's map. Worlds are made of it with `Disturbances.boundary_noise`.
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round.
-    amcl : Amcl, optional
-        Parameters of the filter; Nav2's defaults without them.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
-        indoors by default.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     seed : int, default 1
         Seed of all random numbers, >= 0. Drive n has the same ones whatever else is driven.
     threads : int, optional
@@ -66,35 +62,28 @@ class Simulator:
     def __init__(
         self,
         grid: OccupancyGrid,
+        robot: Robot | None = None,
         *,
-        lidar: Lidar | None = None,
-        amcl: Amcl | None = None,
-        disturbances: Disturbances | None = None,
         seed: int = 1,
         threads: int | None = None,
     ) -> None:
         check_grid(grid)
         whole("seed", seed, 0)
         self.grid, self.seed, self.threads = grid, seed, check_threads(threads)
-        self.lidar = lidar or SHORT_LIDAR
-        self.amcl, self.disturbances = amcl or Amcl(), disturbances or Disturbances()
-        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        instance("amcl", self.amcl, Amcl)
-        instance("disturbances", self.disturbances, Disturbances)
-        worlds = self.disturbances.worlds
+        self.robot = equipped(robot)
+        worlds = self.robot.disturbances.worlds
         check_memory(f"{worlds} worlds", 2 * worlds * grid.cells.size, "set fewer worlds")
 
     def __repr__(self) -> str:
-        lidar = f"lidar of {self.lidar.range:g} m"
-        return f"Simulator({self.grid.name or 'map'}, {lidar}, seed {self.seed})"
+        return f"Simulator({self.grid.name or 'map'}, {self.robot.title}, seed {self.seed})"
 
     @cached_property
     def worlds(self) -> list[NDArray[np.uint8]]:
         """Empty squares of each world for its rays, see `locplan._kernels.rays.empty_squares`."""
         from locplan._kernels.rays import empty_squares
 
-        noise = self.disturbances.boundary_noise
-        count = self.disturbances.worlds if noise else 1
+        noise = self.robot.disturbances.boundary_noise
+        count = self.robot.disturbances.worlds if noise else 1
 
         def make(number: int) -> NDArray[np.uint8]:
             world = with_boundary_noise(self.grid, noise, seed=self._world_seed(number))
@@ -300,8 +289,8 @@ class Simulator:
 
     @cached_property
     def arguments(self) -> Arguments:
-        """Arguments of the kernels for the map, the lidar, the filter and the disturbances."""
-        return arguments_of(self.grid, self.lidar, self.amcl, self.disturbances)
+        """Arguments of the kernels for the map and the robot."""
+        return arguments_of(self.grid, self.robot)
 
     def _in_threads(
         self,

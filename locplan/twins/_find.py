@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from locplan._util.checks import position, positive, shown
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback, parts
-from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Robot
 from locplan.twins._database import Database, make_database, places_every, wrapped
 from locplan.twins._looks import LISTED, Looks, look_around
 from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS, Matching
@@ -33,12 +34,11 @@ HEADINGS = 8
 
 def find_twins(
     grid: OccupancyGrid,
+    robot: Robot | None = None,
     *,
-    lidar: Lidar,
     places: Iterable[Sequence[float]] | None = None,
     spacing: float = SPACING,
     global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS,
-    robot_radius: float = ROBOT_RADIUS,
     count_missing: bool = False,
     database: ScanDatabase | None = None,
     threads: int | None = None,
@@ -56,8 +56,9 @@ def find_twins(
     ----------
     grid : OccupancyGrid
         The map.
-    lidar : Lidar
-        The robot's lidar.
+    robot : Robot, optional
+        The robot with its lidar, by default one of 6 m that sees all round; its radius is the
+        distance that it keeps from walls.
     places : iterable of (x, y), optional
         Places in the world [m]; by default all that the robot can reach, `spacing` apart.
     spacing : float, default 0.8
@@ -67,8 +68,6 @@ def find_twins(
         Number of independent beams that tell as much as all round do, above 0, which makes losses
         nats. It is fitted to global matches; it is not the number of `locplan.Scan`, which is
         fitted to the uncertainty of a match near its place.
-    robot_radius : float, default 0.25
-        Distance that the robot keeps from walls [m], >= 0.
     count_missing : bool, default False
         True lets a beam without a return count against places where it would meet a wall in range.
         AMCL ignores such beams; set it for a matcher that does not.
@@ -95,15 +94,17 @@ def find_twins(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("places", resolution=0.1)
-    >>> twins = find_twins(grid, lidar=locplan.Lidar(range=8.0), spacing=2.0)
+    >>> twins = find_twins(grid, locplan.Robot(locplan.Lidar(range=8.0)), spacing=2.0)
     >>> twins.elsewhere.shape == (len(twins),)
     True
     """
     check_grid(grid)
+    robot = equipped(robot)
+    lidar = robot.known_lidar
     matching = Matching(
         lidar=lidar,
         global_effective_beams=global_effective_beams,
-        robot_radius=robot_radius,
+        robot_radius=robot.radius,
         count_missing=count_missing,
     )
     positive("spacing", spacing, "m")
@@ -117,7 +118,7 @@ def find_twins(
         positions = places_every(spacing, seen.fits, grid.resolution)
         xy = np.column_stack(grid.grid_to_world(positions[:, 1], positions[:, 0]))
     else:
-        cells, xy = _checked(grid, places, robot_radius)
+        cells, xy = _checked(grid, places, robot.radius)
         seen = _seen_everywhere(grid, matching, cells, database)
         row, col = grid.world_to_grid(xy[:, 0], xy[:, 1])
         positions = np.column_stack([col, row])

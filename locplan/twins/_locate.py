@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import instance, number, shown, whole
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings import Recording
 from locplan.recordings._geometry import ends_on_robot, has_return
+from locplan.robots import Lidar
 from locplan.twins._database import Database
 from locplan.twins._location import Location, Mode
 from locplan.twins._modes import (

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.tables import finite
-from locplan.field import Lidar, position_axes
+from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
+from locplan.robots import Lidar
 
 Numbers = NDArray[np.float64]
 CERTAIN = 3.0

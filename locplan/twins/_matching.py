@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import Settings, instance, keep, keep_checked, number, positive, whole
 from locplan.costs import ROBOT_RADIUS
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.robots import Lidar
 
 TURNS = 96
 """Number of beams all round, and of turns, at which a scan is compared with the map."""

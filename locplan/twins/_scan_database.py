@@ -12,10 +12,11 @@ from locplan._util.checks import instance, keep_checked, number
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar, Scan
+from locplan.field import Scan
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._matcher import Matcher
 from locplan.recordings._matches import EFFECTIVE_BEAMS
+from locplan.robots import Lidar
 from locplan.twins._database import Database, _of_lidar, make_database
 from locplan.twins._matching import TURNS, Matching
 

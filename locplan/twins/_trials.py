@@ -16,7 +16,7 @@ from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.maps.environments import with_boundary_noise
-from locplan.simulation import Disturbances
+from locplan.robots import Disturbances
 from locplan.twins._database import make_database
 from locplan.twins._matching import Matching
 from locplan.twins._modes import AWAY, find_all_modes

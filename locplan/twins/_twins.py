@@ -17,7 +17,7 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
-from locplan.simulation import Disturbances
+from locplan.robots import Disturbances
 from locplan.twins._looks import THRESHOLD
 from locplan.twins._matching import Matching
 from locplan.twins._starts import Start, best_starts
@@ -307,7 +307,7 @@ class Twins(Pictured):
         whole("seed", seed, 0)
         disturbances = disturbances or Disturbances()
         if not isinstance(disturbances, Disturbances):
-            raise ConfigError("disturbances must be locplan.simulation.Disturbances")
+            raise ConfigError("disturbances must be locplan.robots.Disturbances")
         return global_matches(
             self.grid,
             self.matching,

@@ -14,6 +14,7 @@ import pytest
 from conftest import SHARED_DATA
 
 import locplan
+from locplan.robots import Robot
 from locplan.simulation import simulate
 
 DEPOT = SHARED_DATA / "rosmaps" / "tb4_depot"
@@ -35,7 +36,7 @@ def test_a_choice_of_20_metres(benchmark, depot):
     own = {"aware": locplan.plan(costs, START, GOAL).path}
 
     def chosen():
-        return locplan.choose(depot, START, GOAL, lidar=lidar, costs=costs, candidates=own)
+        return locplan.choose(depot, START, GOAL, robot=Robot(lidar), costs=costs, candidates=own)
 
     choice = chosen()
     benchmark.pedantic(chosen, rounds=5, iterations=1)
@@ -47,11 +48,11 @@ def test_a_choice_of_20_metres(benchmark, depot):
         f" {1e3 * seconds / metres:.2f} ms a metre on {os.cpu_count()} cores"
     )
     drives = len(choice.candidates[0].drives.errors)
-    again = simulate(depot, paths, lidar=lidar, drives=drives)
+    again = simulate(depot, paths, robot=Robot(lidar), drives=drives)
     driving = []
     for _ in range(3):
         began = time.perf_counter()
-        simulate(depot, paths, lidar=lidar, drives=drives)
+        simulate(depot, paths, robot=Robot(lidar), drives=drives)
         driving.append(time.perf_counter() - began)
     benchmark.extra_info["share_of_its_drives_alone"] = min(driving) / seconds
     benchmark.extra_info["milliseconds_a_metre"] = 1e3 * seconds / metres

@@ -15,10 +15,11 @@ from explorer_page import FLAGS, STATIC, Seen, browser_file
 
 from locplan.explorer._explore import opened
 from locplan.explorer._scene import Opening
-from locplan.field import FieldConfig, Fisher, Lidar, covariance_field
+from locplan.field import FieldConfig, Fisher, covariance_field
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.maps.environments import make
 from locplan.planners import plan_beside_shortest
+from locplan.robots import Lidar
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")

@@ -8,10 +8,11 @@ import time
 import pytest
 
 from locplan.costs import Costmap, path_metrics
-from locplan.field import FieldConfig, Fused, Lidar, covariance_field
+from locplan.field import FieldConfig, Fused, covariance_field
 from locplan.maps import load_map
 from locplan.planners import plan_beside_shortest, planned_near_paths
 from locplan.planners._plan import AWARE
+from locplan.robots import Lidar
 
 QUERIES = {
     "fetch_3_1_16_png": ((3.6, 36.2), (44.2, 3.0)),

@@ -9,7 +9,7 @@ import numpy as np
 import locplan
 from locplan.landmarks._objectives import MeanDegeneracy
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.simulation import Amcl
+from locplan.robots import Amcl, Robot
 
 SIZE = 800
 FEW = 20
@@ -38,7 +38,7 @@ def test_ten_of_two_thousand_places(benchmark):
     grid, routes = cluttered()
     settings = {
         "paths": routes,
-        "amcl": Amcl(laser_model_type="likelihood_field_prob"),
+        "robot": Robot(filter=Amcl(laser_model_type="likelihood_field_prob")),
         "spacing": 0.3,
         "threads": 2,
     }

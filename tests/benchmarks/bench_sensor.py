@@ -11,9 +11,10 @@ import pytest
 from numba import njit
 
 from locplan._kernels.rays import cast, empty_squares
-from locplan.field import Fisher, Lidar, Scan
+from locplan.field import Fisher, Scan
 from locplan.field._estimator import MapPart
 from locplan.maps import OCCUPIED, load_map
+from locplan.robots import Lidar
 
 MAPS = ("tb4_depot", "fetch_4_26_15", "aws_small_house", "mit_stata_basement_yaw")
 LIDAR = Lidar(range=30.0, beams=360)

@@ -13,7 +13,8 @@ import pytest
 from locplan import Path
 from locplan._kernels import particles
 from locplan.maps import environments
-from locplan.simulation import Amcl, Simulator
+from locplan.robots import Amcl, Robot
+from locplan.simulation import Simulator
 from locplan.simulation._motion import poses_along
 
 FIXED = Amcl(min_particles=500, max_particles=500)
@@ -23,7 +24,7 @@ DRIVES = 1000
 @pytest.fixture(scope="module")
 def simulator():
     grid = environments.make("places")
-    return Simulator(grid, amcl=FIXED)
+    return Simulator(grid, robot=Robot(filter=FIXED))
 
 
 @pytest.fixture(scope="module")

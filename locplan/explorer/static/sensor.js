@@ -26,6 +26,7 @@ export function startSensor() {
 function showField() {
 	const field = model.state.field;
 	write("field-note", fieldWords(field));
+	write("robot", model.state.robot);
 	if (!model.state.busy) showWork("field", "", null);
 	if (!field || field.digest === fieldSeen) return;
 	fieldSeen = field.digest;

@@ -15,9 +15,9 @@ class BagOptions(MaskOptions):
     """The options of a bag."""
 
     spacing: float = 2.0
-    """The ellipses are this far apart at least [m]; 2 by default."""
+    """Least distance between ellipses, in metres; 2 by default."""
     frame: str = "map"
-    """The frame of the coordinates is map by default."""
+    """Frame of the coordinates; map by default."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -58,9 +58,9 @@ class PathOptions:
     """The options of a path."""
 
     step: float | None = None
-    """The poses of the path are this far apart at most [m]; by default they are its corners."""
+    """Greatest distance between poses of the path, in metres; by default they are its corners."""
     frame: str = "map"
-    """The frame of the coordinates is map by default."""
+    """Frame of the coordinates; map by default."""
 
     def __post_init__(self) -> None:
         if self.step is not None:

@@ -13,7 +13,7 @@ class LayerOptions:
     """The options of a layer."""
 
     frame: str = "map"
-    """The frame of the coordinates is map by default."""
+    """Frame of the coordinates; map by default."""
 
 
 def write_layer(target: Path, job: ExportJob, options: LayerOptions) -> ExportSummary:
@@ -29,12 +29,12 @@ class AreaOptions:
     """The options of degenerate areas."""
 
     threshold: float | None = None
-    """The least u of an area is by default half of that where nothing is told along one line: .5
+    """Least u of an area; by default half of that where nothing is told along one line: .5
     for scan, .18 for sad."""
     min_area: float = 1.0
-    """Smaller areas are left out [m²]; 1 by default."""
+    """Least size of an area, in m²; 1 by default."""
     frame: str = "map"
-    """The frame of the coordinates is map by default."""
+    """Frame of the coordinates; map by default."""
 
     def __post_init__(self) -> None:
         from locplan.export._areas import check_areas

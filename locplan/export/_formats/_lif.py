@@ -15,16 +15,16 @@ class LifOptions:
     """The options of a layout."""
 
     spacing: float = 2.0
-    """Free space sees a node of the graph within two of these [m], and places that far apart are
-    joined; 2 by default."""
+    """Distance of nodes of the graph that are joined, in metres; 2 by default. Free space sees one
+    within two of these."""
     stations: Path | None = None
-    """Stations of the layout are read from this CSV file (name,x,y); each gets a node."""
+    """CSV file of stations (name,x,y), each of which gets a node."""
     vehicle: str = "locplan.robot"
-    """The type of vehicle is locplan.robot by default; fleet managers know it as
+    """Type of vehicle, locplan.robot by default; fleet managers know it as
     MANUFACTURER.SERIES."""
     speed: float | None = None
-    """Edges get such a maxSpeed that their travel times are J divided by this speed [m/s]; by
-    default they have none."""
+    """Speed by which J is divided for the travel times of edges, in m/s, which get such a maxSpeed;
+    by default they have none."""
 
     def __post_init__(self) -> None:
         from locplan.planners import read_stations

@@ -10,7 +10,7 @@ from pathlib import Path
 from locplan._util.checks import number
 from locplan.export._names import Distro, NavPlannerName
 from locplan.export._registry import ExportJob, ExportSummary, Format
-from locplan.maps._ros_parameters import read_parameters
+from locplan.robots import read_parameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,9 +18,9 @@ class MaskOptions:
     """The planner whose costs a mask makes J."""
 
     planner: NavPlannerName | None = None
-    """The planner of Nav2 that charges J is by default the one in --params, or smac2d."""
+    """Planner of Nav2 that charges J; by default the one in --robot, or smac2d."""
     planner_param: float | None = None
-    """The planner's cost_travel_multiplier, cost_penalty or w_traversal_cost is by default such
+    """The planner's cost_travel_multiplier, cost_penalty or w_traversal_cost; by default such
     that weight · u just fits."""
 
     def __post_init__(self) -> None:
@@ -35,9 +35,9 @@ class Nav2Options(MaskOptions):
     """The options of masks that a planner charges."""
 
     distro: Distro = "jazzy"
-    """The distribution of ROS 2 is jazzy by default."""
+    """Distribution of ROS 2; jazzy by default."""
     params: Path | None = None
-    """Our parameters are merged into this parameter file of Nav2; the robot has its size, too."""
+    """Parameter file of Nav2, into a copy of which ours are merged."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -49,11 +49,11 @@ class SpeedOptions:
     """The options of a speed mask."""
 
     slowest: float = 0.3
-    """The share of the speed that is left where u is 1 is 0.3 by default."""
+    """Share of the speed that is left where u is 1; 0.3 by default."""
     distro: Distro = "jazzy"
-    """The distribution of ROS 2 is jazzy by default."""
+    """Distribution of ROS 2; jazzy by default."""
     params: Path | None = None
-    """Our parameters are merged into this parameter file of Nav2; the robot has its size, too."""
+    """Parameter file of Nav2, into a copy of which ours are merged."""
 
     def __post_init__(self) -> None:
         from locplan.export._nav2 import check_slowest
@@ -96,12 +96,12 @@ class GraphOptions:
     """The options of a route graph."""
 
     spacing: float = 2.0
-    """Free space sees a node of the graph within two of these [m], and places that far apart are
-    joined; 2 by default."""
+    """Distance of nodes of the graph that are joined, in metres; 2 by default. Free space sees one
+    within two of these."""
     frame: str = "map"
-    """The frame of the coordinates is map by default."""
+    """Frame of the coordinates; map by default."""
     distro: Distro = "jazzy"
-    """The distribution of ROS 2 is jazzy by default."""
+    """Distribution of ROS 2; jazzy by default."""
 
     def __post_init__(self) -> None:
         number("spacing", self.spacing, 0.1)

@@ -11,7 +11,7 @@ from locplan._util.checks import whole
 from locplan.errors import ConfigError
 from locplan.export._names import Distro
 from locplan.export._registry import ExportJob, ExportSummary, Format
-from locplan.maps._ros_parameters import read_parameters
+from locplan.robots import read_parameters
 
 if TYPE_CHECKING:
     from locplan.costs import Path as Route
@@ -23,16 +23,17 @@ class RoutesOptions:
     """The options of recommended routes."""
 
     queries: Path | None = None
-    """The paths of these queries are chosen by driving in simulation: a CSV file of
-    name,start_x,start_y,goal_x,goal_y [m], or name,x,y of stations, each two of which are one."""
+    """File of queries whose paths are chosen by driving in simulation: CSV of
+    name,start_x,start_y,goal_x,goal_y in metres, or of name,x,y of stations, each two of which are
+    one."""
     drives: int = 8
-    """Each candidate path is driven 8 times by default, or fewer where that settles the choice."""
+    """Number of drives of each candidate, or fewer where that settles the choice; 8 by default."""
     params: Path | None = None
-    """The settings of amcl in this parameter file of Nav2 are simulated; the robot has its size."""
+    """Parameter file of Nav2, which is checked against the ways."""
     frame: str = "map"
-    """The frame of the coordinates is map by default."""
+    """Frame of the coordinates; map by default."""
     distro: Distro = "jazzy"
-    """The distribution of ROS 2 is jazzy by default."""
+    """Distribution of ROS 2; jazzy by default."""
 
     def __post_init__(self) -> None:
         from locplan.planners import read_queries
@@ -93,16 +94,14 @@ def _chosen(
     """The choices for the queries in a file."""
     from locplan._util.progress import progress_bar
     from locplan.planners import read_queries
-    from locplan.simulation import Amcl, choose_many
-    from locplan.simulation._nav2 import read_amcl
+    from locplan.simulation import choose_many
 
     queries = read_queries(file)
     for query in queries:
         if query.name in paths:
             raise ConfigError(f"a path and a query are both named {query.name}; rename one")
-    amcl = read_amcl(options.params) if options.params else Amcl()
     with progress_bar("driving the candidates", "queries") as progress:
-        return choose_many(job.costs, queries, amcl=amcl, drives=options.drives, progress=progress)
+        return choose_many(job.costs, queries, job.robot, drives=options.drives, progress=progress)
 
 
 def _summary_of(choices: Choices) -> ExportSummary:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import instance, keep, positive, whole
 from locplan.field._estimator import Estimator
-from locplan.field._lidar import Lidar
 from locplan.field._search_window import OffsetLattice, SearchWindow
+from locplan.robots import Lidar
 
 WINDOW = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
 """Search window that ranks the uncertainty of real lasers best."""

@@ -12,11 +12,11 @@ from locplan._util.checks import instance
 from locplan.errors import ConfigError
 from locplan.field._covariance import log_euclidean_means, position_axes
 from locplan.field._estimator import Estimator, Layer, MapPart, Values
-from locplan.field._lidar import Lidar
 from locplan.field._search_window import OffsetLattice
 from locplan.field.estimators._beams import LidarEstimator
 from locplan.field.estimators._fisher import Fisher, Scene as FisherScene
 from locplan.field.estimators._scan import Scan, Scene as ScanScene
+from locplan.robots import Lidar
 
 ROUND, ELONGATED = 1.5, 4.0
 """Ratios of the axes of the scan's ellipse up to which both count alike, and from which it alone.

@@ -13,15 +13,15 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, instance, keep, one_of, positive, shown
+from locplan._util.checks import Settings, instance, keep, one_of, positive, reach, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
-from locplan.field._lidar import Lidar, checked_range
 from locplan.field._search_window import OffsetLattice, SearchWindow
 from locplan.field._template import disc
 from locplan.field.estimators._sad_blocks import beside, kept_lines
 from locplan.field.estimators._sad_tiles import Due, Layout, template_radius
 from locplan.maps import FREE, OCCUPIED
+from locplan.robots import Lidar
 
 LEVEL_STEP = 127
 """Difference of two neighbouring levels."""
@@ -120,7 +120,7 @@ class Sad(Estimator):
         instance("window", self.window, SearchWindow)
         if not isinstance(self.quantisation, bool):
             raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")
-        keep(self, range=checked_range("range", self.range))
+        keep(self, range=reach("range", self.range))
         one_of("template", self.template, tuple(TAU))
         if self.lidar is not None:
             instance("lidar", self.lidar, Lidar)

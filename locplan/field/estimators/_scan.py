@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from locplan._util.checks import is_number, keep, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import Layer, MapPart, Values
-from locplan.field._lidar import MAX_BEAMS
 from locplan.field._surfaces import walls
 from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
 from locplan.maps import OCCUPIED
+from locplan.robots import MAX_BEAMS
 
 
 class Scene(NamedTuple):

@@ -13,11 +13,10 @@ from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.notebook import Pictured
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, PathMetrics, about_costs
-from locplan.field import Lidar
 from locplan.planners import Position
+from locplan.robots import Robot
 from locplan.simulation._drives import Drives
 from locplan.simulation._scores import CLEARLY, FLOOR, SLIGHT, Minimise, front_of, is_slight
-from locplan.simulation._settings import Amcl, Disturbances
 
 MANY_LOST = 0.5
 """Share of lost drives of the recommended path from which on paths are not the remedy."""
@@ -77,24 +76,27 @@ class Choice(Pictured):
     """Error that the recommended path has least of: "rmse", "goal-error", "heading" or "lost"."""
     price: float | None
     """Detour that is accepted for a halved error [m]; None counts no length."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
+    robot: Robot
+    """The robot that was simulated."""
     drives: int
     """Greatest number of drives of each candidate."""
     seed: int
     """Seed of all random numbers."""
+    left_out: tuple[str, ...] = ()
+    """Names of the candidates on which the robot's outline meets a wall."""
 
     def __repr__(self) -> str:
         return f"Choice({self.costs.grid.name or 'map'}, {self.why})"
 
     @property
-    def status(self) -> Literal["solved", "unreachable"]:
-        """The status is "unreachable" if no path leads to the goal."""
-        return "solved" if self.candidates else "unreachable"
+    def status(self) -> Literal["solved", "unreachable", "not found"]:
+        """The status is "unreachable" if no path leads to the goal.
+
+        It is "not found" if the robot's outline meets a wall on all paths that were found.
+        """
+        if self.candidates:
+            return "solved"
+        return "not found" if self.left_out else "unreachable"
 
     @property
     def shortest(self) -> Candidate | None:
@@ -123,6 +125,8 @@ class Choice(Pictured):
         """Reason for the choice in one line."""
         chosen, shortest = self.chosen, self.shortest
         if chosen is None or shortest is None:
+            if self.left_out:
+                return "the robot's outline meets a wall on every candidate; no other was searched"
             return "no path leads to the goal"
         if len(self.candidates) == 1:
             return "there is no other way that is not much longer: the shortest"
@@ -177,6 +181,7 @@ class Choice(Pictured):
             "start": list(self.start),
             "goal": list(self.goal),
             "chosen": self.chosen.name if self.chosen else None,
+            "left_out": list(self.left_out),
             "why": self.why,
             "minimise": self.minimise,
             "price_m": self.price,
@@ -195,9 +200,7 @@ class Choice(Pictured):
             },
             "most_drives": self.drives,
             "seed": self.seed,
-            "lidar": dataclasses.asdict(self.lidar),
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
+            "robot": self.robot.summary(),
         }
         return finite(about)
 

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import number, one_of, positive
 from locplan._util.progress import ProgressCallback
-from locplan.costs import ROBOT_RADIUS, Costmap, Path, check_costs, path_metrics
+from locplan.costs import Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import CovarianceField, FieldConfig, Fused, Lidar, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Fused, equipped, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.planners import Position, check_ends, plan, planned_near_paths
 from locplan.planners._alternatives import LONGEST, alternatives
+from locplan.robots import Robot
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import Poses, poses_along
 from locplan.simulation._scores import (
@@ -28,7 +29,6 @@ from locplan.simulation._scores import (
     selected,
     worst_error,
 )
-from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
 from locplan.simulation.choice._candidates import Candidates, own_paths
 from locplan.simulation.choice._choice import Candidate, Choice
@@ -41,12 +41,9 @@ def choose(
     grid: OccupancyGrid,
     start: Position,
     goal: Position,
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     costs: Costmap | None = None,
-    robot_radius: float = ROBOT_RADIUS,
     candidates: Candidates = (),
     longest: float = LONGEST,
     minimise: Minimise = "rmse",
@@ -70,19 +67,12 @@ def choose(
         The map.
     start, goal : (x, y)
         Positions in the world [m].
-    lidar : Lidar, optional
-        The robot's lidar; by default that of the costmap's field, or one of 6 m that sees all
-        round. The choice is worth as much as this, `amcl` and `disturbances` are your robot's own.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `locplan.simulation.read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map; those of a small robot
-        indoors by default. `locplan calibrate --drive` finds those of a recorded drive.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     costs : Costmap, optional
         Costmap of a field of this map, to plan on; by default that of `Fused` for the lidar, whose
         spacing is 0.2 m near the candidates and 0.4 m elsewhere.
-    robot_radius : float, default 0.25
-        Radius of the robot where no costmap is given [m], >= 0.
     candidates : sequence or mapping by name, default ()
         Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
         or their names.
@@ -113,7 +103,8 @@ def choose(
     Returns
     -------
     Choice
-        Its `path` is None, and its `status` "unreachable", if no path leads to the goal.
+        Its `path` is None if no path leads to the goal (`status` "unreachable"), or if the robot's
+        outline meets a wall on all that were found ("not found": headings are not searched).
 
     Raises
     ------
@@ -134,29 +125,27 @@ def choose(
     check_request(longest, minimise, price, drives, time_limit)
     if costs is not None:
         check_costs(costs)
-    if lidar is None:
-        lidar = lidar_of(costs.settings.config if costs and costs.settings else None)
-    simulator = Simulator(
-        grid, lidar=lidar, amcl=amcl, disturbances=disturbances, seed=seed, threads=threads
-    )
-    here = costs or Costmap.blank(grid, robot_radius=robot_radius)
+    robot = equipped(robot, costs.settings.config if costs and costs.settings else None)
+    simulator = Simulator(grid, robot=robot, seed=seed, threads=threads)
+    here = costs or Costmap.blank(grid, robot_radius=robot.radius)
     begin, end = check_way(here, start, goal)
     if costs is None and plan(here, begin, end).path is None:
         costs = here  # no field is worth its time
     if costs is None:
-        config = FieldConfig(Fused.of(lidar))
+        config = FieldConfig(Fused.of(robot.known_lidar))
         costs = costmap_near_candidates(
             grid,
             config,
             (begin, end),
             longest,
             lambda points: load_or_compute(grid, config, points=points, threads=threads),
-            lambda field: Costmap.from_field(grid, field, robot_radius=robot_radius),
+            lambda field: Costmap.from_field(grid, field, robot_radius=robot.radius),
         )
     elif costs.grid.digest != grid.digest:
         raise ConfigError("the costmap is that of another map")
     own = own_paths(costs, begin, end, candidates)
     paths = alternatives(costs, begin, end, longest=longest, others=own)
+    left_out = without_collisions(paths, robot, grid)
     lines = lines_along(paths, grid)
     extra = np.array([path.length for path in paths.values()])
     prices = price_of(extra - extra[:1], price)
@@ -173,8 +162,20 @@ def choose(
         for (name, path), score, cost in zip(paths.items(), scores, prices, strict=True)
     )
     best = selected(scores + prices, lost, minimise)[0] if made else 0
-    settings = simulator.lidar, simulator.amcl, simulator.disturbances
-    return Choice(costs, begin, end, made, best, minimise, price, *settings, drives, seed)
+    return Choice(costs, begin, end, made, best, minimise, price, robot, drives, seed, left_out)
+
+
+def without_collisions(
+    paths: dict[str, Path], robot: Robot, grid: OccupancyGrid
+) -> tuple[str, ...]:
+    """Drop the paths on which the robot's outline meets a wall, and return their names."""
+    outline = robot.outline
+    if outline is None:
+        return ()
+    met = [name for name, path in paths.items() if outline.first_collision(grid, path)]
+    for name in met:
+        del paths[name]
+    return tuple(met)
 
 
 def costmap_near_candidates(

@@ -13,15 +13,15 @@ from locplan import __version__
 from locplan._util.checks import is_whole, shown
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
-from locplan.costs import ROBOT_RADIUS, Costmap
+from locplan.costs import Costmap
 from locplan.costs._named_maps import named_maps
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import Fused, Lidar, load_or_compute
+from locplan.field import Fused, equipped, load_or_compute
 from locplan.planners import Query, check_random
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._queries import queries_of
+from locplan.robots import Robot
 from locplan.simulation._scores import Minimise
-from locplan.simulation._settings import SHORT_LIDAR, Amcl, Disturbances
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choices import Choices, MapChoice
 from locplan.simulation.choice._choose import FEW_DRIVES, check_request, check_way, choose
@@ -43,12 +43,9 @@ class _Case(NamedTuple):
 def choose_many(
     maps: Any,
     queries: Any = 10,
+    robot: Robot | None = None,
     *,
     executor: Executor | None = None,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
-    robot_radius: float = ROBOT_RADIUS,
     longest: float = LONGEST,
     minimise: Minimise = "rmse",
     price: float | None = None,
@@ -71,13 +68,14 @@ def choose_many(
         Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
         goal_y [m], or of name, x, y [m] of stations, each two of which are one; `Query` objects, or
         (start, goal) pairs [m].
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     executor : concurrent.futures.Executor, optional
         Executor that runs each choice as one task on one thread: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
         choices are made here, one after the other. The results do not depend on it.
-    lidar : Lidar, optional
-        The robot's lidar; by default that of a costmap's field, or one of 6 m that sees all round.
-    amcl, disturbances, robot_radius, longest, minimise, price, drives, seed
+    longest, minimise, price, drives, seed
         See `choose`.
     least_distance : float, default 10.0
         Least straight distance between start and goal of random queries [m], >= 0. Lower it on a
@@ -114,9 +112,7 @@ def choose_many(
     check_request(longest, minimise, price, drives)
     check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
     asked: dict[str, Any] = {
-        "lidar": lidar,
-        "amcl": amcl,
-        "disturbances": disturbances,
+        "robot": robot,
         "longest": longest,
         "minimise": minimise,
         "price": price,
@@ -128,8 +124,8 @@ def choose_many(
         if isinstance(given, Costmap):
             costs = given
         else:
-            field = load_or_compute(given, Fused.of(lidar or SHORT_LIDAR), threads=threads)
-            costs = Costmap.from_field(given, field, robot_radius=robot_radius)
+            field = load_or_compute(given, Fused.of(equipped(robot).known_lidar), threads=threads)
+            costs = Costmap.from_field(given, field, robot_radius=(robot or Robot()).radius)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
         wanted = queries[name] if isinstance(queries, Mapping) else queries

@@ -20,7 +20,6 @@ from locplan.plotting._ticks import label_plainly
 from locplan.plotting._views import around, draw_inset
 from locplan.simulation._drives import LOST
 from locplan.simulation._formats import in_metres
-from locplan.simulation._settings import differing
 from locplan.simulation.choice._choice import Choice, count_of, in_one_line
 
 if TYPE_CHECKING:
@@ -92,8 +91,7 @@ def _titles(choice: Choice) -> list[str]:
     name = choice.costs.grid.name or "map"
     if choice.chosen is None:
         return [f"{name}: {choice.why}"]
-    own = ", ".join(differing(choice.disturbances))
-    settings = f"with {choice.amcl.title}", choice.lidar.title, count_of(choice), own
+    settings = f"with {choice.robot.title}", count_of(choice)
     return [
         f"{name}: {in_one_line(choice)}",
         "; ".join(filter(None, settings)),

@@ -9,14 +9,12 @@ import numpy as np
 
 from locplan._util.checks import instance, whole
 from locplan.costs import Costmap
-from locplan.field import Lidar
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import AnyAngle, Position
 from locplan.planners._alternatives import LONGEST
 from locplan.planners._protocol import Found
-from locplan.simulation._nav2 import read_filter, warn_of
+from locplan.robots import Robot
 from locplan.simulation._scores import Minimise
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation.choice._choose import FEW_DRIVES, check_request, choose
 
 
@@ -41,33 +39,23 @@ class SimulatedChoice:
     count."""
     longest: float = LONGEST
     """Greatest length of an alternative, in lengths of the shortest path, >= 1."""
-    params: str | None = None
-    """Nav2 parameter file of the filter, which is read where `amcl` is not given; the robot has the
-    radius of the costmap, not that of the file."""
-    amcl: Amcl | None = None
-    """Parameters of the filter; by default those of `params`, or else Nav2's defaults."""
-    disturbances: Disturbances | None = None
-    """Disturbances of the drives; by default those of a small robot indoors."""
-    lidar: Lidar | None = None
-    """Lidar of the robot; by default that of the costmap's field."""
+    robot: Robot | str | None = None
+    """The robot, or a file of it that `Robot.load` reads; its size is that of the costmap. By
+    default it has Nav2's filter, and the lidar of the costmap's field."""
     seed: int | None = None
     """Seed of the drives, >= 0; by default 1, or each seed of a comparison."""
 
     def __post_init__(self) -> None:
-        if self.params is not None and self.amcl is None:  # once: workers need no file
-            amcl, left_out = read_filter(self.params)
-            warn_of(self.params, left_out)
-            object.__setattr__(self, "amcl", amcl)
+        if isinstance(self.robot, str):  # once: workers need no file
+            object.__setattr__(self, "robot", Robot.load(self.robot))
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
         check_request(self.longest, self.minimise, self.price, self.drives)
         if self.seed is not None:
             whole("seed", self.seed, 0)
-        kinds = {"amcl": Amcl, "disturbances": Disturbances, "lidar": Lidar}
-        for name, kind in kinds.items():
-            if (given := getattr(self, name)) is not None:
-                instance(name, given, kind)
+        if self.robot is not None:
+            instance("robot", self.robot, Robot)
 
     def prepare(self) -> None:
         """Load the kernels of the planners and of the drives."""
@@ -85,9 +73,7 @@ class SimulatedChoice:
             start[:2],
             goal[:2],
             costs=costs,
-            lidar=self.lidar,
-            amcl=self.amcl,
-            disturbances=self.disturbances,
+            robot=None if isinstance(self.robot, str) else self.robot,
             longest=self.longest,
             minimise=self.minimise,
             price=self.price,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shutil
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import table
 from locplan.simulation._drives import PROFILE
 from locplan.simulation._formats import digits_of
-from locplan.simulation._settings import differing
 from locplan.simulation._writing import file_name, write_json, write_rows
 from locplan.simulation.choice._choice import (
     MANY_LOST,
@@ -52,17 +50,15 @@ WIDE, WIDEST = 105, 120
 """Usual and greatest width of the whole table [characters]; narrower terminals get less of it."""
 COMMON = ("rmse", "lost")
 """What is minimised that has a column in any case; the others' takes that of degenerate metres."""
+LEFT_OUT = "left out, since the robot's outline meets a wall: "
 NAME_LENGTH = 60
 """Greatest number of characters of a candidate's name in the name of its file."""
 
 
-def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
-    """Table with a row per candidate, the reason for the choice, and what was simulated.
-
-    `not_simulated` names parameters of the robot's filter that are left out.
-    """
+def choice_table(choice: Choice) -> str:
+    """Table with a row per candidate, the reason for the choice, and what was simulated."""
     if choice.chosen is None:
-        return f"unreachable: {choice.why}"
+        return f"{choice.status}: {choice.why}"
     width = shutil.get_terminal_size((WIDEST, 24)).columns
     whole = width >= WIDE
     front, price = choice.front, choice.price
@@ -74,15 +70,13 @@ def choice_table(choice: Choice, not_simulated: Sequence[str] = ()) -> str:
         *(["median: of the error on the way; kept: RMSE of drives not lost; all: of all"] * whole),
         "lost: > 1 m at any time",
     ]
-    kinds = ", ".join(differing(choice.disturbances))
     lines = [
         in_one_line(choice),
         *([_about_nearly(choice, choice.nearly)] if choice.nearly else []),
         *([f"{price:g} m of detour count as much as half the error"] if price else []),
         *([UNTUNED] if choice.chosen.drives.lost_rate.value >= MANY_LOST else []),
-        f"with {choice.amcl.title}; {choice.lidar.title}; {count_of(choice)}",
-        *([f"disturbances: {kinds}"] if kinds else []),
-        *([f"not simulated: {', '.join(not_simulated)}"] if not_simulated else []),
+        *([LEFT_OUT + ", ".join(choice.left_out)] if choice.left_out else []),
+        f"with {choice.robot.title}; {count_of(choice)}",
     ]
     said = ["; ".join(heads), *lines]
     wrapped = [part for line in said for part in textwrap.wrap(line, min(width, WIDE))]
@@ -120,9 +114,7 @@ def _about_nearly(choice: Choice, nearly: Candidate) -> str:
     return f"{nearly.name} does nearly as well, {at_length(choice.shortest, nearly)}"
 
 
-def write_choice(
-    results: ResultFolder, choice: Choice, not_simulated: Sequence[str] = ()
-) -> list[Path]:
+def write_choice(results: ResultFolder, choice: Choice) -> list[Path]:
     """Write choice.json, choice.png, the paths, and tables of the candidates and their errors.
 
     Raises
@@ -136,7 +128,7 @@ def write_choice(
     names = {each.name: _file_of(n, each.name) for n, each in enumerate(choice.candidates, 1)}
     with results.writing() as folder:
         about, picture, candidates, chosen, errors = (folder / name for name in CHOICE.names)
-        write_json(about, choice_summary(choice, not_simulated))
+        write_json(about, choice.summary())
         save_figure(_figures.choice_figure(choice), picture)
         every, front = choice.candidates, choice.front
         rows = (_values(choice, each, names[each.name], each in front) for each in every)
@@ -149,11 +141,6 @@ def write_choice(
         write_rows(errors, ["path", *PROFILE], profiles)
         written = sorted(file.name for file in folder.iterdir())
     return [results.folder / name for name in written]
-
-
-def choice_summary(choice: Choice, not_simulated: Sequence[str] = ()) -> dict[str, object]:
-    """Summary of a choice with the names of what is not simulated, fit for JSON."""
-    return {**choice.summary(), "not_simulated": list(not_simulated)}
 
 
 def _values(choice: Choice, each: Candidate, file: str, on_front: bool) -> list[str | float]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +14,10 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
+from locplan.field import equipped
 from locplan.planners import Plan
 from locplan.planners._plan import AWARE, SHORTEST
+from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._formats import digits_of
 from locplan.simulation._motion import poses_along
@@ -29,7 +29,6 @@ from locplan.simulation._scores import (
     log_errors,
     worst_error,
 )
-from locplan.simulation._settings import Amcl, Disturbances, lidar_of
 from locplan.simulation._simulator import Simulator
 from locplan.simulation.choice._choice import MANY_LOST, UNTUNED
 from locplan.simulation.choice._choose import FEW_DRIVES
@@ -54,14 +53,8 @@ class Verdict:
     """Drives of both paths by label, in pairs of one world and seed; none if they are one path."""
     log_errors: Mapping[str, float]
     """Mean over the drives of the logarithm of the position's RMSE (m), by label [ln m]."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    amcl: Amcl
-    """Parameters of the robot's filter."""
-    disturbances: Disturbances
-    """Noise, errors of odometry, and how the worlds differ from the map."""
-    not_simulated: tuple[str, ...]
-    """Names of the robot's parameters that were not simulated."""
+    robot: Robot
+    """The robot that was simulated."""
     seed: int
     """Seed of the worlds and the drives, of which the n-th of both paths have the same."""
 
@@ -86,11 +79,8 @@ class Verdict:
                 }
                 for label, each in self.drives.items()
             },
-            "not_simulated": list(self.not_simulated),
             "seed": self.seed,
-            "lidar": dataclasses.asdict(self.lidar),
-            "amcl": dataclasses.asdict(self.amcl),
-            "disturbances": dataclasses.asdict(self.disturbances),
+            "robot": self.robot.summary(),
         }
         return finite(about)
 
@@ -98,11 +88,8 @@ class Verdict:
 def verdict(
     costs: Costmap,
     plans: Mapping[str, Plan],
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
-    not_simulated: Sequence[str] = (),
     drives: int = FEW_DRIVES,
     seed: int = 1,
     threads: int | None = None,
@@ -120,14 +107,9 @@ def verdict(
         Costmap on which the paths were planned.
     plans : mapping of str to Plan
         Both plans, as `locplan.planners.plan_beside_shortest` gives them.
-    lidar : Lidar, optional
-        The robot's lidar; by default that of the costmap's field.
-    amcl : Amcl, optional
-        Parameters of its filter; Nav2's defaults without them, see `read_amcl`.
-    disturbances : Disturbances, optional
-        Noise, errors of odometry, and how the worlds differ from the map.
-    not_simulated : sequence of str, default ()
-        Names of the robot's parameters that are not simulated, which the verdict tells.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     drives : int, default 8
         Number of drives of each path, 2 to 100,000. Raise it where the verdict is close.
     seed : int, default 1
@@ -166,9 +148,7 @@ def verdict(
     shortest, aware = plans[SHORTEST].path, plans[AWARE].path
     simulator = Simulator(
         costs.grid,
-        lidar=lidar or lidar_of(costs.settings.config if costs.settings else None),
-        amcl=amcl,
-        disturbances=disturbances,
+        equipped(robot, costs.settings.config if costs.settings else None),
         seed=seed,
         threads=threads,
     )
@@ -196,15 +176,12 @@ def verdict(
         more_lost = driven[AWARE].lost.mean() - driven[SHORTEST].lost.mean() >= CLEARLY_FEWER
         recommended = AWARE if gained <= CLEARLY and not more_lost else SHORTEST
         worse = more_lost or gained >= -CLEARLY
-        text = _of_drives(recommended, worse, scores, driven, simulator.amcl)
+        text = _of_drives(recommended, worse, scores, driven, simulator.robot.filter)
         before, after = (math.exp(scores[label]) for label in (SHORTEST, AWARE))
         lost = int(driven[SHORTEST].lost.sum())
         if recommended == AWARE and is_slight(before, after, lost):
             text += SLIGHT
-    if not_simulated and driven:
-        text += f" (not simulated: {', '.join(not_simulated)})"
-    settings = simulator.lidar, simulator.amcl, simulator.disturbances
-    return Verdict(recommended, text, driven, scores, *settings, tuple(not_simulated), seed)
+    return Verdict(recommended, text, driven, scores, simulator.robot, seed)
 
 
 def is_one_way(path: Path, other: Path) -> bool:

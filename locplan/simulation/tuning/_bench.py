@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,13 @@ from locplan._util.checks import FARTHEST
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
+from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation._arguments import Arguments, arguments_of, beam_scores, reach_of
 from locplan.simulation._drives import LOST
 from locplan.simulation._motion import Poses, poses_along
 from locplan.simulation._scores import FLOOR
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import DRIVE, Simulator, random_of
 from locplan.simulation.tuning._space import LEVELS, Level
 
@@ -224,7 +223,7 @@ class Bench(AnyBench):
 
     Parameters
     ----------
-    grid, lidar, disturbances, seed
+    grid, robot, seed
         See `Simulator`; all settings have the same worlds and seeds.
     paths : sequence of Path
         The paths that are driven.
@@ -237,8 +236,7 @@ class Bench(AnyBench):
     def __init__(
         self,
         grid: OccupancyGrid,
-        lidar: Lidar,
-        disturbances: Disturbances,
+        robot: Robot,
         paths: Sequence[Path],
         drives: int,
         *,
@@ -248,8 +246,7 @@ class Bench(AnyBench):
         self.simulators = [
             Simulator(
                 grid,
-                lidar=lidar,
-                disturbances=level.of(disturbances),
+                level.of(robot),
                 seed=seed,
                 threads=threads,
             )
@@ -258,7 +255,7 @@ class Bench(AnyBench):
         first = self.simulators[0]
         lines = [first.on_grid(poses_along(path, grid)) for path in paths]
         own: Any = {"seed": seed, "threads": first.threads}
-        super().__init__(grid, first.lidar, LEVELS, lines, drives, **own)
+        super().__init__(grid, first.robot.known_lidar, LEVELS, lines, drives, **own)
         self.lengths = np.array([path.length for path in paths])
 
     def arguments(self, amcl: Amcl) -> list[Arguments]:
@@ -267,7 +264,7 @@ class Bench(AnyBench):
             _ = each.worlds  # made once, not by every thread
         scores = self.scores(amcl)
         return [
-            arguments_of(each.grid, each.lidar, amcl, each.disturbances, scores=scores)
+            arguments_of(each.grid, replace(each.robot, filter=amcl), scores=scores)
             for each in self.simulators
         ]
 

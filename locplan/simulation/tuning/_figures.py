@@ -78,7 +78,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     lost.set_title(f"share of all {runs}, 95 %", fontsize="medium")
     verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
     title = (
-        f"{tuning.grid.name or 'map'}, {tuning.lidar.title}: {tuning.paths} {what},"
+        f"{tuning.grid.name or 'map'}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
         f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}"
     )
     most = int(LETTERS * WIDTH)

@@ -7,11 +7,16 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
+from locplan._util.plain_yaml import scalar_text
 from locplan.errors import LocplanError
-from locplan.maps._parameter_edits import edited_parameters, scalar_text
-from locplan.maps._ros_parameters import file_and_robot
-from locplan.simulation._nav2 import ParameterWarning, other_parameters, read_amcl
-from locplan.simulation._settings import Amcl
+from locplan.robots import (
+    Amcl,
+    ParameterWarning,
+    edited_parameters,
+    file_and_robot,
+    read_amcl,
+    read_parameters,
+)
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import NAMES, Value, axes_of
 
@@ -81,7 +86,7 @@ def check_written(file: Path, winner: Amcl, params: Path | None = None) -> None:
 
 def _without_skips(params: Path, values: Mapping[str, Value]) -> dict[str, float | str | bool]:
     """Values to write, with beams not skipped where that had no effect, and would have one."""
-    skips = other_parameters(params).get("do_beamskip")
+    skips = read_parameters(params).of("amcl").get("do_beamskip")
     turned = skips and values.get("laser_model_type") == PRODUCT
     return {**values, "do_beamskip": False} if turned else {**values}
 

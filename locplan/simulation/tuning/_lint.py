@@ -9,8 +9,7 @@ import numpy as np
 
 from locplan._util.checks import is_number
 from locplan.costs import ROBOT_RADIUS
-from locplan.field import Lidar
-from locplan.simulation._settings import Amcl
+from locplan.robots import Amcl, Lidar
 from locplan.simulation._simulator import BEAMS, Simulator, random_of
 
 UNLIMITED = 100.0

@@ -41,7 +41,7 @@ def tuning_table(tuning: Tuning) -> str:
         *names,
         *_explained(tuning),
         *_gains(tuning),
-        f"{tuning.lidar.title}: {tuning.beams_left}",
+        f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
         *(f"warning: {each}" for each in tuning.lints),
         conclusion(tuning),
     ]

@@ -11,9 +11,8 @@ import numpy as np
 
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
 from locplan._util.tables import finite
-from locplan.field import Lidar
 from locplan.maps import OccupancyGrid
-from locplan.simulation._settings import Amcl, Disturbances
+from locplan.robots import Amcl, Robot
 from locplan.simulation.tuning._bench import AnyBench
 from locplan.simulation.tuning._lint import BeamsLeft
 from locplan.simulation.tuning._space import (
@@ -118,12 +117,8 @@ class Tuning:
 
     grid: OccupancyGrid
     """The map."""
-    lidar: Lidar
-    """Lidar of the robot."""
-    disturbances: Disturbances
-    """Disturbances at the level `x1`."""
-    own: Amcl
-    """The user's own settings."""
+    robot: Robot
+    """The robot, with the user's own settings of AMCL, at the level `x1`."""
     candidate: Amcl
     """Settings that the search found, which may be the user's own."""
     judged: tuple[Judged, ...]
@@ -151,6 +146,11 @@ class Tuning:
     def __repr__(self) -> str:
         changes = described(self.own, self.winner)
         return f"Tuning({self.grid.name or 'map'}, {changes or 'nothing is clearly better'})"
+
+    @property
+    def own(self) -> Amcl:
+        """The user's own settings."""
+        return self.robot.filter
 
     @property
     def levels(self) -> tuple[Level, ...]:
@@ -194,15 +194,12 @@ class Tuning:
             "drives": self.drives,
             "seed": self.seed,
             "judged_seed": self.judged_seed,
-            "lidar": dataclasses.asdict(self.lidar),
+            "robot": self.robot.summary(),
             "drive": self.drive or None,
             "levels": None
             if self.drive
             else [
-                {
-                    "name": level.name,
-                    "disturbances": dataclasses.asdict(level.of(self.disturbances)),
-                }
+                {"name": level.name, "robot": level.of(self.robot).summary()}
                 for level in self.levels
             ],
         }

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan._util.progress import ProgressCallback
-from locplan.simulation._settings import Amcl
+from locplan.robots import Amcl
 from locplan.simulation.tuning._bench import AnyBench
 from locplan.simulation.tuning._space import changed_axes
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan.simulation._settings import MODELS, OMNIDIRECTIONAL, Amcl, Disturbances
+from locplan.robots import MODELS, OMNIDIRECTIONAL, Amcl, Robot
 
 Value = float | str
 """A value of a parameter."""
@@ -84,17 +84,14 @@ class Level:
     clutter: float
     """Factor on the shares of outliers, of occluded scans and of cells that differ."""
 
-    def of(self, disturbances: Disturbances) -> Disturbances:
-        """Disturbances at this level."""
-        changes: dict[str, float] = {}
-        for name in ("distance_drift", "heading_drift_deg", "turn_drift_deg"):
-            changes[name] = getattr(disturbances, name) * self.odometry
-        for name in ("distance_bias", "heading_bias_deg", "turn_bias"):
-            changes[name] = getattr(disturbances, name) * self.odometry
+    def of(self, robot: Robot) -> Robot:
+        """The robot at this level."""
+        odometry = dataclasses.asdict(robot.odometry)
+        changes = {name: value * self.odometry for name, value in odometry.items()}
         for name in ("boundary_noise", "outliers", "occlusion"):
-            share = getattr(disturbances, name)
+            share = getattr(robot.disturbances, name)
             changes[name] = min(share * self.clutter, max(share, MAX_CLUTTER))
-        return dataclasses.replace(disturbances, **changes)  # type: ignore[arg-type]
+        return robot.changed(changes)
 
 
 LEVELS = (Level("x1/3", 1 / 3, 0.5), Level("x1", 1.0, 1.0), Level("x3", 3.0, 2.0))

@@ -5,16 +5,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from locplan._util.checks import instance, whole
+from locplan._util.checks import whole
 from locplan._util.machine import check_memory
 from locplan._util.progress import ProgressCallback
-from locplan.costs import ROBOT_RADIUS, Costmap
-from locplan.field import Lidar
+from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
+from locplan.robots import Robot
 from locplan.simulation._drives import check_drives
-from locplan.simulation._settings import Amcl, Disturbances
 from locplan.simulation._simulator import Simulator, random_of
 from locplan.simulation.tuning._bench import AnyBench, Bench, random_paths
+from locplan.simulation.tuning._files import PRODUCT
 from locplan.simulation.tuning._lint import BeamsLeft, beams_left, lint
 from locplan.simulation.tuning._results import NAV2, OWN, Tuning, judged
 from locplan.simulation.tuning._search import Search
@@ -30,13 +30,10 @@ SEARCH, JUDGE, DRAW = 11, 12, 13
 
 def tune(
     grid: OccupancyGrid,
+    robot: Robot | None = None,
     *,
-    lidar: Lidar | None = None,
-    amcl: Amcl | None = None,
-    disturbances: Disturbances | None = None,
     paths: int = PATHS,
     drives: int = DRIVES,
-    robot_radius: float = ROBOT_RADIUS,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -56,19 +53,14 @@ def tune(
     ----------
     grid : OccupancyGrid
         The map.
-    lidar : Lidar, optional
-        The robot's lidar; by default one of 6 m that sees all round.
-    amcl : Amcl, optional
-        The user's own settings, from which the search begins; Nav2's by default.
-    disturbances : Disturbances, optional
-        Disturbances at the level in the middle; by default those of a small robot indoors.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
     paths : int, default 20
         Number of random paths, 5 to 1000; the search and the judgement have their own. More of
         them narrow the intervals.
     drives : int, default 8
         Number of drives along each path at each level, 2 to 100,000.
-    robot_radius : float, default 0.25
-        Radius of the robot [m], >= 0.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1
@@ -93,30 +85,28 @@ def tune(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> result = tune(grid, amcl=Amcl(min_particles=20, max_particles=20), paths=5, drives=2)
+    >>> robot = locplan.Robot().changed({"min_particles": 20, "max_particles": 20})
+    >>> result = tune(grid, robot, paths=5, drives=2)
     >>> result.judged[0].name, result.winner.min_particles
     ('your settings', 20)
     """
     check_grid(grid)
     whole("paths", paths, MIN_PATHS, MAX_PATHS)
     check_drives(drives)
-    own = amcl or Amcl()
-    instance("amcl", own, Amcl)
-    about = Simulator(
-        grid, lidar=lidar, amcl=own, disturbances=disturbances, seed=seed, threads=threads
+    about = Simulator(grid, robot=robot, seed=seed, threads=threads)
+    size = 5 * grid.cells.size * len(LEVELS) * about.robot.disturbances.worlds
+    check_memory(
+        f"{len(LEVELS)} levels of {about.robot.disturbances.worlds} worlds", size, "set fewer"
     )
-    size = 5 * grid.cells.size * len(LEVELS) * about.disturbances.worlds
-    check_memory(f"{len(LEVELS)} levels of {about.disturbances.worlds} worlds", size, "set fewer")
-    costs = Costmap.blank(grid, robot_radius=robot_radius)
-    left = beams_left(about, robot_radius=robot_radius)
+    costs = Costmap.blank(grid, robot_radius=about.robot.radius)
+    left = beams_left(about, robot_radius=about.robot.radius)
 
     def bench_of(stream: int) -> Bench:
         own_seed = int(random_of(seed, stream).integers(2**31))
         lines = random_paths(costs, paths, own_seed)
         return Bench(
             grid,
-            about.lidar,
-            about.disturbances,
+            about.robot,
             lines,
             drives,
             seed=own_seed,
@@ -125,8 +115,7 @@ def tune(
 
     return searched(
         bench_of,
-        about.disturbances,
-        own,
+        about.robot,
         paths,
         drives,
         left=left,
@@ -138,8 +127,7 @@ def tune(
 
 def searched(
     bench_of: Callable[[int], AnyBench],
-    disturbances: Disturbances,
-    own: Amcl,
+    robot: Robot,
     paths: int,
     drives: int,
     *,
@@ -151,7 +139,7 @@ def searched(
     notes: Sequence[str] = (),
 ) -> Tuning:
     """Search on one bench and judge on another, which `bench_of` makes of `SEARCH` and `JUDGE`."""
-    steps = _steps(progress)
+    steps, own = _steps(progress), robot.filter
     bench = bench_of(SEARCH)
     search = Search(bench, own, paths, drives)
     found = search.run(candidates(own, random_of(seed, DRAW)), steps)
@@ -160,14 +148,15 @@ def searched(
     for each in (found.kept, found.frugal, found.best):
         names.setdefault(each, described(own, each))
     order = dict.fromkeys([own, found.kept, found.frugal, found.best, defaults])
+    changes_model = found.kept.laser_model_type == PRODUCT != own.laser_model_type
+    if changes_model and (others or {}).get("do_beamskip"):
+        notes = (*notes, SKIPS)
     del bench, search
     judge = bench_of(JUDGE)
     judge.drive([*order], paths, drives, progress=next(steps))
     return Tuning(
         judge.grid,
-        judge.lidar,
-        disturbances,
-        own,
+        robot,
         found.kept,
         tuple(judged(judge, names[each], each, own) for each in order),
         found.without,
@@ -182,6 +171,10 @@ def searched(
     )
 
 
+SKIPS = (
+    "do_beamskip becomes false with the laser model, since only this one reads it, and it was not"
+    " simulated"
+)
 SHARES = (0.17, 0.2, 0.23, 0.13, 0.27)
 """Shares of the time that the steps take: three rungs, what is put back, and the judgement."""
 

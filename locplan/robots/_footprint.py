@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import shown
-from locplan.costs._path import Path
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 
@@ -90,7 +89,13 @@ class Footprint:
         normals = _normals(self.vertices)
         return float((np.sum(self.vertices * normals, axis=1) / np.hypot(*normals.T)).min())
 
-    def first_collision(self, grid: OccupancyGrid, path: Path) -> tuple[float, float] | None:
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Footprint) and np.array_equal(self.vertices, other.vertices)
+
+    def __hash__(self) -> int:
+        return hash(self.vertices.tobytes())
+
+    def first_collision(self, grid: OccupancyGrid, poses: Any) -> tuple[float, float] | None:
         """Position along a path where the outline first meets an occupied cell, or None.
 
         A path without headings is driven forward: the robot heads along each line and turns on
@@ -101,8 +106,9 @@ class Footprint:
         ----------
         grid : OccupancyGrid
             The map.
-        path : Path
-            The path of the robot's centre in the world, with or without headings.
+        poses : Path, or (n, 2) or (n, 3) array
+            Positions of the robot's centre along the path in the world, with headings or without
+            [m, m, rad].
 
         Returns
         -------
@@ -111,7 +117,9 @@ class Footprint:
         """
         outline = self.vertices / grid.resolution
         occupied = grid.cells == OCCUPIED
-        for xy, to, heading, turn in _moves(grid, path):
+        for xy, to, heading, turn in _moves(
+            grid, np.asarray(getattr(poses, "poses", poses), np.float64)
+        ):
             count = max(1, math.ceil(abs(turn) / TURN))
             grown = outline / math.cos(turn / count / 2)
             for part in range(count):
@@ -124,12 +132,12 @@ class Footprint:
 
 
 def _moves(
-    grid: OccupancyGrid, path: Path
+    grid: OccupancyGrid, poses: NDArray[np.float64]
 ) -> Iterator[tuple[NDArray[Any], NDArray[Any], float, float]]:
     """Start and end (col, row), first heading and turn [rad] of each move along a path."""
-    lines = itertools.pairwise(np.column_stack(grid.world_to_grid(*path.xy.T))[:, ::-1])
-    if path.heading is not None:
-        turns = itertools.pairwise(path.heading - grid.origin[2])
+    lines = itertools.pairwise(np.column_stack(grid.world_to_grid(*poses[:, :2].T))[:, ::-1])
+    if poses.shape[1] == 3:
+        turns = itertools.pairwise(poses[:, 2] - grid.origin[2])
         for (xy, to), (heading, after) in zip(lines, turns, strict=True):
             yield xy, to, heading, math.remainder(after - heading, 2 * math.pi)
         return

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import copy
 import os
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan._util.checks import file_path, shown
+from locplan._util.plain_yaml import (
+    ROS_BOOLEANS,
+    ROS_NUMBER,
+    SCALAR_TAGS,
+    compose,
+    fault_of,
+    read_content,
+)
 from locplan.errors import LocplanError
-from locplan.maps._yaml import SCALAR_TAGS, compose, fault_of, read_content
 
 if TYPE_CHECKING:
     import yaml
@@ -27,10 +33,6 @@ MAX_BYTES = 2**17
 MAX_VALUES = 100_000
 """Greatest number of values in a file, those that aliases stand for included."""
 REMEDY = "give Nav2's parameters"
-ROS_BOOLEANS = {"y": True, "Y": True, "n": False, "N": False}
-"""Plain words that are booleans to ROS, but texts to PyYAML."""
-ROS_NUMBER = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+")
-"""Plain words that are numbers to ROS, but texts to PyYAML."""
 Parameters = dict[str, Any]
 
 
@@ -50,20 +52,37 @@ class Nav2Parameters:
     """Namespace of the robot, such as "/robot1"."""
 
     def entries(self, node: str) -> list[Entry]:
-        """The entries for a node, such as amcl or global_costmap/global_costmap, as they count."""
+        """The entries for a node, in the order in which they count.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node, such as amcl or global_costmap/global_costmap.
+        """
         return [each for each in _entries(self.content) if each.is_for(f"{self.namespace}/{node}")]
 
     def of(self, node: str, *, shared: bool = True) -> Parameters:
         """Parameters of a node by their names in ROS, such as GridBased.plugin.
 
-        `shared` says whether those for nodes of any name are among them.
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        shared : bool, default True
+            Whether those for nodes of any name are among them.
         """
         entries = [each for each in self.entries(node) if shared or not each.is_shared]
         leaves = (leaf for each in entries for leaf in _leaves(each.parameters))
         return {".".join(path): value for path, value in leaves}
 
     def place(self, node: str, name: str) -> tuple[str, ...]:
-        """The keys that lead to the value in force of a parameter, or to where it belongs."""
+        """The keys that lead to the value in force of a parameter, or to where it belongs.
+
+        Parameters
+        ----------
+        node, name : str
+            Names of the node and the parameter.
+        """
         entries = self.entries(node)
         for entry in reversed(entries):
             for path, _ in _leaves(entry.parameters):
@@ -74,8 +93,36 @@ class Nav2Parameters:
         new = tuple(filter(None, f"{self.namespace}/{node}".split("/")))
         return (*(alone or own or [new])[-1], PARAMETERS, *name.split("."))
 
+    def names(self, node: str, name: str, default: Sequence[str] = ()) -> list[str]:
+        """The names that a parameter of a node lists, or others without any.
+
+        Parameters
+        ----------
+        node, name : str
+            Names of the node and the parameter.
+        default : sequence of str, default ()
+            The names where the parameter is missing.
+
+        Raises
+        ------
+        LocplanError
+            If the parameter is no list of names.
+        """
+        listed = self.of(node).get(name) or list(default)
+        if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
+            raise LocplanError(f"{name} must be a list of names, not {shown(listed)}")
+        return list(listed)
+
     def changed(self, node: str, values: Mapping[str, Any]) -> Nav2Parameters:
-        """Parameters with other values for a node, which stand where those in force stood."""
+        """Parameters with other values for a node, which stand where those in force stood.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        values : mapping
+            Values by the names of the parameters.
+        """
         content = copy.deepcopy(self.content)
         for name, value in values.items():
             *path, last = self.place(node, name)
@@ -148,7 +195,18 @@ def read_parameters(path: str | os.PathLike[str] | None) -> Nav2Parameters:
 
 
 def file_and_robot(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
-    """The file that a path names, and the robot's name after a colon, if there is one."""
+    """The file that a path names, and the robot's name after a colon, if there is one.
+
+    Parameters
+    ----------
+    path : path
+        The file, or "FILE:NAMESPACE".
+
+    Raises
+    ------
+    LocplanError
+        If the path can name no file.
+    """
     file = file_path("a file of Nav2's parameters", path)
     name, colon, robot = str(file).rpartition(":")
     if colon and not file.exists() and Path(name).is_file():
@@ -160,7 +218,7 @@ def parameters_of(file: Path, content: bytes, robot: str | None = None) -> Nav2P
     """Parameters in the content of a file; see `read_parameters`."""
     root = compose(file, content, REMEDY)
     try:
-        values = None if root is None else _Values().of(root)
+        values = None if root is None else PlainValues().of(root)
     except (OverflowError, RecursionError):
         fault = f"its aliases stand for over {MAX_VALUES} values"
         raise fault_of(file, fault, "write out what they stand for") from None
@@ -177,7 +235,10 @@ def parameters_of(file: Path, content: bytes, robot: str | None = None) -> Nav2P
         )
     for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
         for name in ("plugins", "filters", "planner_plugins"):
-            listed_names(parameters.of(node), name, [], file)
+            try:
+                parameters.names(node, name)
+            except LocplanError as error:
+                raise LocplanError(f"{file}: {error}") from None
     return parameters
 
 
@@ -227,19 +288,7 @@ def _leaves(
             yield (*above, key), value
 
 
-def listed_names(
-    parameters: Mapping[str, Any],
-    name: str,
-    default: list[str],
-    path: str | os.PathLike[str] | None = None,
-) -> list[str]:
-    names = parameters.get(name) or default
-    if not isinstance(names, list) or not all(isinstance(one, str) for one in names):
-        raise LocplanError(f"{path}: {name} must be a list of names, not {shown(names)}")
-    return list(names)
-
-
-class _Values:
+class PlainValues:
     """The values of YAML's nodes; an OverflowError if there are more than `MAX_VALUES`."""
 
     def __init__(self) -> None:

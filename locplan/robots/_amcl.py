@@ -1,25 +1,21 @@
-"""Settings of a simulation: the filter, configured as AMCL is, and the disturbances."""
+"""The robot's filter, configured as Nav2's AMCL is."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from locplan._util.checks import (
     Settings,
+    differing,
     instance,
     keep_checked,
     number,
     one_of,
     positive,
-    shown,
     whole,
 )
 from locplan.errors import ConfigError
-from locplan.field import FieldConfig, Lidar
-from locplan.field.estimators._sad import PAPER_RANGE
 
 MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
 DIFFERENTIAL: Final = "nav2_amcl::DifferentialMotionModel"
@@ -29,18 +25,6 @@ MAX_PARTICLES = 1_000_000
 """Greatest number of particles of a filter."""
 TITLE_NAMES = 5
 """Greatest number of parameters that a filter's title names."""
-MAX_WORLDS = 1000
-"""Greatest number of worlds that differ from the map."""
-SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
-"""Lidar that is simulated where none is named; its range is that of the paper's disc."""
-
-
-def lidar_of(config: FieldConfig | None) -> Lidar:
-    """Lidar of a field's settings; without one, a short lidar of the range that the field reads."""
-    if config is None:
-        return SHORT_LIDAR
-    own: Lidar | None = getattr(config.estimator, "lidar", None)
-    return own or dataclasses.replace(SHORT_LIDAR, range=config.estimator.reach)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -152,100 +136,3 @@ class Amcl(Settings):
         more = len(own) - TITLE_NAMES
         listed = ", ".join(own[:TITLE_NAMES])
         return f"AMCL's {listed}{f' and {more} more' if more > 0 else ''}"
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Disturbances(Settings):
-    """Disturbances of a robot: noise, errors of odometry, and worlds that differ from the map.
-
-    The defaults are those of a small robot indoors, set before anything was measured with them.
-    `locplan.recordings.calibrate_drive` finds those of a recorded drive.
-
-    Raises
-    ------
-    ConfigError
-        If a value is out of its range.
-
-    Examples
-    --------
-    >>> Disturbances(boundary_noise=0.0).worlds
-    8
-    """
-
-    boundary_noise: float = 0.1
-    """Share of the cells between free space and walls in which the world differs from the map,
-    0..1; raise it where furniture is moved or the map is old."""
-    worlds: int = 8
-    """Number of such worlds, 1 to 1000; drives take them in turn."""
-    outliers: float = 0.04
-    """Share of the beams that end at a random distance within the range, 0..1."""
-    occlusion: float = 0.2
-    """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away, 0..1;
-    raise it where people walk about."""
-    occlusion_deg: float = 20.0
-    """Width of this object in the lidar's view, 0 to 360 [deg]."""
-    distance_drift: float = 0.02
-    """Standard deviation of the reported distance after 1 m, >= 0 [m]; it grows with the root of
-    the distance."""
-    heading_drift_deg: float = 1.0
-    """Standard deviation of the reported heading after 1 m, >= 0 [deg]; it grows with the root of
-    the distance."""
-    turn_drift_deg: float = 1.0
-    """Standard deviation of the reported heading after a turn of 1 rad, >= 0 [deg]; it grows with
-    the root of the turn."""
-    distance_bias: float = 0.02
-    """Standard deviation, from drive to drive, of the factor on reported distances, >= 0 [1]."""
-    heading_bias_deg: float = 1.0
-    """Standard deviation, from drive to drive, of a reported bend to one side, >= 0 [deg/m]."""
-    turn_bias: float = 0.02
-    """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
-    start_sigma: float = 0.1
-    """Standard deviation of the filter's first position in x and y, >= 0 [m]."""
-    start_sigma_deg: float = 3.0
-    """Standard deviation of the filter's first heading, >= 0 [deg]."""
-
-    def __post_init__(self) -> None:
-        shares = ("boundary_noise", "outliers", "occlusion")
-        keep_checked(self, shares, number, 0.0, 1.0)
-        keep_checked(self, ("worlds",), whole, 1, MAX_WORLDS)
-        keep_checked(self, ("occlusion_deg",), number, 0.0, 360.0)
-        names = [each.name for each in dataclasses.fields(self)]
-        others = [name for name in names if name not in (*shares, "worlds", "occlusion_deg")]
-        keep_checked(self, others, number, 0.0)
-
-
-def differing(settings: Amcl | Disturbances) -> list[str]:
-    """Name and value of each setting that has not its default."""
-    every = [(getattr(settings, each.name), each) for each in dataclasses.fields(settings)]
-    return [f"{each.name} {_plain(value)}" for value, each in every if value != each.default]
-
-
-def _plain(value: object) -> str:
-    """Text of a parameter: a number, true or false, or a word without its package."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value).rpartition("::")[2]
-
-
-def changed(
-    amcl: Amcl, disturbances: Disturbances, changes: Mapping[str, object]
-) -> tuple[Amcl, Disturbances]:
-    """Copies of the filter's parameters and the disturbances with some fields changed by name.
-
-    Raises
-    ------
-    ConfigError
-        If neither has such a field, or a value is out of its range.
-    """
-    owners: tuple[Any, Any] = amcl, disturbances
-    known = [[each.name for each in dataclasses.fields(owner)] for owner in owners]
-    for name in changes:
-        if name not in (names := sorted(known[0] + known[1])):
-            raise ConfigError(
-                f"nothing simulated is called {shown(name)}; there are {', '.join(names)}"
-            )
-    one, other = (
-        dataclasses.replace(owner, **{name: changes[name] for name in names if name in changes})
-        for owner, names in zip(owners, known, strict=True)
-    )
-    return one, other

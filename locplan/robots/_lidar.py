@@ -16,27 +16,21 @@ from locplan._util.checks import (
     number,
     one_of,
     positive,
+    reach,
     shown,
     whole,
 )
 from locplan.errors import ConfigError
-from locplan.field._lidar_presets import PRESETS
+from locplan.robots._lidar_presets import PRESETS
 
 FULL_CIRCLE = 360.0
 FULL_CIRCLE_TOLERANCE = 0.1
 """Angle by which a scan may miss a full circle [deg]."""
 MAX_BEAMS = 100_000
-MAX_RANGE = 10_000.0
-"""Greatest range [m], beyond that of any lidar."""
 RANGE_SIGMA = 0.03
 """Default standard deviation of a measured distance [m]."""
 MIN_SIGMA = 1e-6
 """Least `range_sigma` [m]; with less, rounding errors would dominate a covariance."""
-
-
-def checked_range(name: str, value: object) -> float:
-    """Return the range of a lidar or a template as a float [m]."""
-    return number(name, positive(name, value, "m"), 0.0, MAX_RANGE)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -83,7 +77,7 @@ class Lidar(Settings):
 
     def __post_init__(self) -> None:
         keep_checked(self, ("range_sigma",), number, MIN_SIGMA)
-        keep_checked(self, ("range",), checked_range)
+        keep_checked(self, ("range",), reach)
         keep_checked(self, ("field_of_view_deg",), positive, "deg")
         keep_checked(self, ("least_range",), number, 0.0)
         if self.least_range >= self.range:
@@ -199,7 +193,7 @@ class Lidar(Settings):
         ConfigError
             If the file cannot be read, or has no ray sensor, or several.
         """
-        from locplan.field._lidar_files import read_sensor
+        from locplan.robots._lidar_files import read_sensor
 
         sensor = read_sensor(file_path("a robot's description", path))
         # Gazebo casts all samples, also where the last one of a full circle meets the first.

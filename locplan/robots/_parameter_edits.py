@@ -7,15 +7,15 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from locplan._util.plain_yaml import compose, read_content, scalar_text
 from locplan.errors import LocplanError
-from locplan.maps._ros_parameters import (
+from locplan.robots._parameters import (
     MAX_BYTES,
     REMEDY,
     file_and_robot,
     parameters_of,
     read_parameters,
 )
-from locplan.maps._yaml import compose, read_content
 
 if TYPE_CHECKING:
     import yaml
@@ -79,16 +79,6 @@ def edited_parameters(
     if read != before.changed(node, values):
         raise fault
     return made
-
-
-def scalar_text(value: float | str | bool) -> str:
-    """Text of a value that YAML and ROS read as the same value of the same type."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    text = str(value) if isinstance(value, str) else repr(value)
-    if isinstance(value, float) and "e" in text and "." not in text:
-        text = text.replace("e", ".0e")
-    return text
 
 
 def _found(mapping: Any, keys: Sequence[str]) -> tuple[yaml.Node, yaml.Node] | None:

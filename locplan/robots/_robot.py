@@ -1,0 +1,322 @@
+"""A robot: all that decides how it plans and localizes, in one object."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan import __version__
+from locplan._util.checks import Settings, differing, file_path, instance, keep, number, shown
+from locplan._util.files import check_target, replacing
+from locplan._util.plain_yaml import compose, read_content
+from locplan.errors import ConfigError
+from locplan.robots._amcl import Amcl
+from locplan.robots._disturbances import Disturbances, Odometry
+from locplan.robots._footprint import Footprint
+from locplan.robots._kinematics import Inflation, Kinematics
+from locplan.robots._lidar import Lidar
+from locplan.robots._nav2 import parts_of
+from locplan.robots._parameters import MAX_BYTES, PlainValues
+
+SUFFIXES = (".yaml", ".yml", ".json")
+DESCRIPTIONS = (".urdf", ".sdf", ".xml", ".world", ".xacro")
+"""Suffixes of robots' descriptions, which have the lidar."""
+REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
+OWN = ("footprint", "margin", "goal_tolerance")
+"""Settings of the robot itself."""
+PARTS: dict[str, type] = {
+    "lidar": Lidar,
+    "kinematics": Kinematics,
+    "inflation": Inflation,
+    "filter": Amcl,
+    "odometry": Odometry,
+    "disturbances": Disturbances,
+}
+"""The parts with settings of their own, in the order in which settings are looked up."""
+
+
+@dataclass(frozen=True, repr=False)
+class Robot(Settings):
+    """A robot with a 2D lidar: what it is, how it moves, and how it localizes.
+
+    Every part may be left out; a robot is known when its lidar is.
+
+    Raises
+    ------
+    ConfigError
+        If a part is of the wrong kind, or a value out of its range.
+
+    Examples
+    --------
+    >>> robot = Robot("turtlebot4", footprint=0.18)
+    >>> robot.lidar.range, round(robot.radius, 2)
+    (12.0, 0.23)
+    >>> robot.changed({"alpha1": 0.05}).filter
+    Amcl(alpha1=0.05)
+    """
+
+    lidar: Lidar | None = None
+    """The lidar, or its name, one of `PRESETS`; None where it is not known."""
+    footprint: Footprint | float = dataclasses.field(default=0.2, kw_only=True)
+    """The true outline, or its radius, >= 0 [m]."""
+    margin: float = dataclasses.field(default=0.05, kw_only=True)
+    """What planning adds to the outline, >= 0 [m]; Nav2's footprint_padding."""
+    kinematics: Kinematics = dataclasses.field(default=Kinematics(), kw_only=True)
+    """How the robot moves."""
+    goal_tolerance: float = dataclasses.field(default=0.25, kw_only=True)
+    """Distance from the goal at which the robot stops, >= 0 [m]."""
+    inflation: Inflation | None = dataclasses.field(default=None, kw_only=True)
+    """Inflation of the costmap that the robot's navigation plans on; None without one."""
+    filter: Amcl = dataclasses.field(default=Amcl(), kw_only=True)
+    """The filter that localizes the robot, with its parameters."""
+    odometry: Odometry = dataclasses.field(default=Odometry(), kw_only=True)
+    """Errors of the odometry."""
+    disturbances: Disturbances = dataclasses.field(default=Disturbances(), kw_only=True)
+    """Noise, and how the worlds differ from the map."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.lidar, str):
+            keep(self, lidar=Lidar.preset(self.lidar))
+        for name, kind in PARTS.items():
+            part = getattr(self, name)
+            if part is not None or name not in ("lidar", "inflation"):
+                instance(name, part, kind)
+        if not isinstance(self.footprint, Footprint):
+            keep(self, footprint=number("footprint", self.footprint, 0.0))
+        keep(self, margin=number("margin", self.margin, 0.0))
+        keep(self, goal_tolerance=number("goal_tolerance", self.goal_tolerance, 0.0))
+
+    @classmethod
+    def from_nav2(cls, path: str | os.PathLike[str], lidar: Lidar | str | None = None) -> Robot:
+        """Robot of a parameter file of Nav2.
+
+        Its filter is amcl's; footprint or robot_radius, footprint_padding and inflation are those
+        of the global costmap (or the local one, where the global one has no size); the turning
+        radius is that of the first planner that has a car-like motion model.
+
+        Parameters
+        ----------
+        path : path
+            The YAML file; where it has several robots, the namespace of one follows, as in
+            "nav2.yaml:robot1".
+        lidar : Lidar or str, optional
+            The lidar, or its name; Nav2's parameters do not say it.
+
+        Raises
+        ------
+        LocplanError
+            If the file cannot be read, or a value is out of its range.
+
+        Warns
+        -----
+        ParameterWarning
+            If parameters in the file are not simulated.
+        """
+        return cls(lidar, **parts_of(path))  # type: ignore[arg-type]
+
+    @classmethod
+    def load(cls, *paths: str | os.PathLike[str]) -> Robot:
+        """Robot of one or more files, of which later ones replace what earlier ones say.
+
+        Parameters
+        ----------
+        *paths : path
+            Files that `save` or ``locplan calibrate`` wrote, parameters of Nav2 (see `from_nav2`),
+            or a URDF or SDF with the lidar.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be read, says nothing of a robot, or a value is out of its range.
+        """
+        parts: dict[str, Any] = {}
+        for path in paths:
+            parts |= _parts_in(path)
+        return cls(**parts)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the robot as YAML, for `load` and every command's ``--robot``.
+
+        Parameters
+        ----------
+        path : path
+            The file, named *.yaml; one that is there is replaced.
+
+        Raises
+        ------
+        LocplanError
+            If the file cannot be written, or its name does not end in .yaml.
+        """
+        import yaml
+
+        target = file_path("a robot's file", path)
+        check_target(target, ".yaml")
+        content = {"locplan": __version__, "robot": self.summary()}
+        with replacing(target) as temporary:
+            text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+            temporary.write_text(text, encoding="utf-8")
+
+    def summary(self) -> dict[str, Any]:
+        """All settings by the names of the fields, fit for JSON and YAML."""
+        about = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        for name in PARTS:
+            about[name] = None if about[name] is None else dataclasses.asdict(about[name])
+        if isinstance(self.footprint, Footprint):
+            about["footprint"] = self.footprint.vertices.tolist()
+        return about
+
+    @classmethod
+    def from_summary(cls, about: Mapping[str, Any]) -> Robot:
+        """Robot of what `summary` gave; what is missing has its default.
+
+        Parameters
+        ----------
+        about : mapping
+            Settings by the names of the fields.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such setting, or a value is out of its range.
+        """
+        return cls(**_made(about))
+
+    @property
+    def digest(self) -> str:
+        """Digest of all settings, 16 hexadecimal digits."""
+        text = json.dumps(self.summary(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @property
+    def title(self) -> str:
+        """The lidar, the size, and what differs from the defaults, in one line for people."""
+        lidar = self.lidar.title if self.lidar else "no lidar named"
+        outline = self.footprint if isinstance(self.footprint, Footprint) else None
+        size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
+        others = [*differing(self.odometry), *differing(self.disturbances)]
+        changed = f", {', '.join(others)}" if others else ""
+        return f"{lidar}; {size} + {self.margin:g} m; {self.filter.title}{changed}"
+
+    @property
+    def known_lidar(self) -> Lidar:
+        """The lidar; a ConfigError where it is not known."""
+        if self.lidar is None:
+            raise ConfigError('the lidar is not known; name it, as in Robot("turtlebot4")')
+        return self.lidar
+
+    @property
+    def outline(self) -> Footprint | None:
+        """The footprint, where it is no circle."""
+        return self.footprint if isinstance(self.footprint, Footprint) else None
+
+    @property
+    def radius(self) -> float:
+        """Radius of the largest circle in the outline, with the margin [m]."""
+        inner = self.footprint
+        return (inner.inscribed_radius if isinstance(inner, Footprint) else inner) + self.margin
+
+    def changed(self, changes: Mapping[str, Any]) -> Robot:
+        """Robot with other settings, whichever part they belong to.
+
+        A setting of a lidar that is not known makes one, of 12 m that sees all round by default.
+
+        Parameters
+        ----------
+        changes : mapping of str to value
+            Values by the names of the settings, such as ``{"alpha1": 0.05, "margin": 0.1}``.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such setting, or a value is out of its range.
+        """
+        parts: dict[str, dict[str, Any]] = {}
+        own: dict[str, Any] = {}
+        for name, value in changes.items():
+            part = next((part for part, kind in PARTS.items() if name in _names(kind)), None)
+            if part is not None:
+                parts.setdefault(part, {})[name] = value
+            elif name in OWN:
+                own[name] = _footprint(value) if name == "footprint" else value
+            else:
+                raise ConfigError(
+                    f"a robot has no setting {shown(name)}; it has {', '.join(_all_names())}"
+                )
+        for part, given in parts.items():
+            own[part] = dataclasses.replace(getattr(self, part) or PARTS[part](), **given)
+        return dataclasses.replace(self, **own)
+
+
+def _names(kind: type) -> list[str]:
+    return [each.name for each in dataclasses.fields(kind)]
+
+
+def _all_names() -> list[str]:
+    return [*OWN, *chain.from_iterable(map(_names, PARTS.values()))]
+
+
+def _footprint(value: Any) -> Any:
+    return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
+
+
+def _parts_in(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file says of a robot, by the names of the fields."""
+    file = file_path("a robot's file", path)
+    if file.suffix.lower() in DESCRIPTIONS:
+        return {"lidar": Lidar.from_file(file)}
+    if file.suffix.lower() in SUFFIXES and file.exists():
+        content = _content_of(file)
+        if isinstance(content.get("robot"), dict):
+            try:
+                parts = _made(content["robot"])
+                Robot(**parts)  # refuses what is out of range, beside the file's name
+            except ConfigError as error:
+                raise ConfigError(f"{path}: {error}") from None
+            return parts
+        if file.suffix.lower() == ".json":  # a calibration that is older, or one of a field alone
+            raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
+    return parts_of(path)
+
+
+def _content_of(file: Path) -> dict[Any, Any]:
+    root = compose(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+    content = None if root is None else PlainValues().of(root)
+    return content if isinstance(content, dict) else {}
+
+
+def _made(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Parts of a robot that plain data describe."""
+    known = _names(Robot)
+    made: dict[str, Any] = {}
+    for name, value in about.items():
+        if name not in known:
+            raise ConfigError(f"a robot has no {shown(name)}; it has {', '.join(known)}")
+        made[name] = _part(name, value) if name in PARTS else value
+    if "footprint" in made:
+        made["footprint"] = _footprint(made["footprint"])
+    return made
+
+
+def _part(name: str, value: Any) -> Any:
+    kind = PARTS[name]
+    if value is None or isinstance(value, str):
+        return value  # no such part, or the name of a lidar
+    known = _names(kind)
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
+    for each in value:
+        if each not in known:
+            raise ConfigError(f"{name} has no {shown(each)}; it has {', '.join(known)}")
+    try:
+        return kind(**value)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from None
