@@ -181,7 +181,7 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         (lambda g, f, c: simulate(g, Path([(2, 3), (4, 3)])), "paths must be a mapping of names"),
         (
             lambda g, f, c: Simulator(g, robot="utm-30lx"),
-            "robot must be a Robot, not 'utm-30lx'; such as locplan.Robot(",
+            "robot must be a Robot, not 'utm-30lx'; such as",
         ),
         (lambda g, f, c: Simulator(g, Robot(filter=3)), "filter must be an Amcl"),
         (lambda g, f, c: Found(Path([(0, 0)]), "timeout"), "a path is found: its status is solved"),

@@ -128,7 +128,7 @@ def fit_to_map(
 
     Examples
     --------
-    >>> from locplan.field import Lidar
+    >>> from locplan.robots import Lidar
     >>> from locplan.maps import environments
     >>> grid = environments.make("two_corridors", resolution=0.1)
     >>> lidar = Lidar(range=4.0, field_of_view_deg=180.0, beams=2)

@@ -46,7 +46,7 @@ FAR = 5.0
 class OdometryNoise:
     """Noise of odometry with 95 % intervals over blocks of the drive of 4 m.
 
-    Drifts and biases are those of `locplan.simulation.Disturbances`. A bias is that of this drive:
+    Drifts and biases are those of `locplan.robots.Odometry`. A bias is that of this drive:
     its size stands for the deviation from drive to drive.
     """
 

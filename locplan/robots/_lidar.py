@@ -98,7 +98,7 @@ class Lidar(Settings):
         Parameters
         ----------
         name : str
-            One of `locplan.field.PRESETS`, such as "rplidar-a1" or "turtlebot3", which has the
+            One of `locplan.robots.PRESETS`, such as "rplidar-a1" or "turtlebot3", which has the
             values and their sources, too.
 
         Raises

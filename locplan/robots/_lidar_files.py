@@ -41,7 +41,7 @@ def read_sensor(file: Path) -> Sensor:
     if file.suffix.lower() in (".yaml", ".yml"):
         raise ConfigError(
             f"{file}: parameters name no lidar, their ranges only limit one; name a lidar of"
-            " locplan.field.PRESETS, or give the robot's URDF or SDF"
+            " locplan.robots.PRESETS, or give the robot's URDF or SDF"
         )
     sensors = [each for each in _root(file).iter("sensor") if each.get("type") in KINDS]
     planar = [each for each in sensors if _number(each, ".//vertical/samples", 1.0, file) <= 1]

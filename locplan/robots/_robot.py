@@ -101,7 +101,8 @@ class Robot(Settings):
 
         Its filter is amcl's; footprint or robot_radius, footprint_padding and inflation are those
         of the global costmap (or the local one, where the global one has no size); the turning
-        radius is that of the first planner that has a car-like motion model.
+        radius is that of the first planner that has a car-like motion model; without one, the robot
+        moves sideways if amcl's motion model does.
 
         Parameters
         ----------

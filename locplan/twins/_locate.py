@@ -108,9 +108,9 @@ def locate(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("places", resolution=0.1)
-    >>> lidar = locplan.Lidar(range=8.0, beams=180)
+    >>> robot = locplan.Robot(locplan.Lidar(range=8.0, beams=180))
     >>> route = locplan.Path([[13.0, 5.5], [20.0, 5.5]])
-    >>> drive = locplan.recordings.record_drive(grid, route, lidar, seed=1)
+    >>> drive = locplan.recordings.record_drive(grid, route, robot, seed=1)
     >>> anywhere = locate(grid, drive[:1])
     >>> anywhere.best.weight <= sum(mode.weight for mode in anywhere.modes) <= 1.001
     True

@@ -40,7 +40,7 @@ class Fisher(LidarEstimator):
 
     Examples
     --------
-    >>> from locplan.field import Lidar
+    >>> from locplan.robots import Lidar
     >>> Fisher(Lidar.preset("utm-30lx")).beams_compared
     180
     """
