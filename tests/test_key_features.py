@@ -19,7 +19,6 @@ from locplan._kernels.rays import empty_squares
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import key_features, key_features_figure, with_objects
 from locplan.landmarks._feature_drives import FeatureDrives, simulator_without, without_cells
-from locplan.landmarks._feature_reports import features_table, to_geojson
 from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._outcomes import Outcome
@@ -438,7 +437,7 @@ def test_without_walls_in_sight_there_is_no_feature():
     assert found.verdict.startswith("no feature is seen")
     assert found.together == ()
     assert json.dumps(found.summary())
-    assert found.verdict in features_table(found, None)
+    assert found.verdict in found.report()
     with pytest.raises(LocplanError, match="no feature"):
         found.verify(2)
     assert found._repr_png_()
@@ -514,16 +513,34 @@ def test_the_figure_is_drawn(found, drives, tmp_path):
         assert file.stat().st_size > 10_000
 
 
-def test_geojson_has_rectangles_with_losses(found):
-    made = to_geojson(found)["features"]
-    assert [each["properties"]["number"] for each in made] == [n + 1 for n in range(len(found))]
-    assert sum(each["properties"]["together"] for each in made) == 3
+def test_features_are_saved_with_rectangles_and_losses(found, drives, tmp_path):
+    found.save(tmp_path, drives)
+    made = json.loads((tmp_path / "features.geojson").read_text())["features"]
+    about = [each["properties"] for each in made]
+    assert [each["number"] for each in about] == [n + 1 for n in range(len(found))]
+    order = {each["together"]: each["number"] for each in about if each["together"]}
+    assert tuple(order[n] for n in (1, 2, 3)) == found.together
+    assert [each["loss"] for each in about] == [each.loss for each in found.features]
+    with (tmp_path / "verification.csv").open() as file:
+        worlds = [row["world"] for row in csv.DictReader(file)]
+    few = [f"without {number}" for number in found.together]
+    assert worlds == ["all features", *few, "without the 3", "without random ones"]
     ring = np.array(made[0]["geometry"]["coordinates"][0])
     assert (ring[0] == ring[-1]).all()
     assert ring[:4].mean(axis=0) == pytest.approx((found.features[0].x, found.features[0].y))
     first = found.features[0]
     sides = np.sort(np.hypot(*np.diff(ring[:3], axis=0).T))
     assert sides == pytest.approx((first.width, first.length), abs=1e-3)
+
+
+def test_people_see_the_worst_features_and_those_that_count_together(found, drives):
+    ten = [str(n) for n in range(1, 11)]
+    late = dataclasses.replace(found, together=(1, 2, len(found)))
+    said = [line.split() for line in late.report().splitlines()]
+    numbers = [line[0] for line in said if len(line) == 10 and line[0].isdigit()]
+    assert numbers == [*ten, str(len(found))]
+    assert drives.verdict[:40] in found.report(drives)
+    assert "not verified" in found.report()
 
 
 @pytest.fixture
@@ -546,7 +563,7 @@ def test_the_command_writes_features(run, map_file, tmp_path):
         rows = list(csv.DictReader(file))
     assert rows[0]["kind"] == "object"
     assert [row["together"] for row in rows].count("") == len(rows) - 2
-    losses = [float(row["loss_m"]) for row in rows]
+    losses = [float(row["loss"]) for row in rows]
     assert losses == sorted(losses, reverse=True)
     about = json.loads((out / "features.json").read_text())
     assert about["verification"]["before"]["drives"] == 2
@@ -568,7 +585,7 @@ def test_the_command_takes_places_and_its_options(run, map_file, tmp_path):
     code, said, err = run("features", map_file, *given, 1, *FEW, *more)
     changed = json.loads(said)
     assert code == 0, err
-    assert changed["shift_m"] == 0.6
+    assert changed["shift"] == 0.6
     assert {each["kind"] for each in changed["features"]} == {"object"}
     assert len(changed["features"]) < len(usual["features"])
 

@@ -49,7 +49,6 @@ from locplan.landmarks._passages import Passages
 from locplan.landmarks._problem import cells_in
 from locplan.landmarks._region import poses_in, where_robot_is
 from locplan.landmarks._regular import regularity
-from locplan.landmarks._reports import landmarks_table, to_geojson
 from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import BESIDE_OTHERS, TOO_NEAR
 from locplan.landmarks._surroundings import hits_on, motion_of, rays_at, swing_of, told_by
@@ -940,21 +939,48 @@ def test_maps_fill_their_part_of_a_figure(rows, cols, maps):
 
 def test_the_table_tells_how_many_landmarks_pay(placed, verification):
     few = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
-    assert "from number 3 on each lowers it by less than 5%: 2 may do" in landmarks_table(few, None)
+    assert "from number 3 on each lowers it by less than 5%: 2 may do" in few.report()
     none = dataclasses.replace(placed, curve=np.array([1.0, 0.98, 0.96, 0.94]))
-    assert "each lowers it by less than 5%: drive them to know" in landmarks_table(none, None)
-    assert "5%: whether they help is what the drives say" in landmarks_table(none, verification)
+    assert "each lowers it by less than 5%: drive them to know" in none.report()
+    assert "5%: whether they help is what the drives say" in none.report(verification)
     all_pay = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.1]))
-    assert "less than 5%" not in landmarks_table(all_pay, None)
+    assert "less than 5%" not in all_pay.report()
 
 
-def test_geojson_has_outlines_with_sizes(placed):
-    made = to_geojson(placed)
-    assert [each["properties"]["number"] for each in made["features"]] == [1, 2, 3]
-    ring = np.array(made["features"][0]["geometry"]["coordinates"][0])
+def test_a_placement_is_saved_with_outlines_and_sizes(placed, tmp_path):
+    placed.save(tmp_path)
+    made = json.loads((tmp_path / "landmarks.geojson").read_text())["features"]
+    about = [each["properties"] for each in made]
+    assert [each["number"] for each in about] == [1, 2, 3]
+    assert {(each["kind"], each["length"], each["frame"]) for each in about} == {
+        ("pole", 0.2, "map")
+    }
+    ring = np.array(made[0]["geometry"]["coordinates"][0])
     assert (ring[0] == ring[-1]).all()
     assert np.hypot(*(ring - placed.positions[0]).T) == pytest.approx(0.1, abs=1e-3)
-    assert made["features"][0]["properties"]["diameter"] == 0.2
+    summary = json.loads((tmp_path / "landmarks.json").read_text())
+    assert summary["landmarks"] == placed.table().records()
+    assert not (tmp_path / "verification.csv").exists()
+
+
+def test_the_table_has_the_pose_and_what_is_expected_of_each(placed):
+    for record, pose, gain, expected in zip(
+        placed.table().records(), placed.poses, placed.gains, placed.expected[1:], strict=True
+    ):
+        assert [record[name] for name in ("x", "y", "heading")] == pose.tolist()
+        assert (record["gain"], record["expected_deviation"]) == (gain, expected)
+
+
+def test_the_table_of_drives_has_a_row_for_each_map(verification):
+    none, proposed, random = verification.table().records()
+    assert (none["world"], proposed["world"]) == ("none", "proposed")
+    assert proposed["rmse_low"] == verification.after.rmse.low
+    assert random["kept_rmse"] == verification.random.kept_rmse.value
+    assert verification.summary()["before"] == {
+        name: value for name, value in none.items() if name != "world"
+    }
+    alone = dataclasses.replace(verification, random=None)
+    assert len(alone.table()) == 2
 
 
 @pytest.fixture
@@ -987,7 +1013,7 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     with (out / "landmarks.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["number"] for row in rows] == ["1", "2"]
-    assert all(float(row["x_m"]) > 0 and row["length_m"] == "0.4" for row in rows)
+    assert all(float(row["x"]) > 0 and row["length"] == "0.4" for row in rows)
     marked = locplan.load_map(out / "map_with_landmarks.yaml")
     about = json.loads((out / "landmarks.json").read_text())
     assert marked.digest == about["map_with_landmarks"]["digest"]
@@ -1018,7 +1044,7 @@ def test_the_command_takes_a_region(run, map_file, tmp_path):
     assert code == 0, err
     assert "mean degeneracy u" in said
     about = json.loads((tmp_path / "out" / "landmarks.json").read_text())
-    assert about["region_m2"] > 20
+    assert about["region_area"] > 20
     assert about["mean_degeneracy"][1] < about["mean_degeneracy"][0]
 
 

@@ -25,7 +25,6 @@ from locplan.twins import locate_drive, locate_figure, located_drive_figure
 from locplan.twins._database import make_database
 from locplan.twins._locate import beams_that_count
 from locplan.twins._location import CERTAIN
-from locplan.twins._location_reports import location_summary, location_table
 from locplan.twins._matching import Matching
 from locplan.twins._modes import ends_of, turning_lever
 
@@ -340,7 +339,7 @@ def test_scans_without_enough_returns_are_left_out(located, office):
     assert found.locations[1] is None
     assert np.isnan(found.poses[1]).all()
     assert found.certain[1] == found.right[1] == False  # noqa: E712
-    assert "1 scans have too few returns" in location_table(found)
+    assert "1 scans have too few returns" in found.report()
 
 
 def test_poses_of_another_frame_are_noticed(located, office):
@@ -356,9 +355,33 @@ def test_scans_that_end_at_no_walls_are_noticed(located):
     assert "Careful" not in located.sentence
 
 
+def test_the_table_has_the_place_and_the_recorded_pose_of_each_scan(located):
+    unknown = replace(located, locations=(None, *located.locations[1:]))
+    first, second, *_ = unknown.table().records()
+    assert (first["x"], first["explained"], first["distance"]) == (None, None, None)
+    assert (first["scan"], first["recorded_x"]) == (0, located.recording.poses[0, 0])
+    best = located.locations[1].best
+    assert [second[name] for name in ("x", "y", "heading")] == list(best.pose)
+    assert second["heading_std"] == best.heading_std
+    assert second["second"] == located.locations[1].second or math.isinf(
+        located.locations[1].second
+    )
+    assert second["turn"] == located.turn[1]
+
+
+def test_the_modes_of_a_scan_have_their_covariance(located):
+    location = located.locations[1]
+    record = location.table().records()[0]
+    covariance = location.best.covariance
+    assert (record["covariance_xh"], record["covariance_yy"]) == (
+        covariance[0, 2],
+        covariance[1, 1],
+    )
+
+
 def test_one_scan_gives_a_table_of_places(located, office):
     found = locate_drive(located.recording[2:3], office)
-    text, about = location_table(found), location_summary(found)
+    text, about = found.report(), found.summary()
     assert "recorded" in text
     assert "from the recorded pose." in text.splitlines()[-1]
     assert about["modes"][0]["weight"] <= 1
@@ -391,10 +414,10 @@ def test_the_command_locates_one_scan_and_all(run, tmp_path):
     assert code == 0
     assert about["modes"][0]["excess"] == 0
     assert about["recorded"]["distance"] < 0.3 or not about["certain"]
-    assert "located.png" in err
+    assert err == f"wrote {tmp_path / 'one'}\n"
     with (tmp_path / "one" / "modes.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [float(row["x_m"]) for row in rows] == pytest.approx(
+    assert [float(row["x"]) for row in rows] == pytest.approx(
         [mode["x"] for mode in about["modes"]]
     )
     code, out, err = run(*ask, "--every", 25, "-o", tmp_path / "all")
@@ -402,6 +425,7 @@ def test_the_command_locates_one_scan_and_all(run, tmp_path):
     assert "right of the certain" in out
     with (tmp_path / "all" / "scans.csv").open(encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == math.ceil(len(Recording.load(FILE)) / 25)
+    assert not (tmp_path / "all" / "modes.csv").exists()
 
 
 def test_the_command_takes_the_scan_at_a_time_near_a_path(run, tmp_path):

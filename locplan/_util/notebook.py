@@ -1,24 +1,38 @@
-"""Display of objects in a notebook, by figures that a package above draws of them."""
+"""Figures of results, drawn by a package above, and their display in a notebook."""
 
 from __future__ import annotations
 
 import io
 from importlib import import_module
-from typing import ClassVar
+from typing import Any, ClassVar
 
 DPI = 80
 
 
 class Pictured:
-    """An object whose picture is its display in a notebook."""
+    """An object with a figure, which is its display in a notebook."""
 
     _drawn_by: ClassVar[str]
     """Module and function that make the figure, by name: the object's package draws nothing."""
 
+    def figure(self, *about: Any, **options: Any) -> Any:
+        """The figure of matplotlib that shows it.
+
+        Parameters
+        ----------
+        *about, **options
+            Further arguments of the function that draws it.
+        """
+        return called(self._drawn_by, self, *about, **options)
+
     def _repr_png_(self) -> bytes | None:
-        module, _, name = self._drawn_by.partition(":")
-        figure = getattr(import_module(module), name)(self)
-        return png_of(figure)
+        return png_of(self.figure())
+
+
+def called(function: str, *arguments: Any, **options: Any) -> Any:
+    """What a function returns that is named as package.module:function, which is imported now."""
+    module, _, name = function.partition(":")
+    return getattr(import_module(module), name)(*arguments, **options)
 
 
 def png_of(figure: object, dpi: int = DPI) -> bytes:

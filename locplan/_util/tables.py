@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import re
 import shutil
@@ -15,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan import __version__
 from locplan._util.files import replacing
 
 T = TypeVar("T")
@@ -29,6 +31,13 @@ def write_csv(target: Path, values: NDArray[np.float64], header: str, number: st
     """Write columns of numbers with a header as CSV, whole or not at all."""
     with replacing(target) as temporary:
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
+
+
+def write_json(file: Path, about: Mapping[str, object]) -> None:
+    """Write numbers and texts with the version of locplan, as a whole or not at all."""
+    with replacing(file) as temporary:
+        text = json.dumps({"locplan": __version__, **about}, indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def csv_cell(value: Any) -> Any:

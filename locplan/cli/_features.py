@@ -73,7 +73,6 @@ def features(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.field import equipped
-    from locplan.landmarks import _feature_reports as reports
     from locplan.simulation._drives import check_drives_or_none
 
     drives, ways = taking.drives, routes.given()
@@ -81,7 +80,8 @@ def features(
     robot = equipped(robot_options.load())
     robot_options.warn(robot)
     grid = load(map_file)
-    folder = reports.FEATURES.into(output, force=force) if output else None
+    if output:
+        core.KeyFeatures.files.into(output, force=force)
     with progress_bar("taking features away", "features") as progress:
         found = core.key_features(
             grid,
@@ -98,8 +98,7 @@ def features(
     if drives and found.together:
         with progress_bar("verifying by drives", "drives") as progress:
             driven = found.verify(drives, seed=seed, threads=threads, progress=progress)
-    if folder:
+    if output:
         with working("writing the features"):
-            reports.write_features(folder, found, driven)
-    about = reports.features_summary(found, driven)
-    show(json, about, reports.features_table(found, driven), output)
+            found.save(output, driven, force=force)
+    show(json, found.summary(driven), found.report(driven), output)

@@ -94,7 +94,6 @@ def landmarks(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.field import equipped
-    from locplan.landmarks import _reports as reports
     from locplan.landmarks._objects import parsed_object
     from locplan.landmarks._trials import TRIALS, best_of_trials
     from locplan.simulation._drives import check_drives_or_none
@@ -111,7 +110,8 @@ def landmarks(
     grid = load(map_file)
     if placing.region:
         driven = {"region": np.ones(grid.shape, bool) if "all" in placing.region else region}
-    folder = reports.LANDMARKS.into(output, force=force) if output else None
+    if output:
+        core.Landmarks.files.into(output, force=force)
     with progress_bar("placing landmarks", "steps") as progress:
         made = core.place_landmarks(
             grid,
@@ -134,8 +134,7 @@ def landmarks(
     if drives:
         with progress_bar("verifying by drives", "drives") as progress:
             verification = made.verify(drives, seed=seed, threads=threads, progress=progress)
-    if folder:
+    if output:
         with working("writing the landmarks"):
-            reports.write_landmarks(folder, made, verification)
-    about = reports.landmarks_summary(made, verification)
-    show(json, about, reports.landmarks_table(made, verification), output)
+            made.save(output, verification, force=force)
+    show(json, made.summary(verification), made.report(verification), output)

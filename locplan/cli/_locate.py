@@ -121,7 +121,7 @@ def locate(
     """
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.twins import ScanDatabase, _location_reports as reports, locate_drive
+    from locplan.twins import LocatedDrive, ScanDatabase, locate_drive
 
     if recorded.drive is None:
         raise ConfigError("name a recorded drive with --drive")
@@ -131,7 +131,8 @@ def locate(
         refuse("with --at", every=recorded.every)
     recorded.check()
     arguments = options.to_arguments()
-    folder = reports.LOCATED.into(output, force=force) if output else None
+    if output:
+        LocatedDrive.files.into(output, force=force)
     grid, drive = load(map_file), which.chosen(recorded.read())
     with working("looking around at all places of the map"):
         database = ScanDatabase(grid, drive.lidar, **options.of_database())
@@ -140,6 +141,7 @@ def locate(
         found = locate_drive(
             drive, grid, **arguments, database=database, threads=threads, progress=progress
         )
-    with working("writing the results"):
-        written = reports.write_location(folder, found) if folder else []
-    show(json, reports.location_summary(found), reports.location_table(found), *written)
+    if output:
+        with working("writing the results"):
+            found.save(output, force=force)
+    show(json, found.summary(), found.report(), output)

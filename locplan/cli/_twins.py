@@ -85,10 +85,9 @@ def twins(
     from locplan._util.checks import whole
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.twins import _reports as reports
     from locplan.twins._find import SPACING
     from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS
-    from locplan.twins._twins import STARTS
+    from locplan.twins._twins import COUNT
 
     options: dict[str, Any] = {}
     if asked.at is not None:
@@ -100,7 +99,8 @@ def twins(
     else:
         refuse("without --matches", seed=asked.seed)
     robot = robot_options.load()
-    folder = reports.TWINS.into(output, force=force) if output else None
+    if output:
+        core.Twins.files.into(output, force=force)
     grid = load(map_file)
     beams = compared.global_effective_beams
     with progress_bar("looking for twins", "poses") as progress:
@@ -114,15 +114,13 @@ def twins(
             progress=progress,
             **options,
         )
-    place = None if asked.at is None else 0
-    starts = [] if asked.at else found.best_starts(asked.starts or STARTS)
+    starts = [] if asked.at else found.best_starts(asked.starts or COUNT)
     matches = None
     if asked.matches:
         seed = 1 if asked.seed is None else asked.seed
         with progress_bar("matching scans", "scans") as progress:
             matches = found.verify(asked.matches, seed=seed, threads=threads, progress=progress)
-    about = found, starts, matches, place
-    if folder:
+    if output:
         with working("writing the twins"):
-            reports.write_twins(folder, *about)
-    show(json, reports.twins_summary(*about), reports.twins_table(*about), output)
+            found.save(output, starts, matches, force=force)
+    show(json, found.summary(starts, matches), found.report(starts, matches), output)

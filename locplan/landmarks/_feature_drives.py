@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.records import Table
 from locplan.costs import Path
-from locplan.landmarks._outcomes import Outcome
+from locplan.landmarks._outcomes import Outcome, outcomes_table
 from locplan.maps import FREE, OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation import Drives, Simulator
@@ -82,6 +83,15 @@ class FeatureDrives:
         if self.hurts or self.helps:
             said = "their absence " + ("hurts" if self.hurts else "helps, against what is expected")
         return f"{said}: {lost}; {error}"
+
+    def table(self) -> Table:
+        """The drives in each world: how many were lost, and their errors."""
+        named = {"all features": self.before}
+        named |= {f"without {number}": each for number, each in self.alone.items()}
+        named[f"without the {self.count}"] = self.without
+        if self.random:
+            named["without random ones"] = self.random
+        return outcomes_table("in the world", named)
 
     def summary(self) -> dict[str, object]:
         """The verdict, and the numbers behind it, fit for JSON."""

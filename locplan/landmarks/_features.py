@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan._util.records import Column, Result, Table
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
@@ -98,36 +101,37 @@ class Feature:
         turned = signs * (self.length, self.width) @ np.array([(cos, sin), (-sin, cos)])
         return np.asarray(turned + np.array([self.x, self.y]))
 
-    def summary(self) -> dict[str, object]:
-        """Place, size and losses in numbers, fit for JSON."""
-        x, y = self.worst_at
-        return finite(
-            {
-                "number": self.number,
-                "kind": self.kind,
-                "x_m": self.x,
-                "y_m": self.y,
-                "length_m": self.length,
-                "width_m": self.width,
-                "heading_rad": self.heading,
-                "seen": self.seen,
-                "loss_m": self.loss,
-                "share": self.share,
-                "worst_m": self.worst,
-                "worst_share": self.worst_share,
-                "worst_x_m": x,
-                "worst_y_m": y,
-                "moved_error_m": self.error,
-                "matters": self.matters,
-            }
-        )
+
+COLUMNS = (
+    Column("number", title="", digits=0),
+    Column("kind", title="what"),
+    Column("x", "m", "x", 1),
+    Column("y", "m", "y", 1),
+    Column("length", "m", "long", 1),
+    Column("width", "m", "wide", 1),
+    Column("heading", "rad"),
+    Column("seen"),
+    Column("loss", "m", "rise", 1, "cm"),
+    Column("share", "", "rise", 0, "%", signed=True),
+    Column("worst", "m", "worst", 1, "cm"),
+    Column("worst_share"),
+    Column("worst_x", "m", value=lambda feature: feature.worst_at[0]),
+    Column("worst_y", "m", value=lambda feature: feature.worst_at[1]),
+    Column("error", "m", "moved", 1, "cm"),
+    Column("matters"),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class KeyFeatures(Pictured):
+class KeyFeatures(Result):
     """The features of a map in order of loss, and the few whose loss together is greatest."""
 
     _drawn_by: ClassVar[str] = "locplan.landmarks:key_features_figure"
+    _reported_by: ClassVar[str] = "locplan.landmarks._feature_reports:features_report"
+    files: ClassVar[Results] = Results(
+        "features",
+        ("features.json", "features.png", "features.csv", "features.geojson", "verification.csv"),
+    )
 
     grid: OccupancyGrid
     """The map."""
@@ -191,16 +195,16 @@ class KeyFeatures(Pictured):
             said += "it" if count == 1 else "the first"
             at = self.mattering[0]
             said += (
-                f" the expected deviation rises from {_cm(low)} to {_cm(low + at.loss)}"
-                f" (+{at.share:.0%}), and by {_cm(at.worst)} at the worst place"
+                f" the expected deviation rises from {in_cm(low)} to {in_cm(low + at.loss)}"
+                f" (+{at.share:.0%}), and by {in_cm(at.worst)} at the worst place"
             )
         else:
-            most = f"{first.share:.0%}, {_cm(first.loss)}" if first.loss > 0 else "none"
+            most = f"{first.share:.0%}, {in_cm(first.loss)}" if first.loss > 0 else "none"
             said = f"no single feature matters: the largest loss is {most}"
         few = len(self.together)
         if few > 1:
             high = float(self.deviations[-1])
-            said += f"; without {few} together it is {_cm(high)} (+{high / low - 1:.0%})"
+            said += f"; without {few} together it is {in_cm(high)} (+{high / low - 1:.0%})"
             if self.stand_in:
                 said += ", since they stand in for each other"
         return said
@@ -281,24 +285,45 @@ class KeyFeatures(Pictured):
             progress,
         )
 
-    def summary(self) -> dict[str, object]:
-        """Verdict, features and settings in numbers, fit for JSON."""
+    def table(self) -> Table:
+        """The features in order of loss; `together` says which of the few each is, if any."""
+        order = {number: n for n, number in enumerate(self.together, 1)}
+        together = Column("together", value=lambda each: order.get(each.number, math.nan))
+        return Table.of((*COLUMNS, together), self.features)
+
+    def _write(self, folder: FilePath, drives: FeatureDrives | None = None) -> None:
+        table = self.table()
+        table.write_csv(folder / "features.csv")
+        outlines = (each.corners() for each in self.features)
+        table.write_geojson(folder / "features.geojson", outlines)
+        if drives:
+            drives.table().write_csv(folder / "verification.csv")
+
+    def summary(self, drives: FeatureDrives | None = None) -> dict[str, object]:
+        """Verdict, features and settings in numbers, fit for JSON.
+
+        Parameters
+        ----------
+        drives : FeatureDrives, optional
+            What `verify` gave.
+        """
         return finite(
             {
+                "verification": drives.summary() if drives else None,
                 "map": {"name": self.grid.name, "digest": self.grid.digest},
                 "verdict": self.verdict,
-                "expected_deviation_m": float(self.deviations[0]),
-                "features": [each.summary() for each in self.features],
+                "expected_deviation": float(self.deviations[0]),
+                "features": self.table().records(),
                 "together": list(self.together),
-                "expected_deviation_without_m": self.deviations.tolist(),
+                "expected_deviation_without": self.deviations.tolist(),
                 "stand_in": self.stand_in,
-                "shift_m": self.shift,
+                "shift": self.shift,
                 "routes": {name: path.length for name, path in self.routes.items()},
                 "robot": self.robot.summary(),
             }
         )
 
 
-def _cm(value: float) -> str:
+def in_cm(value: float) -> str:
     """A length in centimetres, or in metres from one on."""
     return f"{value:.2f} m" if value >= 1 else f"{100 * value:.1f} cm"

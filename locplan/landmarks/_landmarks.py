@@ -5,27 +5,39 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan._util.records import POSE, Column, Result, Table
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.landmarks._candidates import Rejected
 from locplan.landmarks._objectives import DEGENERACY, DEVIATION, Measure
-from locplan.landmarks._objects import with_objects
+from locplan.landmarks._objects import outline_of, with_objects
 from locplan.landmarks._regular import Regularity, regularity
 from locplan.landmarks._rows import Shift
 from locplan.landmarks._search import Search, in_world
 from locplan.landmarks._setting import Setting
 from locplan.landmarks._verification import Verification, verified
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, save_map
 from locplan.simulation._simulate import DRIVES
 
 PAYS = 0.05
 """Share by which a landmark must lower what is expected to pay."""
+COLUMNS = (
+    Column("number", title="landmark", digits=0),
+    *POSE,
+    Column("kind"),
+    Column("length", "m"),
+    Column("width", "m"),
+    Column("gain"),
+)
+"""Columns of landmarks beside what is expected; a pole's length and width are its diameter."""
+REJECTED = (*POSE, Column("reason"))
 
 
 class Trial(NamedTuple):
@@ -42,10 +54,24 @@ class Trial(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Landmarks(Pictured):
+class Landmarks(Result):
     """Places of equal objects, in order of gain."""
 
     _drawn_by: ClassVar[str] = "locplan.landmarks:landmarks_figure"
+    _reported_by: ClassVar[str] = "locplan.landmarks._reports:landmarks_report"
+    files: ClassVar[Results] = Results(
+        "landmarks",
+        (
+            "landmarks.json",
+            "landmarks.png",
+            "landmarks.csv",
+            "landmarks.geojson",
+            "rejected.csv",
+            "verification.csv",
+            "map_with_landmarks.yaml",
+            "map_with_landmarks.pgm",
+        ),
+    )
 
     setting: Setting
     """The map, the routes and the robot that they are placed for."""
@@ -226,30 +252,53 @@ class Landmarks(Pictured):
             self.setting, maps, self.search, len(self), drives, seed, random_sets, threads, progress
         )
 
-    def summary(self) -> dict[str, object]:
-        """Places, gains and settings in numbers, fit for JSON."""
+    def table(self) -> Table:
+        """The landmarks in order of gain, and what is expected with each and those before it."""
+        kind, shape = self.setting.kind, self.setting.kind.shape
+        about = type(kind).__name__.lower(), 2 * shape.half_length, 2 * shape.half_width
+        values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
+        rows = enumerate(zip(*values, strict=True), 1)
+        return Table(
+            (*COLUMNS, self.measure.column),
+            tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows),
+        )
+
+    def _write(self, folder: Path, verification: Verification | None = None) -> None:
+        table = self.table()
+        table.write_csv(folder / "landmarks.csv")
+        outlines = (outline_of(self.setting.kind, pose) for pose in self.poses)
+        table.write_geojson(folder / "landmarks.geojson", outlines)
+        Table.of(REJECTED, self.rejected).write_csv(folder / "rejected.csv")
+        if verification:
+            verification.table().write_csv(folder / "verification.csv")
+        save_map(self.grid, folder / "map_with_landmarks.yaml")
+
+    def summary(self, verification: Verification | None = None) -> dict[str, object]:
+        """Places, gains and settings in numbers, fit for JSON.
+
+        Parameters
+        ----------
+        verification : Verification, optional
+            What `verify` gave.
+        """
         setting, regular = self.setting, self.regular
         return finite(
             {
+                "verification": verification.summary() if verification else None,
                 "map": {"name": self.before.name, "digest": self.before.digest},
                 "map_with_landmarks": {"digest": self.grid.digest},
                 "object": {"kind": type(setting.kind).__name__, **dataclasses.asdict(setting.kind)},
-                "landmarks": [
-                    {"x_m": x, "y_m": y, "heading_rad": heading, "gain": gain}
-                    for (x, y, heading), gain in zip(
-                        self.poses.tolist(), self.gains.tolist(), strict=True
-                    )
-                ],
+                "landmarks": self.table().records(),
                 "chosen_by": self.chosen_by,
                 "trials": [each._asdict() for each in self.trials],
-                self.measure.key: self.expected.tolist(),
+                self.measure.column.name: self.expected.tolist(),
                 "paying": self.paying,
                 "kept": self.kept,
                 "regular": None if regular is None else regular._asdict(),
                 "shifts": [each._asdict() for each in self.shifts],
                 "rejected": self.reasons(),
                 "routes": {name: path.length for name, path in setting.routes.items()},
-                "region_m2": None
+                "region_area": None
                 if setting.region is None
                 else float(setting.region.sum()) * self.grid.resolution**2,
                 "robot": setting.robot.summary(),

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.records import Column
 from locplan.field import Fisher
 from locplan.landmarks._sight import Sight
 from locplan.robots import Lidar
@@ -16,16 +17,19 @@ from locplan.robots import Lidar
 class Measure(NamedTuple):
     """How an objective is shown to people."""
 
-    title: str
-    """What it is, with its unit."""
-    key: str
-    """Its name in files."""
+    column: Column
+    """What it is called in tables and files."""
     power: float
     """The objective to this power is shown."""
 
+    @property
+    def title(self) -> str:
+        """What it is, with its unit."""
+        return self.column.heading
 
-DEVIATION = Measure("expected deviation [m]", "expected_deviation_m", 0.5)
-DEGENERACY = Measure("mean degeneracy u", "mean_degeneracy", 1.0)
+
+DEVIATION = Measure(Column("expected_deviation", "m", "expected deviation", 3), 0.5)
+DEGENERACY = Measure(Column("mean_degeneracy", "", "mean degeneracy u", 3), 1.0)
 
 
 class Objective(Protocol):

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, of_rms, wilson
-from locplan._util.tables import finite, table
+from locplan._util.records import Column, Table
 from locplan.simulation import Drives
-from locplan.simulation._formats import in_percent, with_unit
 
 CLEAR = 0.1
 """Least share by which an error is clearly less than another."""
 COLUMNS = (
-    "drives",
-    *("lost_rate", "lost_rate_low", "lost_rate_high"),
-    *("rmse_m", "rmse_low_m", "rmse_high_m"),
-    "kept_rmse_m",
+    Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
+    Column("lost_rate", title="lost (> 1 m) [95 %]", digits=0, people="%", interval=True),
+    Column("rmse", "m", "error, all drives", interval=True),
+    Column("kept_rmse", "m", "not lost", interval=True),
 )
-"""Names of the columns of verification.csv, beside that of the world."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,38 +79,12 @@ class Outcome:
 
     def summary(self) -> dict[str, object]:
         """Errors and share of lost drives in numbers, fit for JSON."""
-        return finite(
-            {
-                "drives": self.number,
-                "lost_rate": list(self.lost_rate),
-                "rmse_m": list(self.rmse),
-                "kept_rmse_m": list(self.kept_rmse),
-            }
-        )
+        return Table.of(COLUMNS, [self]).records()[0]
 
 
-Named = Sequence[tuple[str, Outcome]]
-"""Outcomes, each with the name of its world."""
-
-
-def outcomes_table(world: str, named: Named) -> str:
-    """Table for people; `world` is the heading of the names."""
-    rows = [
-        [
-            name,
-            str(each.number),
-            in_percent(each.lost_rate),
-            with_unit(each.rmse, "m"),
-            with_unit(each.kept_rmse, "m"),
-        ]
-        for name, each in named
-    ]
-    return table([world, "drives", "lost (> 1 m) [95 %]", "error, all drives", "not lost"], rows)
-
-
-def outcomes_rows(named: Named) -> list[list[object]]:
-    """Rows of verification.csv: the name, and the `COLUMNS`."""
-    return [
-        [name, each.number, *each.lost_rate, *each.rmse, each.kept_rmse.value]
-        for name, each in named
-    ]
+def outcomes_table(title: str, named: Mapping[str, Outcome]) -> Table:
+    """Table of the outcomes in several worlds; people see the title above their names."""
+    rows = zip(named, Table.of(COLUMNS, named.values()).rows, strict=True)
+    return Table(
+        (Column("world", title=title), *COLUMNS), tuple((name, *row) for name, row in rows)
+    )

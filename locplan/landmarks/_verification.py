@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.records import Table
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
 from locplan.landmarks._fields import Profile, fields_along
 from locplan.landmarks._objects import with_objects
-from locplan.landmarks._outcomes import Outcome
+from locplan.landmarks._outcomes import Outcome, outcomes_table
 from locplan.landmarks._search import Search
 from locplan.landmarks._setting import Setting
 from locplan.maps import OccupancyGrid
@@ -96,6 +97,13 @@ class Verification:
         every = (np.concatenate([pair[n][:, 1] for pair in self.fields.values()]) for n in (0, 1))
         return np.array([np.nanquantile(values, [0.5, 0.95]) for values in every])
 
+    def table(self) -> Table:
+        """The drives on each map: how many were lost, and their errors."""
+        named = {"none": self.before, "proposed": self.after}
+        if self.random:
+            named["as many at random"] = self.random
+        return outcomes_table("landmarks", named)
+
     def summary(self) -> dict[str, object]:
         """The verdict, and the numbers behind it, fit for JSON."""
         return {
@@ -106,7 +114,7 @@ class Verification:
             "before": self.before.summary(),
             "after": self.after.summary(),
             "random": self.random.summary() if self.random else None,
-            "match_deviation_m": {
+            "match_deviation": {
                 name: {"median": median, "quantile_95": high}
                 for name, (median, high) in zip(
                     ("before", "after"), self.match_deviations.tolist(), strict=True

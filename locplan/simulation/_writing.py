@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from locplan import __version__
 from locplan._util.files import replacing
-from locplan._util.tables import csv_cell
-
-
-def write_json(file: Path, about: Mapping[str, object]) -> None:
-    """Write numbers and texts with the version of locplan, as a whole or not at all."""
-    with replacing(file) as temporary:
-        text = json.dumps({"locplan": __version__, **about}, indent=2)
-        temporary.write_text(text + "\n", encoding="utf-8")
+from locplan._util.tables import csv_cell, write_json as write_json
 
 
 def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -1,3 +1,4 @@
+from ._columns import LAYERS as LAYERS, Twin as Twin
 from ._figures import twins_figure as twins_figure
 from ._find import find_twins as find_twins
 from ._locate import locate as locate
@@ -12,4 +13,4 @@ from ._scan_database import ScanDatabase as ScanDatabase
 from ._starts import Start as Start
 from ._symmetries import Symmetry as Symmetry
 from ._trials import GlobalMatches as GlobalMatches
-from ._twins import LAYERS as LAYERS, Twin as Twin, Twins as Twins
+from ._twins import Twins as Twins

@@ -20,6 +20,7 @@ from locplan.plotting._maps import draw_map, map_size
 from locplan.plotting._picture import Picture
 from locplan.twins._looks import THRESHOLD
 from locplan.twins._starts import Start
+from locplan.twins._trials import GlobalMatches
 from locplan.twins._twins import SHOWN, Twins
 
 if TYPE_CHECKING:
@@ -44,8 +45,12 @@ NAMED = 5
 """Number of symmetries that the title names."""
 
 
-def twins_figure(twins: Twins, starts: Sequence[Start] | None = None) -> Figure:
+def twins_figure(
+    twins: Twins, starts: Sequence[Start] | None = None, matches: GlobalMatches | None = None
+) -> Figure:
     """Draw the map with the share of the posterior elsewhere, some twins, and the best starts.
+
+    Of one place only, its twins are numbered instead.
 
     Parameters
     ----------
@@ -53,7 +58,11 @@ def twins_figure(twins: Twins, starts: Sequence[Start] | None = None) -> Figure:
         What was found.
     starts : sequence of Start, optional
         Starts, which are numbered; `Twins.best_starts` by default.
+    matches : GlobalMatches, optional
+        What `Twins.verify` gave; it is not shown.
     """
+    if len(twins) == 1:
+        return place_figure(twins, 0)
     starts = twins.best_starts() if starts is None else starts
     width, height = map_size(twins.grid)
     named = twins.symmetries[:NAMED]

@@ -17,13 +17,14 @@ from locplan.errors import ConfigError
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
+from locplan.twins._columns import LAYERS
 from locplan.twins._database import Database, make_database, places_every, wrapped
 from locplan.twins._looks import LISTED, Looks, look_around
 from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS, Matching
 from locplan.twins._modes import in_batches
 from locplan.twins._scan_database import ScanDatabase, checked_database
 from locplan.twins._symmetries import find_symmetries
-from locplan.twins._twins import LAYERS, Twins
+from locplan.twins._twins import Twins
 
 Numbers = NDArray[np.float64]
 SPACING = 0.8

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import textwrap
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import instance, whole
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
-from locplan._util.tables import finite
+from locplan._util.records import Column, Result, Table
+from locplan._util.results import Results
+from locplan._util.tables import finite, table
 from locplan.costs import Path
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
@@ -23,7 +29,7 @@ from locplan.twins._locate import (
     located,
     places_of,
 )
-from locplan.twins._location import CERTAIN, Location
+from locplan.twins._location import CERTAIN, DEVIATIONS, POSE, WEIGHT, Location
 from locplan.twins._modes import in_batches
 from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
 
@@ -36,9 +42,30 @@ AGREE = 0.5
 seem to be of another map."""
 
 
+WIDTH = 100
+"""Width of running text [characters]."""
+SCANS = (
+    Column("scan", title="scan", digits=0),
+    Column("time", "s"),
+    *POSE,
+    WEIGHT,
+    Column("second", "nat", "second", 1),
+    Column("explained"),
+    *(replace(column, title=None) for column in DEVIATIONS),
+    *(replace(column, name=f"recorded_{column.name}", title=None) for column in POSE),
+    Column("distance", "m", "off by", 1, "cm"),
+    Column("turn", "rad", "turned by", 1, "deg"),
+)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class LocatedDrive:
+class LocatedDrive(Result):
     """The scans of a recorded drive, each located by itself, from `locate_drive`."""
+
+    _drawn_by: ClassVar[str] = "locplan.twins:located_drive_figure"
+    files: ClassVar[Results] = Results(
+        "located", ("located.json", "located.png", "modes.csv", "scans.csv")
+    )
 
     recording: Recording
     """The scans, with their recorded poses."""
@@ -52,6 +79,11 @@ class LocatedDrive:
 
     def __len__(self) -> int:
         return len(self.locations)
+
+    @property
+    def alone(self) -> Location | None:
+        """The location of the only scan; None where there are several."""
+        return self.locations[0] if len(self) == 1 else None
 
     @property
     def poses(self) -> Numbers:
@@ -106,22 +138,95 @@ class LocatedDrive:
             )
         return text
 
-    def summary(self) -> dict[str, object]:
-        """Shares and errors in numbers, fit for JSON."""
+    def table(self) -> Table:
+        """The scans: where each was taken, and how far that is from the recorded pose."""
+        drive, unknown = self.recording, (math.nan,) * 8
+        times = np.full(len(drive), np.nan) if drive.times is None else drive.times - drive.times[0]
+        beside = np.column_stack([drive.poses, self.distance, self.turn]).tolist()
+        rows = []
+        for n, each in enumerate(self.locations):
+            own: tuple[float, ...] = unknown
+            if each is not None:
+                best = each.best
+                own = (*best.pose, best.weight, each.second, each.explained)
+                own += (best.position_std, best.heading_std)
+            rows.append((n, float(times[n]), *own, *beside[n]))
+        return Table(SCANS, tuple(rows))
+
+    def report(self) -> str:
+        """The modes of the only scan, or how many of several are right: text for people."""
+        if self.alone is None:
+            return f"{self._shares()}\n{_wrapped(self.sentence)}"
+        modes = self.alone.table()
+        recorded = ("recorded", *self.recording.poses[0].tolist())
+        unknown = (math.nan,) * (len(modes.columns) - len(recorded))
+        away = (
+            f"The best place is {self.distance[0]:.2f} m and {math.degrees(self.turn[0]):.1f}° from"
+            " the recorded pose."
+        )
+        shown = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
+        return f"{shown}\n{_wrapped(f'{self.alone.sentence} {away}')}"
+
+    def _shares(self) -> str:
         right, certain = self.right, self.certain
+        without = sum(each is None for each in self.locations)
+        rows = [
+            ("map", self.grid.name),
+            ("drive", repr(self.recording).removeprefix("Recording(").removesuffix(")")),
+            ("right", f"{right.mean():.1%} of all scans"),
+            (
+                "certain",
+                f"{certain.mean():.1%}"
+                if without == 0
+                else f"{certain.mean():.1%}; {without} scans have too few returns",
+            ),
+            ("right of the certain", f"{right[certain].mean():.1%}" if certain.any() else "-"),
+        ]
+        if right.any():
+            distance, turn = (
+                np.quantile(each[right], (0.5, 0.9)) for each in (self.distance, self.turn)
+            )
+            degrees = np.degrees(turn)
+            rows.append(
+                (
+                    "error of the right",
+                    f"median {100 * distance[0]:.1f} cm, {degrees[0]:.2f}°;"
+                    f" nine of ten below {100 * distance[1]:.1f} cm, {degrees[1]:.2f}°",
+                )
+            )
+        return table([], rows)
+
+    def _write(self, folder: FilePath) -> None:
+        if self.alone:
+            self.alone.table().write_csv(folder / "modes.csv")
+        else:
+            self.table().write_csv(folder / "scans.csv")
+
+    def summary(self) -> dict[str, object]:
+        """The only scan with its modes, or of several the shares that are right, fit for JSON."""
+        about = {"map": self.grid.name, "drive": self.recording.source.file}
+        right, certain = self.right, self.certain
+        if self.alone:
+            names = ("x", "y", "heading", "distance", "turn")
+            values = (*self.recording.poses[0].tolist(), self.distance[0], self.turn[0])
+            recorded = finite(dict(zip(names, map(float, values), strict=True)))
+            return {**about, **self.alone.summary(), "recorded": recorded}
         return finite(
             {
+                **about,
                 "sentence": self.sentence,
                 "scans": len(self),
                 "right": float(right.mean()),
                 "certain": float(certain.mean()),
                 "right_of_certain": float(right[certain].mean()) if certain.any() else None,
                 "median_distance": float(np.median(self.distance[right])) if right.any() else None,
-                "median_turn_deg": (
-                    float(np.degrees(np.median(self.turn[right]))) if right.any() else None
-                ),
+                "median_turn": float(np.median(self.turn[right])) if right.any() else None,
             }
         )
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, WIDTH, break_on_hyphens=False)
 
 
 def locate_drive(

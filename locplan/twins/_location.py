@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.notebook import Pictured
+from locplan._util.records import Column, Table
 from locplan._util.tables import finite
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
@@ -52,26 +57,40 @@ class Mode:
         """Standard deviation of the heading [rad]."""
         return math.sqrt(self.covariance[2, 2])
 
-    def summary(self) -> dict[str, object]:
-        """Pose, weight and covariance in numbers, fit for JSON."""
-        x, y, heading = self.pose
-        return finite(
-            {
-                "x": x,
-                "y": y,
-                "heading_deg": math.degrees(heading),
-                "weight": self.weight,
-                "excess": self.excess,
-                "position_std": self.position_std,
-                "heading_std_deg": math.degrees(self.heading_std),
-                "covariance": self.covariance.tolist(),
-            }
-        )
+
+POSE = (
+    Column("x", "m", "x", value=lambda mode: mode.pose[0]),
+    Column("y", "m", "y", value=lambda mode: mode.pose[1]),
+    Column("heading", "rad", "heading", 1, "deg", value=lambda mode: mode.pose[2]),
+)
+DEVIATIONS = (
+    Column("position_std", "m", "std. dev.", 0, "cm"),
+    Column("heading_std", "rad", "std. dev.", 1, "deg"),
+)
+WEIGHT = Column("weight", "", "weight", 0, "%")
+
+
+def _entry(row: int, col: int) -> Callable[[Mode], float]:
+    return lambda mode: float(mode.covariance[row, col])
+
+
+MODES = (
+    *POSE,
+    WEIGHT,
+    Column("excess", "nat", "worse by", 1),
+    *DEVIATIONS,
+    *(
+        Column(f"covariance_{'xyh'[row]}{'xyh'[col]}", value=_entry(row, col))
+        for row, col in combinations_with_replacement(range(3), 2)
+    ),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Location:
+class Location(Pictured):
     """Where a robot may be that has taken one scan, from `locate`."""
+
+    _drawn_by: ClassVar[str] = "locplan.twins:locate_figure"
 
     grid: OccupancyGrid
     """The map."""
@@ -136,6 +155,10 @@ class Location:
             " changes, or the map of another place."
         )
 
+    def table(self) -> Table:
+        """The poses that explain the scan, the best first."""
+        return Table.of(MODES, self.modes, number="place")
+
     def summary(self) -> dict[str, object]:
         """The sentence, and all modes in numbers, fit for JSON."""
         return finite(
@@ -145,7 +168,7 @@ class Location:
                 "second": self.second,
                 "explained": self.explained,
                 "returns": int(np.isfinite(self.ranges).sum()),
-                "modes": [mode.summary() for mode in self.modes],
+                "modes": self.table().records(),
             }
         )
 

@@ -166,13 +166,16 @@ def _draw_ellipse(axes: Axes, mode: Mode, magnify: float, colour: str) -> None:
 def located_drive_figure(found: LocatedDrive) -> Figure:
     """The recorded drive over the map, with what each scan by itself was located as.
 
-    Scans that are located elsewhere are joined to the place where they were found.
+    Scans that are located elsewhere are joined to the place where they were found. The only scan is
+    drawn by `locate_figure`.
 
     Parameters
     ----------
     found : LocatedDrive
         What `locate_drive` returned.
     """
+    if found.alone:
+        return locate_figure(found.alone, recorded=found.recording.poses[0])
     grid, drive = found.grid, found.recording.poses[:, :2]
     poses, right, certain = found.poses[:, :2], found.right, found.certain
     known = np.isfinite(poses[:, 0])

@@ -47,10 +47,10 @@ class Symmetry:
         return math.dist(self.middle, self.moved)
 
     @property
-    def shift(self) -> str:
-        """Text of how far the middle of the map is moved along x and y [m]."""
-        moves = [round(b - a, 1) + 0.0 for a, b in zip(self.middle, self.moved, strict=True)]
-        return ",".join(f"{move:+.1f}" for move in moves)
+    def shift(self) -> tuple[float, float]:
+        """How far the middle of the map is moved along x and y [m]."""
+        (x, y), (to_x, to_y) = self.middle, self.moved
+        return to_x - x, to_y - y
 
     @property
     def turn_deg(self) -> int:
@@ -60,7 +60,8 @@ class Symmetry:
 
     def __str__(self) -> str:
         turn = f"{self.turn_deg:+d}°" if self.turn_deg else "no turn"
-        return f"{turn}, middle moved by {self.shift} m: {self.share:.0%} of the places"
+        x, y = self.shift
+        return f"{turn}, middle moved by {x:+z.1f},{y:+z.1f} m: {self.share:.0%} of the places"
 
 
 def find_symmetries(

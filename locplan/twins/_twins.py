@@ -6,18 +6,21 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import number, one_of, position, positive, whole
-from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan._util.records import Result, Table
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.robots import Disturbances
+from locplan.twins._columns import LAYERS, PLACES, STARTS, SYMMETRIES, TWIN, Twin
 from locplan.twins._looks import THRESHOLD
 from locplan.twins._matching import Matching
 from locplan.twins._starts import Start, best_starts
@@ -25,7 +28,7 @@ from locplan.twins._symmetries import Symmetry
 from locplan.twins._trials import GlobalMatches, global_matches
 
 Numbers = NDArray[np.float64]
-STARTS = 5
+COUNT = 5
 """Default number of starts."""
 APART = 3.0
 """Default least distance of starts from each other [m]."""
@@ -37,42 +40,8 @@ MATCHES = 400
 """Default number of matches of a verification."""
 
 
-class Layer(NamedTuple):
-    """What is known of each place."""
-
-    label: str
-    """Name for people."""
-    unit: str
-    """Unit; empty for shares and numbers."""
-
-
-LAYERS = {
-    "excess": Layer("least excess of another place", "nat"),
-    "elsewhere": Layer("share of the posterior elsewhere", ""),
-    "modes": Layer("number of look-alike poses elsewhere", ""),
-    "turned": Layer("number of look-alike headings in place", ""),
-    "stretch": Layer("distance that a match may slide", "m"),
-}
-"""The layers by name."""
-
-
-class Twin(NamedTuple):
-    """A pose that a robot can be mistaken for."""
-
-    x: float
-    """World x [m]."""
-    y: float
-    """World y [m]."""
-    heading: float
-    """Heading there [rad]."""
-    excess: float
-    """By how much it explains the scan worse [nats]; below 0 it explains it better."""
-    here: float
-    """Heading of the robot at its place [rad]."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Twins(Pictured):
+class Twins(Result):
     """What every place of a map can be mistaken for by a lidar's single scan.
 
     A twin is a pose more than 2 m away at which the scan is explained almost as well. Poses that a
@@ -80,6 +49,11 @@ class Twins(Pictured):
     """
 
     _drawn_by: ClassVar[str] = "locplan.twins:twins_figure"
+    _reported_by: ClassVar[str] = "locplan.twins._reports:twins_report"
+    files: ClassVar[Results] = Results(
+        "twins",
+        ("twins.json", "twins.png", "twins.csv", "twins.npz", "symmetries.csv", "starts.csv"),
+    )
 
     grid: OccupancyGrid
     """The map."""
@@ -247,7 +221,7 @@ class Twins(Pictured):
         near = np.isfinite(apart)
         return rows[near], cols[near], place[near]
 
-    def best_starts(self, count: int = STARTS, *, apart: float = APART) -> list[Start]:
+    def best_starts(self, count: int = COUNT, *, apart: float = APART) -> list[Start]:
         """Where to start the robot, or put its dock: the places with the greatest excess.
 
         A place counts as the worst of its neighbours. There are fewer where no more fit.
@@ -320,8 +294,44 @@ class Twins(Pictured):
             progress,
         )
 
-    def summary(self) -> dict[str, object]:
-        """Shares, symmetries and settings in numbers, fit for JSON."""
+    def table(self) -> Table:
+        """The places, each with its layers and the best of its twins."""
+        known = np.column_stack([self.places, *(getattr(self, name) for name in LAYERS)]).tolist()
+        unknown = (np.nan,) * len(TWIN)
+        best = (next(iter(self.of(n)), unknown) for n in range(len(self)))
+        return Table(PLACES, tuple((*own, *twin) for own, twin in zip(known, best, strict=True)))
+
+    def _write(
+        self,
+        folder: Path,
+        starts: Sequence[Start] | None = None,
+        matches: GlobalMatches | None = None,
+    ) -> None:
+        self.table().write_csv(folder / "twins.csv")
+        arrays: dict[str, Any] = {name: self.layer(name).astype(np.float32) for name in LAYERS}
+        arrays |= {"places": self.places, "headings": self.headings, "twins": self.twins}
+        np.savez_compressed(folder / "twins.npz", **arrays)
+        Table.of(SYMMETRIES, self.symmetries).write_csv(folder / "symmetries.csv")
+        starts = self.best_starts() if starts is None else starts
+        Table.of(STARTS, starts, number="start").write_csv(folder / "starts.csv")
+
+    def summary(
+        self, starts: Sequence[Start] | None = None, matches: GlobalMatches | None = None
+    ) -> dict[str, object]:
+        """Shares, symmetries, starts and settings in numbers, fit for JSON; of one place its twins.
+
+        Parameters
+        ----------
+        starts : sequence of Start, optional
+            Starts; `best_starts` by default.
+        matches : GlobalMatches, optional
+            What `verify` gave.
+        """
+        at = {}
+        if len(self) == 1:
+            twins = Table.of(TWIN, self.of(0)).records()
+            at = {"at": {**self.table().records()[0], "twins": twins}}
+        starts = self.best_starts() if starts is None else starts
         return finite(
             {
                 "map": {"name": self.grid.name, "digest": self.grid.digest},
@@ -331,7 +341,10 @@ class Twins(Pictured):
                 "mean_elsewhere": float(self.elsewhere.mean()),
                 "share_unseen": self.unseen,
                 "share_on_stretch": float((self.stretch > 0).mean()),
-                "symmetries": [dataclasses.asdict(each) for each in self.symmetries],
+                "symmetries": Table.of(SYMMETRIES, self.symmetries).records(),
+                "starts": Table.of(STARTS, starts).records(),
+                "matches": matches.summary() if matches else None,
                 "matching": dataclasses.asdict(self.matching),
+                **at,
             }
         )

@@ -1,0 +1,269 @@
+"""Results: tables whose columns are declared once, in text and in files, and what is saved."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._util.checks import file_path
+from locplan._util.extras import needed
+from locplan._util.files import replacing
+from locplan._util.notebook import Pictured, called
+from locplan._util.results import Results
+from locplan._util.tables import csv_cell, finite, table, write_json
+
+if TYPE_CHECKING:
+    import pandas
+
+SCALES = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}
+"""Factors from the units of files, metres, radians and shares, to those that people see."""
+SMALL = 0.0995
+"""Errors below this are shown in millimetres [m]."""
+FILE_DPI = 130
+"""Pixels an inch of pictures in files."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """What one column of a table is called, in which unit, and how people see it."""
+
+    name: str
+    """Name in files, which stands for the same quantity in all of them."""
+    unit: str = ""
+    """Unit in files, where lengths are in metres and angles in radians; empty without one."""
+    title: str | None = None
+    """Heading for people, without the unit; None for a column that is in files only."""
+    digits: int = 2
+    """Digits behind the point for people."""
+    people: str = ""
+    """Unit that people see instead: "cm", "deg" or "%"."""
+    signed: bool = False
+    """True if people see a plus before what is above 0."""
+    interval: bool = False
+    """True if the values are `Interval`s, which take three columns in files."""
+    value: Callable[[Any], Any] | None = None
+    """Gives a record's value; by default it is the attribute of this name."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns in files."""
+        ends = ("", "_low", "_high") if self.interval else ("",)
+        return tuple(f"{self.name}{end}" for end in ends)
+
+    @property
+    def heading(self) -> str:
+        """Title and unit; a per cent sign stands behind each value instead."""
+        unit = self.people or self.unit
+        return f"{self.title} [{unit}]" if unit not in ("", "%") else str(self.title)
+
+    def of(self, record: object) -> Any:
+        """The value of a record."""
+        return self.value(record) if self.value else getattr(record, self.name)
+
+    def text(self, value: Any) -> str:
+        """A value for people; a dash where it is not known."""
+        if isinstance(value, str):
+            return value
+        middle, *ends = value if self.interval else (value,)
+        if not math.isfinite(middle):
+            return "-"
+        exact = self.interval and self.unit == "m" and middle < SMALL
+        # z: no minus before what rounds to 0
+        form = f"{'+' if self.signed else ''}z.{self.digits + exact}f"
+        percent = "%" if self.people == "%" else ""
+        middle, *ends = (
+            f"{SCALES[self.people] * each:{form}}{percent}" for each in (middle, *ends)
+        )
+        known = self.interval and math.isfinite(value[1])
+        return f"{middle} [{', '.join(ends)}]" if known else str(middle)
+
+
+POSITION: tuple[Column, ...] = Column("x", "m", "x"), Column("y", "m", "y")
+POSE: tuple[Column, ...] = (*POSITION, Column("heading", "rad", "heading", 0, "deg"))
+"""Columns of poses in the world, and of positions."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under declared columns; `print` shows it as text."""
+
+    columns: tuple[Column, ...]
+    """The columns."""
+    rows: tuple[tuple[Any, ...], ...]
+    """A value for each column in each row: numbers in the column's unit, texts, or intervals."""
+
+    @classmethod
+    def of(
+        cls, columns: Iterable[Column], records: Iterable[object], *, number: str | None = None
+    ) -> Table:
+        """The table of some records.
+
+        Parameters
+        ----------
+        columns : iterable of Column
+            What is shown of each.
+        records : iterable
+            The records, a row each.
+        number : str, optional
+            Heading of a first column, `number`, that counts the rows from 1; none by default.
+        """
+        declared = tuple(columns)
+        rows = tuple(tuple(column.of(each) for column in declared) for each in records)
+        if number is None:
+            return cls(declared, rows)
+        counted = tuple((n, *row) for n, row in enumerate(rows, 1))
+        return cls((Column("number", title=number, digits=0), *declared), counted)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __str__(self) -> str:
+        return self.text()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all columns in files."""
+        return tuple(name for column in self.columns for name in column.names)
+
+    def text(self, first: int | None = None, width: int | None = None) -> str:
+        """The table for people.
+
+        Parameters
+        ----------
+        first : int, optional
+            Number of the rows that are shown; all by default.
+        width : int, optional
+            Greatest width [characters]; the terminal's by default.
+        """
+        shown = [n for n, column in enumerate(self.columns) if column.title is not None]
+        heads = [self.columns[n].heading for n in shown]
+        rows = [[self.columns[n].text(row[n]) for n in shown] for row in self.rows[:first]]
+        return table(heads, rows, width=width)
+
+    def records(self) -> list[dict[str, Any]]:
+        """The rows by the names of their columns, fit for JSON; null is what is not known."""
+        return [finite(dict(zip(self.names, row, strict=True))) for row in self._values()]
+
+    def write_csv(self, file: Path) -> None:
+        """Write the rows, as a whole or not at all; what is not known is empty."""
+        with replacing(file) as temporary, temporary.open("w", newline="", encoding="utf-8") as to:
+            writer = csv.writer(to)
+            writer.writerow(self.names)
+            writer.writerows([csv_cell(_plain(each)) for each in row] for row in self._values())
+
+    def write_geojson(
+        self, file: Path, outlines: Iterable[ArrayLike], *, frame: str = "map"
+    ) -> None:
+        """Write each row with its outline, as a whole or not at all.
+
+        Parameters
+        ----------
+        file : path
+            The file, whose name is that of the collection.
+        outlines : iterable of (n, 2) array
+            Corners of a polygon for each row [m], the last one not the first one again.
+        frame : str, default "map"
+            The frame of the corners, which each feature names.
+        """
+        rings = (np.asarray(each).round(4).tolist() for each in outlines)
+        features = [
+            {
+                "type": "Feature",
+                "properties": about | {"frame": frame},
+                "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]},
+            }
+            for about, ring in zip(self.records(), rings, strict=True)
+        ]
+        about = {"type": "FeatureCollection", "name": file.stem, "features": features}
+        with replacing(file) as temporary:
+            temporary.write_text(json.dumps(about, allow_nan=False) + "\n", encoding="utf-8")
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A data frame of pandas; a LocplanError if it is not installed."""
+        needed("pandas", "tables", "a data frame")
+        import pandas
+
+        return pandas.DataFrame([*self._values()], columns=[*self.names])
+
+    def _values(self) -> Iterator[Sequence[Any]]:
+        """The values of each row by `names`."""
+        for row in self.rows:
+            pairs = zip(self.columns, row, strict=True)
+            yield [own for c, value in pairs for own in (value if c.interval else (value,))]
+
+
+class Result(Pictured):
+    """What a command finds: numbers, text for people, a figure, and a folder with all of them."""
+
+    files: ClassVar[Results]
+    """The files that `save` writes."""
+    _reported_by: ClassVar[str]
+    """Module and function that make the text for people, by name, as `_drawn_by` does."""
+
+    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+        """What was found in numbers, fit for JSON.
+
+        Parameters
+        ----------
+        *about, **more
+            What belongs to it, such as the drives that verify it.
+        """
+        raise NotImplementedError
+
+    def table(self) -> Table:
+        """What was found, a row each."""
+        raise NotImplementedError
+
+    def report(self, *about: Any, **more: Any) -> str:
+        """Text for people, with the table.
+
+        Parameters
+        ----------
+        *about, **more
+            What `summary` takes.
+        """
+        return str(called(self._reported_by, self, *about, **more))
+
+    def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
+        """Write the summary as JSON, the figure, and the tables, whole or not at all.
+
+        Parameters
+        ----------
+        folder : path
+            Folder of the results, which need not exist.
+        *about
+            What `summary` takes.
+        force : bool, default False
+            True also replaces files of these names that locplan did not write.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written, or would replace one that locplan did not write.
+        """
+        kind = self.files.kind
+        target = self.files.into(file_path("a folder of results", folder), force=force)
+        with target.writing() as new:
+            write_json(new / f"{kind}.json", self.summary(*about))
+            picture = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
+            self.figure(*about).savefig(new / f"{kind}.png", **picture)
+            self._write(new, *about)
+
+    def _write(self, folder: Path, *about: Any) -> None:
+        """Write what there is beside the summary and the figure."""
+        raise NotImplementedError
+
+
+def _plain(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{value:.9g}" if math.isfinite(value) else ""
