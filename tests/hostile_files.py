@@ -41,6 +41,7 @@ from locplan.export._parameters import with_costmap
 from locplan.export._robots import Robot
 from locplan.field import (
     CovarianceField,
+    FieldCache,
     FieldConfig,
     Sad,
     SearchWindow,
@@ -48,12 +49,10 @@ from locplan.field import (
     _tiles as tiles,
     load_config,
 )
-from locplan.field._cache_table import cache_summary, cache_table
 from locplan.field._store import _Found, field_path
 from locplan.field._tiles import wanted_points
 from locplan.field._zarr import attributes, write
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map
-from locplan.maps._files import files_of
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map, source_files
 from locplan.planners import read_queries
 from locplan.recordings import Recording, read_drive
 from locplan.robots import Lidar, read_amcl, read_parameters
@@ -456,7 +455,7 @@ def map_files(folder: Path) -> None:
 
 
 def read_map(folder: Path) -> None:
-    for file in files_of(folder / "map.yaml"):
+    for file in source_files(folder / "map.yaml"):
         os.path.realpath(file)
     grid = load_map(folder / "map.yaml")
     repr(grid)
@@ -519,8 +518,8 @@ def read_cache(folder: Path) -> None:
     found = cache.entries(folder)
     assert len(found) == 2
     assert any(entry.about.get("map_name") == "room" for entry in found)
-    json.dumps(cache_summary(found))
-    assert cache_table(found, folder, 10**9).count("\n") >= 3
+    json.dumps(FieldCache(folder, found, 10**9).summary())
+    assert FieldCache(folder, found, 10**9).table().count("\n") >= 3
     wanted = wanted_points(GRID, SMALL)
     about = attributes(GRID, SMALL)
     known = _Found.at(field_path(GRID, SMALL, folder), about, GRID, SMALL, wanted)

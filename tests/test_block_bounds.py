@@ -11,9 +11,9 @@ from locplan._kernels import bounds, saturating
 from locplan._kernels.simd import zero_shorts
 from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
 from locplan.field._estimator import MapPart
-from locplan.field._template import disc
 from locplan.field.estimators._sad_blocks import disc_blocks, kept_lines, scaled
 from locplan.field.estimators._sad_tiles import Due, Layout
+from locplan.field.templates import disc
 from locplan.maps import FREE, load_map
 
 

@@ -7,6 +7,7 @@ from conftest import random_rooms
 from locplan._util.leftovers import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import (
+    FieldCache,
     FieldConfig,
     Fused,
     Sad,
@@ -15,7 +16,6 @@ from locplan.field import (
     _cache as cache,
     _store as store,
 )
-from locplan.field._cache_table import cache_table
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar
 
@@ -72,21 +72,21 @@ def test_a_new_field_drives_out_an_old_one(three, tmp_path, monkeypatch):
 
 def test_what_is_being_computed_stays(three, tmp_path):
     with cache.lock_of(three[1]):
-        removed, busy = cache.remove_older(tmp_path, 0)
+        removed, busy = cache.clear_cache(tmp_path, 0)
     assert [entry.folder for entry in busy] == [three[1]]
     assert {entry.folder for entry in removed} == {three[0], three[2]}
     assert names(tmp_path) == ["rooms 2"]
 
 
 def test_only_what_was_not_used_for_so_long_is_removed(three, tmp_path):
-    cache.remove_older(tmp_path, 2)
+    cache.clear_cache(tmp_path, 2)
     assert names(tmp_path) == ["rooms 1"]
 
 
 def test_damaged_entries_can_be_seen_and_removed(three, tmp_path):
     (three[0] / "zarr.json").write_text("{")
     assert [entry.about for entry in cache.entries(tmp_path)].count({}) == 1
-    cache.remove_older(tmp_path, 0)
+    cache.clear_cache(tmp_path, 0)
     assert cache.entries(tmp_path) == []
 
 
@@ -98,7 +98,7 @@ def test_leftovers_of_killed_processes_are_removed_but_not_those_of_live_ones(th
         other.mkdir()
     with temporary_folder(tmp_path) as held:
         assert not abandoned.exists()
-        cache.remove_older(tmp_path, 2)
+        cache.clear_cache(tmp_path, 2)
         assert held.exists()
     assert all(other.exists() for other in others)
     assert not list(tmp_path.glob(".locplan-tmp-????????"))
@@ -110,7 +110,7 @@ def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
         (tmp_path / name / "zarr.json").write_text("{}")
         os.utime(tmp_path / name, (0, 0))
     cache.evict(tmp_path, 0, three[0])
-    cache.remove_older(tmp_path, 0)
+    cache.clear_cache(tmp_path, 0)
     assert len(list(tmp_path.glob("*/zarr.json"))) == 4
     assert cache.entries(tmp_path) == []
 
@@ -178,4 +178,4 @@ def test_the_list_names_the_lidar_and_the_settings_that_differ(
     monkeypatch.setenv("COLUMNS", "200")
     about = {"map_name": "room", "config": FieldConfig(estimator).to_json(), "chunks": 1}
     entry = cache.CacheEntry(tmp_path, about, 1000, 1, time.time(), time.time())
-    assert f"room {told}" in " ".join(cache_table([entry], tmp_path, 10**9).split())
+    assert f"room {told}" in " ".join(FieldCache(tmp_path, [entry], 10**9).table().split())

@@ -31,7 +31,7 @@ from locplan.field import (
 )
 from locplan.field._covariance import mean_information, rotated
 from locplan.field._lattice import standing_cells
-from locplan.field._surfaces import REACH, surface_normals
+from locplan.field._surfaces import NORMAL_REACH, surface_normals
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planners import plan
 from locplan.planners.ompl._motions import Motions
@@ -624,7 +624,7 @@ def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
     occupied = random_rooms((300, 310), seed=2) == 0
     whole = surface_normals(occupied)
     part = surface_normals(occupied[40:260, 30:300])
-    inner = slice(REACH, -REACH)
+    inner = slice(NORMAL_REACH, -NORMAL_REACH)
     np.testing.assert_array_equal(part[inner, inner], whole[40:260, 30:300][inner, inner])
     monkeypatch.setattr("locplan.field._surfaces.BAND", 37)
     np.testing.assert_array_equal(surface_normals(occupied), whole)

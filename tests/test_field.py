@@ -28,7 +28,7 @@ from locplan.field import (
 from locplan.field._config import config_of
 from locplan.field._estimator import MapPart
 from locplan.field._lattice import evaluated_points, stride_cells
-from locplan.field._samples import MIN_CLEARANCE, sampled
+from locplan.field._samples import MIN_CLEARANCE, sampled_covariances
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
 from locplan.robots import Lidar
 
@@ -399,7 +399,7 @@ def test_what_befalls_an_executor_is_told_in_one_line(rooms):
 def test_sampled_positions_are_spread_out_and_leave_no_gap():
     grid = OccupancyGrid(random_rooms((90, 130), seed=4), 0.1, (3.0, -2.0, 0.4))
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
-    xy, covariance = sampled(field, 1.5)
+    xy, covariance = sampled_covariances(field, 1.5)
     clear = grid.clearance[:: field.stride, :: field.stride] >= MIN_CLEARANCE
     i, j = np.nonzero(field.evaluated & clear)
     points = np.stack(grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5), axis=1)

@@ -84,7 +84,8 @@ def places() -> Iterator[Place]:
     for owner in dict.fromkeys(base for kind in classes for base in bases(kind)):
         for name, value in vars(owner).items():
             public = not name.startswith("_") and name not in fields_of(owner)
-            if public and isinstance(value, MEMBERS):
+            made = getattr(value, "__module__", "") == "matplotlib.artist"  # such as Artist.set
+            if public and not made and isinstance(value, MEMBERS):
                 called = getattr(owner, name) if isinstance(value, BOUND) else value
                 yield Place(f"{owner.__qualname__}.{name}", called, owner)
 

@@ -21,6 +21,7 @@ from locplan.errors import ConfigError, FieldError, LocplanError, MapError
 from locplan.export._folders import _is_untouched_export
 from locplan.field import (
     CovarianceField,
+    FieldCache,
     FieldConfig,
     Fisher,
     Sad,
@@ -30,7 +31,6 @@ from locplan.field import (
     covariance_field,
     load_or_compute,
 )
-from locplan.field._cache_table import cache_summary, cache_table
 from locplan.field._lattice import _moves, standing_cells
 from locplan.field._store import CacheWarning, field_path
 from locplan.field._zarr import _checksum, write
@@ -231,7 +231,7 @@ def test_a_description_that_is_garbage_is_computed_anew_and_breaks_no_list(
     (ours / "zarr.json").write_bytes(garbage.encode("utf-8", "surrogatepass"))
     found = cache.entries(tmp_path)
     assert sorted(entry.about.get("map_name", "") for entry in found) == ["", "room"]
-    assert "(not of" in cache_table(found, tmp_path, 10**9)
+    assert "(not of" in FieldCache(tmp_path, found, 10**9).table()
     with pytest.warns(CacheWarning, match="computed anew"):
         field = load_or_compute(GRID, SMALL, cache_dir=tmp_path)
     with warnings.catch_warnings():
@@ -268,7 +268,7 @@ def test_attributes_of_another_kind_are_no_field(tmp_path, changes):
     described(ours, **changes)
     found = cache.entries(tmp_path)
     assert [entry.share for entry in found] == [1.0, 1.0]
-    assert cache_table(found, tmp_path, 10**9).count("room") == 1
+    assert FieldCache(tmp_path, found, 10**9).table().count("room") == 1
     with pytest.raises(FieldError, match="not a covariance field"):
         CovarianceField.load(ours)
 
@@ -279,9 +279,9 @@ def test_settings_in_a_description_that_are_deep_or_long_are_cut_in_the_list(tmp
     for _ in range(400):
         deep = {"a": deep}
     described(field_path(GRID, SMALL, tmp_path), config={"estimator": deep, "b": list(range(9999))})
-    text = cache_table(cache.entries(tmp_path), tmp_path, 10**9)
+    text = FieldCache(tmp_path, cache.entries(tmp_path), 10**9).table()
     assert len(text) < 5000
-    json.dumps(cache_summary(cache.entries(tmp_path)))
+    json.dumps(FieldCache(tmp_path, cache.entries(tmp_path), 10**9).summary())
 
 
 def test_a_map_that_is_larger_than_described_is_not_read(tmp_path):

@@ -33,6 +33,10 @@ ORDER = (
 )
 """The packages from the bottom to the top; those in one row do not know of each other."""
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
+FACELESS = {"errors", "_kernels", "_util"}
+"""Packages of which each module is a face; their names with an underscore are their own."""
+WITHOUT_WHOLE_FACE = {"explorer", "export", "landmarks", "recordings", "simulation", "twins"}
+"""Packages of which others still import names that are not on the face: none is to be added."""
 HOMES = {
     "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._bindings",),
@@ -111,6 +115,33 @@ def test_packages_import_from_lower_packages_only(package):
                 assert lower or other == package, f"{name} imports {other}"
 
 
+def is_on_face(module: str, name: str) -> bool:
+    """Whether other packages may import a name from a module of ours."""
+    if any(part.startswith("_") for part in (*module.split(".")[1:], name)):
+        return False
+    package = module in LEVEL and module not in FACELESS
+    return not package or name in getattr(locplan, module).__all__
+
+
+def names_past_faces(module: str) -> list[str]:
+    """The names that a module imports from other packages and that are not on their faces."""
+    found = []
+    for node in ast.walk(tree_of(MODULES[module])):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("locplan."):
+            home = str(node.module).removeprefix("locplan.")
+            if package_of(home) not in {package_of(module), *WITHOUT_WHOLE_FACE}:
+                names = [alias.name for alias in node.names]
+                found += [f"{home}.{name}" for name in names if not is_on_face(home, name)]
+    return found
+
+
+@pytest.mark.parametrize("package", sorted(LEVEL))
+def test_packages_import_from_the_faces_of_others_only(package):
+    for name in MODULES:
+        if package_of(name) == package:
+            assert names_past_faces(name) == [], name
+
+
 def test_no_module_imports_the_package_itself_but_for_its_version():
     for name, path in MODULES.items():
         if name not in ("", "__main__"):
@@ -161,7 +192,7 @@ def test_some_libraries_have_one_home(library):
             assert library not in map(package_of, imports_of(name)), name
 
 
-@pytest.mark.parametrize("package", sorted(set(LEVEL) - {"errors", "_kernels", "_util", "cli"}))
+@pytest.mark.parametrize("package", sorted(set(LEVEL) - FACELESS - {"cli"}))
 def test_packages_offer_what_they_say(package):
     face = getattr(locplan, package)
     assert sorted(face.__all__) == sorted(set(face.__all__))

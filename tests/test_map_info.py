@@ -285,7 +285,7 @@ def test_the_picture_has_numbered_lines_rooms_and_places():
 
 
 def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
-    monkeypatch.setattr(_cells, "DRAWN", 20)
+    monkeypatch.setattr(_cells, "DRAWN_CELLS", 20)
     cells = np.full((50, 31), FREE, np.uint8)
     cells[:, 17] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)

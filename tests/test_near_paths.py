@@ -12,6 +12,7 @@ from locplan.costs import Costmap, path_metrics
 from locplan.errors import ConfigError, FieldError
 from locplan.field import (
     CovarianceField,
+    FieldCache,
     FieldConfig,
     Fisher,
     _cache as cache,
@@ -19,8 +20,7 @@ from locplan.field import (
     load_or_compute,
     scalar,
 )
-from locplan.field._cache_table import cache_table
-from locplan.field._lattice import evaluated_points, every_second, filled, points_near
+from locplan.field._lattice import evaluated_points, every_second_point, filled, points_near
 from locplan.maps import FREE, OccupancyGrid, environments, save_map
 from locplan.planners import plan, planned_near_paths
 from locplan.robots import Lidar
@@ -41,7 +41,7 @@ def whole(grid) -> CovarianceField:
 
 @pytest.fixture(scope="module")
 def coarse(grid, whole) -> CovarianceField:
-    return covariance_field(grid, CONFIG, points=every_second(whole.evaluated))
+    return covariance_field(grid, CONFIG, points=every_second_point(whole.evaluated))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -49,7 +49,7 @@ def coarse(grid, whole) -> CovarianceField:
 def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
     free = random_rooms((61, 50), seed=seed) == FREE
     needed = evaluated_points(free, stride)
-    chosen = every_second(needed)
+    chosen = every_second_point(needed)
     assert not (chosen & ~needed).any()
     rows, cols = np.nonzero(needed & ~chosen)
     around = np.pad(chosen, 1)
@@ -58,7 +58,7 @@ def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
 
 
 def test_open_space_takes_a_quarter_of_the_points():
-    assert every_second(np.ones((40, 60), bool)).sum() == 600
+    assert every_second_point(np.ones((40, 60), bool)).sum() == 600
 
 
 def test_lacking_points_are_read_bilinearly():
@@ -79,7 +79,7 @@ def test_points_near_a_cell_are_those_within_the_distance():
 
 
 def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, whole, coarse):
-    points = every_second(whole.evaluated)
+    points = every_second_point(whole.evaluated)
     np.testing.assert_array_equal(coarse.evaluated, points)
     np.testing.assert_array_equal(coarse.covariance[points], whole.covariance[points])
     np.testing.assert_array_equal(coarse.lacking, whole.evaluated & ~points)
@@ -167,7 +167,7 @@ def test_the_cache_tells_fields_of_some_points_from_unfinished_ones(grid, coarse
     load_or_compute(grid, CONFIG, points=coarse.evaluated, cache_dir=tmp_path)
     (entry,) = cache.entries(tmp_path)
     assert entry.share is None
-    assert "near paths" in cache_table([entry], tmp_path, 10**9)
+    assert "near paths" in FieldCache(tmp_path, [entry], 10**9).table()
     load_or_compute(grid, CONFIG, cache_dir=tmp_path)
     assert {each.share for each in cache.entries(tmp_path)} == {None, 1.0}
 

@@ -10,7 +10,7 @@ from locplan import paper, plotting
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, Scan, SearchWindow, covariance_field, position_axes
-from locplan.field._samples import sampled
+from locplan.field._samples import sampled_covariances
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Plan, pareto_front, plan
 from locplan.robots import Lidar
@@ -110,7 +110,7 @@ def test_plan_figure_says_what_was_asked(field):
 def test_ellipses_have_the_size_and_direction_of_the_covariances(field):
     figure = plotting.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)
     assert [axes.get_title() for axes in figure.axes] == ["six", "again"]
-    xy, covariance = sampled(field, 1.0)
+    xy, covariance = sampled_covariances(field, 1.0)
     assert len(xy) > 20
     major, minor, direction = position_axes(covariance)
     wedges, ellipses, lines = figure.axes[0].collections

@@ -10,9 +10,9 @@ from conftest import few_of, random_rooms
 from locplan._kernels import bitplanes, sad as kernel
 from locplan.field import Exponential, InverseSquare, OffsetLattice, Sad, SearchWindow
 from locplan.field._estimator import MapPart
-from locplan.field._template import cells_at, disc, local_map
 from locplan.field.estimators import _sad as sad
 from locplan.field.estimators._sad_tiles import Layout, template_radius
+from locplan.field.templates import cells_at, disc, local_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import sad_distribution
 

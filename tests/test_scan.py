@@ -16,7 +16,7 @@ from locplan._kernels.lidar import Lidar, scan_ends
 from locplan._kernels.likelihood import TOP
 from locplan._kernels.rays import empty_squares
 from locplan.field import FieldConfig, MapPart, OffsetLattice, Sad, Scan, SearchWindow
-from locplan.field._surfaces import walls
+from locplan.field._surfaces import wall_cells
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.robots import Lidar as Settings
@@ -96,7 +96,7 @@ def test_costs_are_those_of_the_distances(resolution):
         (-field.first, size + field.first - n)
         for size, n in zip((rows, cols), levels.shape, strict=True)
     ]
-    solid = walls(levels == OCCUPIED)
+    solid = wall_cells(levels == OCCUPIED)
     squared = ndimage.distance_transform_edt(np.pad(1 - solid, margins, constant_values=1)) ** 2
     exact = -np.log((1 - Z_RAND) * np.exp(-squared * resolution**2 / 0.02) + Z_RAND) / field.nats
     costs = planes.transpose(2, 0, 3, 1).reshape(rows, cols)
@@ -111,7 +111,7 @@ def test_costs_are_those_of_the_distances(resolution):
 def test_walls_are_hollow(level):
     levels = random_rooms((23, 31), seed=4, blocks=6)
     levels[5:13, 20:28] = level
-    assert [tuple(at) for at in np.argwhere(walls(levels == OCCUPIED))] == naive.walls(levels)
+    assert [tuple(at) for at in np.argwhere(wall_cells(levels == OCCUPIED))] == naive.walls(levels)
 
 
 def test_unknown_space_painted_black_changes_little():

@@ -6,7 +6,7 @@ from conftest import random_rooms
 
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, SearchWindow
-from locplan.field._template import (
+from locplan.field.templates import (
     BEHIND,
     beam_count,
     disc,

@@ -16,7 +16,7 @@ from locplan.plotting._cells import field_cells
 from locplan.plotting._maps import SOLID, limits_of, map_axes, shades
 from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import MOST, RoundNumbers, make_logarithmic, round_numbers
-from locplan.plotting._views import around, cut, draw_inset, zoomed_to
+from locplan.plotting._views import cut, draw_inset, map_around, zoomed_to
 from locplan.robots import Lidar, Robot
 from locplan.simulation._figures import PANEL_POINTS, _beside, queries_figure
 from locplan.simulation._routes import Route, Routes
@@ -72,7 +72,7 @@ def test_an_inset_leaves_the_path_free(corner):
     grid = hall(300, 500, (0.0, 0.0, 0.0))
     way = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])  # one corner is free
     path = Path(16 + 20 * np.abs(way - corner))
-    part = around(grid, [path])
+    part = map_around(grid, [path])
     figure, axes = map_axes(part)
     plotting.draw_map(axes, part)
     draw_inset(axes, grid, part, [path])
@@ -97,7 +97,7 @@ def test_values_of_a_part_are_those_of_the_map(field):
 def test_paths_beside_the_map_show_all_of_it():
     grid = hall()
     beside = Path(np.array([[-500.0, -500.0], [-490.0, -500.0]]))
-    assert around(grid, [beside]) is grid
+    assert map_around(grid, [beside]) is grid
 
 
 def test_plans_of_one_path_say_so(costs, field):

@@ -27,26 +27,26 @@ Days = Annotated[
 @app.command(name="list")
 def list_(*, cache_dir: CacheDir = None, json: Json = False) -> None:
     """List the cached fields, the last used first."""
-    from locplan.field._cache import cache_folder, cache_limit, entries
-    from locplan.field._cache_table import cache_summary, cache_table
+    from locplan.field import FieldCache
 
-    folder, limit = cache_folder(cache_dir), cache_limit()
-    found = entries(folder)
-    show(json, cache_summary(found), cache_table(found, folder, limit))
+    found = FieldCache.of(cache_dir)
+    show(json, found.summary(), found.table())
 
 
 @app.command
 def clear(*, older_than: Days = 0.0, cache_dir: CacheDir = None) -> None:
     """Remove cached fields, but for those being computed."""
-    from locplan.field._cache import cache_folder, remove_older
-    from locplan.field._cache_table import cleared
+    from locplan._util.tables import in_bytes
+    from locplan.field import cache_folder, clear_cache
 
-    print(cleared(*remove_older(cache_folder(cache_dir), older_than)))
+    removed, busy = clear_cache(cache_folder(cache_dir), older_than)
+    kept = f"; being computed, and kept: {len(busy)}" if busy else ""
+    print(f"removed {len(removed)}, {in_bytes(sum(entry.size for entry in removed))}{kept}")
 
 
 @app.command
 def path(*, cache_dir: CacheDir = None) -> None:
     """Print the folder of the cached fields."""
-    from locplan.field._cache import cache_folder
+    from locplan.field import cache_folder
 
     print(cache_folder(cache_dir))

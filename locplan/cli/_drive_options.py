@@ -95,8 +95,7 @@ class DriveOptions:
             If there are several maps, the map does not fit, or a file cannot be read.
         """
         from locplan._util.working import working
-        from locplan.maps import find_maps, load_map
-        from locplan.maps._files import MapWarning
+        from locplan.maps import MapWarning, find_maps, load_map
         from locplan.recordings import fit_to_map
 
         files = find_maps(*maps)

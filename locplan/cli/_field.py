@@ -38,7 +38,7 @@ def field(
 ) -> int:
     """Compute how uncertain a pose match is all over a map, or over many."""
     from locplan.export._batch import batch_table, jobs_for, run_all
-    from locplan.field._summary import FieldSummary
+    from locplan.field import FieldSummary
 
     _, config = options.with_robot(robot_options)
     jobs = jobs_for(maps, output, picture, force=force)

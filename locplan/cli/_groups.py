@@ -32,10 +32,10 @@ def _keep(_: object, files: Path | Sequence[Path] | None) -> None:
 
 
 def _keep_maps(_: object, maps: Path | Sequence[Path]) -> None:
-    from locplan.maps._files import files_of
+    from locplan.maps import source_files
 
     for path in [maps] if isinstance(maps, Path) else maps:
-        _keep(None, files_of(path))
+        _keep(None, source_files(path))
 
 
 INPUT, MAP_INPUT = Parameter(validator=_keep), Parameter(name="MAP", validator=_keep_maps)

@@ -39,7 +39,7 @@ def info(
 ) -> None:
     """Describe a map: size, what misleads, rooms, and places for start and goal."""
     from locplan._util.files import PICTURES, check_target
-    from locplan.costs._lidars import lidars_table
+    from locplan.costs import lidars_table
     from locplan.planners import describe_map
 
     if output:
@@ -49,7 +49,7 @@ def info(
     shares = []
     if lidars or robot.lidar:
         from locplan._util.progress import progress_bar
-        from locplan.costs._lidars import compare_lidars
+        from locplan.costs import compare_lidars
         from locplan.robots import Lidar
 
         named = [Lidar.preset(name) for name in COMPARED] if lidars else []

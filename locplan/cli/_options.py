@@ -150,8 +150,7 @@ class FieldOptions:
 
     def _made(self, lidar: Lidar | None) -> FieldConfig:
         """The settings that were asked for; `lidar` is the robot's, where it is known."""
-        from locplan.field import FieldConfig
-        from locplan.field._registry import estimator_class
+        from locplan.field import FieldConfig, estimator_class
 
         given = given_of(self)
         kinds = [estimator_class(name) for name in ESTIMATORS]
@@ -212,7 +211,7 @@ def _reaching(config: FieldConfig, reach: float) -> FieldConfig:
 
 
 def _has_scheduler(_: object, scheduler: str | None) -> None:
-    from locplan.field._cluster import check_scheduler
+    from locplan.field import check_scheduler
 
     if scheduler is not None:
         check_scheduler(scheduler)
@@ -233,8 +232,7 @@ class Computing:
     def of(self, config: FieldConfig) -> Iterator[Compute]:
         """The function that gives the field of a map: read, or computed here or on a cluster."""
         from locplan._util.progress import progress_bar
-        from locplan.field import load_or_compute
-        from locplan.field._cluster import executor_of
+        from locplan.field import executor_of, load_or_compute
 
         with executor_of(self.scheduler) if self.scheduler else nullcontext() as executor:
 
@@ -260,7 +258,7 @@ class Computing:
 
     def begun(self, grid: OccupancyGrid, config: FieldConfig, *, in_part: bool) -> bool:
         """Whether the cache has a part of a field, with `in_part` of one of some points."""
-        from locplan.field._store import field_path
+        from locplan.field import field_path
 
         try:
             return field_path(grid, config, self.cache_dir, in_part=in_part).exists()
@@ -284,8 +282,7 @@ class CostOptions:
 
     def check(self, config: FieldConfig) -> None:
         """Raise a ConfigError if an option is out of range; to be called before long work."""
-        from locplan.costs._degeneracy import check_criterion
-        from locplan.costs._density import check_weight
+        from locplan.costs import check_criterion, check_weight
 
         if self.weight is not None:
             check_weight(self.weight)

@@ -64,12 +64,11 @@ def pareto(
     from locplan._util.working import working
     from locplan.costs import Costmap
     from locplan.export._plan_folders import FRONT, write_front
-    from locplan.field._summary import about_field
-    from locplan.planners._summary import front_summary, front_table
-    from locplan.planners._trade_offs import check_caps
+    from locplan.field import about_field
+    from locplan.planners import check_front_limits, front_summary, front_table
 
     ends = position("start", search.start), position("goal", search.goal)
-    check_caps(search.objective, search.time_limit, search.max_labels)
+    check_front_limits(search.objective, search.time_limit, search.max_labels)
     grid = load(map_file)
     robot, config = options.with_robot(robot_options)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)

@@ -116,9 +116,8 @@ def plan(
     from locplan._util.working import working
     from locplan.costs import Costmap
     from locplan.export._plan_folders import PLAN, write_plans
-    from locplan.field._summary import about_field
-    from locplan.planners._ahead import prepared_beside
-    from locplan.planners._summary import plans_summary, plans_table
+    from locplan.field import about_field
+    from locplan.planners import plans_summary, plans_table, prepared_beside
 
     start, goal = position("start", query.start), position("goal", query.goal)
     stops = [position("via", xy) for xy in query.via]

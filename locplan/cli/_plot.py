@@ -73,7 +73,6 @@ def plot(
     from locplan._util.working import working
     from locplan.field import SCALARS
     from locplan.paper.template_matching import along_axis, mismatch
-    from locplan.plotting._captions import how
 
     given = given_of(shown)
     figure, scalar = given.pop("figure"), given.get("scalar")
@@ -106,7 +105,7 @@ def plot(
             window = estimator.lattice(grid.resolution)
             drawn = paper.distribution_figure({title: mismatch(grid, *place, estimator)}, window)
     else:
-        fields = {f"{grid.name}: {how(c)}": computing.field(grid, c) for c in configs}
+        fields = {f"{grid.name}: {c.summary}": computing.field(grid, c) for c in configs}
         if figure == "e":
             drawn = plotting.e_figure(fields, colours)
         elif figure == "ellipses":

@@ -13,11 +13,9 @@ from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison.report._data import Case, Scene
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, Estimator, FieldConfig
-from locplan.field._config import config_of
+from locplan.field import CovarianceField, Estimator, FieldConfig, config_of
 from locplan.maps import OccupancyGrid, load_map
-from locplan.planners import Query, pareto_front
-from locplan.planners._queries import queries_of
+from locplan.planners import Query, pareto_front, queries_of
 
 MAX_SCENARIOS = 100
 """Greatest number of queries from a MovingAI file, which may hold fifteen thousand."""

@@ -21,8 +21,7 @@ from locplan.comparison._result import Comparison
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._workers import PATIENCE
 from locplan.comparison.report._data import Case
-from locplan.costs import ROBOT_RADIUS, Costmap
-from locplan.costs._named_maps import named_maps
+from locplan.costs import ROBOT_RADIUS, Costmap, named_maps
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField, Estimator, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid

@@ -25,8 +25,7 @@ from locplan.comparison._runs import Run, Task
 from locplan.comparison._specs import PlannerSpec, specs_of
 from locplan.comparison._worker import Order
 from locplan.comparison._workers import PATIENCE, Workers, check_platform
-from locplan.costs import Costmap
-from locplan.costs._density import check_weight
+from locplan.costs import Costmap, check_weight
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import MAX_SEED, AnyPlanner, Query, check_ends
 

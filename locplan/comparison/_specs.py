@@ -15,15 +15,19 @@ from locplan._util.extras import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import (
+    PLANNERS,
     AnyPlanner,
+    Entry,
     FunctionPlanner,
     Guarded,
     Ompl,
     Plan,
     Planner,
     Position,
+    Wrapper,
     check_ends,
     innermost,
+    named_planner,
     names,
     options_of,
     planner_for,
@@ -31,8 +35,6 @@ from locplan.planners import (
     takes,
     with_options,
 )
-from locplan.planners._protocol import Wrapper
-from locplan.planners._registry import PLANNERS, Entry, named
 
 FURTHER = {
     "simulated choice": Entry(
@@ -239,7 +241,9 @@ def _parsed(text: str) -> PlannerSpec:
         if name.strip() in (*names(), "") or limits["budget"] is not None:
             planner = planner_for(name.strip(), options, **limits)
         else:
-            planner = planner_for(named(name.strip(), options, PLANNERS | FURTHER), **limits)
+            planner = planner_for(
+                named_planner(name.strip(), options, PLANNERS | FURTHER), **limits
+            )
     except LocplanError as error:
         raise ConfigError(f"planner {shown(label)}: {error}") from None
     return PlannerSpec(label, planner)

@@ -1,4 +1,4 @@
-"""Description of the input that results were made from."""
+"""Descriptions of the input that results were made from."""
 
 from __future__ import annotations
 
@@ -21,3 +21,21 @@ def about_costs(costs: Costmap) -> dict[str, object]:
         **finite({"weight": costs.weight, "robot_radius": costs.robot_radius}),
         **(costs.settings.to_json() if costs.settings else {}),
     }
+
+
+def costs_caption(costs: Costmap) -> str:
+    """A further line of a title about the field and the robot of a costmap.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+
+    Returns
+    -------
+    str
+        The line, which begins with a line break; empty for a costmap without a field.
+    """
+    if costs.settings is None:
+        return ""
+    return f"\n{costs.settings.config.summary}, robot radius {costs.robot_radius:g} m"

@@ -24,7 +24,7 @@ from locplan.costs._density import (
     sealed,
 )
 from locplan.costs._standing import standing_cell
-from locplan.costs._window import Window, changed_window, joined_windows, part_around
+from locplan.costs._window import CellWindow, changed_window, joined_windows, part_around
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
@@ -224,6 +224,11 @@ class Costmap(Pictured):
         u = self.u_of_heading.astype(np.float64)
         return np.where(free, 1 + self.weight * u, np.inf)
 
+    @property
+    def unblocked_density(self) -> NDArray[np.float64]:
+        """`density` also where only the robot's radius blocks a cell, if there is a field."""
+        return self.density if math.isnan(self.weight) else density_of(self.u, self.weight)
+
     def with_weight(self, weight: float) -> Costmap:
         """Copy of the costmap with the density of another weight.
 
@@ -244,7 +249,7 @@ class Costmap(Pictured):
         density[np.isinf(self.density)] = np.inf
         return dataclasses.replace(self, density=sealed(density), weight=float(weight))
 
-    def updated(self, field: CovarianceField, *, window: Window | None = None) -> Costmap:
+    def updated(self, field: CovarianceField, *, window: CellWindow | None = None) -> Costmap:
         """Costmap of an edited map, read anew only where the edit can have changed it.
 
         It equals `from_field` with this costmap's settings; what `blocked_where` has blocked is to

@@ -40,7 +40,20 @@ class CostSettings:
 
 
 def check_criterion(criterion: str, config: FieldConfig) -> None:
-    """Raise a ConfigError unless fields of this config have the scalar."""
+    """Check that fields have a scalar, before they are computed.
+
+    Parameters
+    ----------
+    criterion : str
+        The scalar or layer that degeneracy is to be made of, see `Costmap.from_field`.
+    config : FieldConfig
+        Settings of the fields.
+
+    Raises
+    ------
+    ConfigError
+        If they have none of this name.
+    """
     layers = [layer.name for layer in config.estimator.layers]
     one_of("criterion", criterion, [*SCALARS, *layers])
 

@@ -49,7 +49,18 @@ def blocked_near(density: NDArray[Any], grid: OccupancyGrid, robot_radius: float
 
 
 def check_weight(weight: float) -> None:
-    """Raise a ConfigError unless the weight is a number of at least 0."""
+    """Check a weight of degenerate metres, before a costmap is made.
+
+    Parameters
+    ----------
+    weight : float
+        The weight, see `Costmap.from_field`.
+
+    Raises
+    ------
+    ConfigError
+        If it is no number, or not from 0 to 1e9.
+    """
     number("weight", weight, 0, MAX_DENSITY)
 
 

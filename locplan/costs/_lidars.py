@@ -76,7 +76,13 @@ def compare_lidars(
 
 
 def lidars_table(shares: Sequence[LidarShare]) -> str:
-    """The lidars side by side, for people."""
+    """Show lidars side by side, for people.
+
+    Parameters
+    ----------
+    shares : sequence of LidarShare
+        What `compare_lidars` returned.
+    """
     rows = [
         [
             each.lidar.title,

@@ -16,7 +16,19 @@ from locplan.maps import OccupancyGrid, find_maps, load_map
 def named_maps(
     maps: Any, read: Callable[[Path], OccupancyGrid] = load_map
 ) -> dict[str, OccupancyGrid | Costmap]:
-    """Maps by name, from files, folders of them, grids or costmaps, or a mapping of them.
+    """Read maps in any form that functions of many maps accept, and name them.
+
+    Parameters
+    ----------
+    maps : path, OccupancyGrid or Costmap, sequence or mapping of them
+        Map files, folders of them, grids or costmaps; a mapping gives them names of its own.
+    read : callable, default `load_map`
+        Function that reads a map's file.
+
+    Returns
+    -------
+    dict of str to OccupancyGrid or Costmap
+        The maps by name.
 
     Raises
     ------

@@ -113,6 +113,21 @@ class Path:
         write_csv(file, np.column_stack(columns), header)
 
     @classmethod
+    def joined(cls, paths: Sequence[Path]) -> Path:
+        """Join paths of which each begins where the one before ends.
+
+        Parameters
+        ----------
+        paths : sequence of Path
+            The paths, one at least; the whole has headings if all of them have.
+        """
+        xy = np.vstack([paths[0].xy, *(path.xy[1:] for path in paths[1:])])
+        headings = [path.heading for path in paths if path.heading is not None]
+        if len(headings) < len(paths):
+            return cls(xy)
+        return cls(xy, np.concatenate([headings[0], *(heading[1:] for heading in headings[1:])]))
+
+    @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Path:
         """Read a path from a CSV file whose header names x_m, y_m and perhaps heading_rad.
 
@@ -198,7 +213,7 @@ class Path:
             at = np.linspace(0.0, self.length, count + 1)
             poses = np.column_stack([np.interp(at, self.distance, v) for v in poses.T])
         else:
-            poses = divided(poses, np.diff(self.distance) / spacing - 1e-9)
+            poses = divided_poses(poses, np.diff(self.distance) / spacing - 1e-9)
         return Path(poses[:, :2], None if self.heading is None else poses[:, 2])
 
     def by_heading(self, count: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
@@ -244,18 +259,22 @@ def _numbers(values: object, fault: str) -> NDArray[np.float64]:
         raise LocplanError(fault) from None
 
 
-def divided(poses: NDArray[np.float64], parts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses (n, k) with further ones between: each step (n - 1,) in at least so many parts."""
+def divided_poses(poses: NDArray[np.float64], parts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Put further poses between poses, evenly on each step.
+
+    Parameters
+    ----------
+    poses : (n, k) array
+        The poses; all columns are interpolated linearly.
+    parts : (n - 1,) array
+        Least number of parts of each step, rounded up, at least 1.
+
+    Returns
+    -------
+    (m, k) array
+        All poses, m >= n.
+    """
     steps = np.maximum(1, np.ceil(parts))
     at = np.concatenate([[0.0], np.cumsum(steps)])
     every = np.arange(at[-1] + 1)
     return np.column_stack([np.interp(every, at, v) for v in poses.T])
-
-
-def joined(paths: Sequence[Path]) -> Path:
-    """Join paths of which each begins where the one before ends."""
-    xy = np.vstack([paths[0].xy, *(path.xy[1:] for path in paths[1:])])
-    headings = [path.heading for path in paths if path.heading is not None]
-    if len(headings) < len(paths):
-        return Path(xy)
-    return Path(xy, np.concatenate([headings[0], *(heading[1:] for heading in headings[1:])]))

@@ -11,16 +11,25 @@ from locplan.errors import FieldError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
 
-Window = tuple[slice, slice]
+CellWindow = tuple[slice, slice]
 """Rows and columns of a map."""
 
 
 def changed_window(
     before: OccupancyGrid, field: CovarianceField, robot_radius: float
-) -> Window | None:
+) -> CellWindow | None:
     """The cells whose costs may differ between a map and the edited map of a field; None if none.
 
-    An edit reaches as far as the estimator sees, and as far as the robot's radius [m].
+    An edit reaches as far as the estimator sees, and as far as the robot's radius.
+
+    Parameters
+    ----------
+    before : OccupancyGrid
+        The map.
+    field : CovarianceField
+        The field of the edited map.
+    robot_radius : float
+        Radius of the robot [m].
 
     Raises
     ------
@@ -41,8 +50,14 @@ def changed_window(
     return rows, cols
 
 
-def joined_windows(one: Window | None, other: Window | None) -> Window | None:
-    """The least window that holds two windows; None stands for no cell."""
+def joined_windows(one: CellWindow | None, other: CellWindow | None) -> CellWindow | None:
+    """The least window that holds two windows; None stands for no cell.
+
+    Parameters
+    ----------
+    one, other : (slice, slice) or None
+        The windows, rows and columns of a map.
+    """
     if one is None or other is None:
         return one or other
     rows, cols = (
@@ -52,8 +67,8 @@ def joined_windows(one: Window | None, other: Window | None) -> Window | None:
 
 
 def part_around(
-    field: CovarianceField, window: Window, robot_radius: float
-) -> tuple[CovarianceField, Window]:
+    field: CovarianceField, window: CellWindow, robot_radius: float
+) -> tuple[CovarianceField, CellWindow]:
     """The part of a field that a window of its map is read from, and the window within it."""
     grid, stride = field.grid, field.stride
     margin = 2 * stride + math.ceil(robot_radius / grid.resolution) + 1

@@ -11,8 +11,7 @@ from locplan.explorer._cancelling import Cancelled
 from locplan.explorer._session import Session
 from locplan.explorer._upkeep import Upkeep
 from locplan.explorer._wire import Ask
-from locplan.field import ESTIMATORS, FieldConfig
-from locplan.field._registry import estimator_class
+from locplan.field import ESTIMATORS, FieldConfig, estimator_class
 from locplan.robots import PRESETS, Lidar
 
 if TYPE_CHECKING:

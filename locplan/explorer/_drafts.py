@@ -11,15 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
-from locplan.costs._path import joined
 from locplan.explorer._floor import FACTOR, Floor
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, index_of
 from locplan.explorer._session import Session
-from locplan.planners import Position
-from locplan.planners._any_angle import any_angle_path
-from locplan.planners._grid import Bordered
+from locplan.planners import Bordered, Position, any_angle_path
 
 NEAR = 2
 """Distance in coarse cells within which a stop finds a free one."""
@@ -119,7 +116,7 @@ def _over(
             return None
         found = any_angle_path(coarse.costs, coarse.bordered, cells, first, last)
         legs.append(Path(np.vstack([start, found.xy[1:-1], goal])))
-    path = joined(legs) if len(legs) > 1 else legs[0]
+    path = Path.joined(legs) if len(legs) > 1 else legs[0]
     return path if math.isfinite(path.length) else None
 
 

@@ -17,8 +17,7 @@ from locplan._util.extras import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._notebook import frame_html, in_notebook
-from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad
-from locplan.field._config import config_of
+from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad, config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
 

@@ -18,7 +18,6 @@ from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.explorer._view import View, given, rounded
 from locplan.planners import ParetoFront, pareto_front
-from locplan.planners._protocol import Status
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -62,7 +61,7 @@ class Front:
     """Number of paths of the whole front."""
     epsilon: float
     """No path is shorter and less degenerate than by this share; 0 where the front is exact."""
-    status: Status
+    status: str
     """The status is "solved", or says why there is no path."""
 
     @property

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from locplan._util.checks import RESOLUTIONS
 from locplan.costs import Path
-from locplan.costs._path import joined
 from locplan.errors import ConfigError
 from locplan.explorer._drafts import Coarse, coarse_of, drafted
 from locplan.explorer._floor import FACTOR
@@ -21,8 +20,7 @@ from locplan.explorer._session import KEPT_BYTES, Session
 from locplan.explorer._snap import snapped
 from locplan.explorer._wire import Ask
 from locplan.maps import OccupancyGrid
-from locplan.planners import AnyAngle, Position
-from locplan.planners._any_angle import any_angle_path
+from locplan.planners import AnyAngle, Position, any_angle_path
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -206,7 +204,7 @@ def _over(
         if leg is None:
             return None
         legs.append(leg)
-    return legs[0] if len(legs) == 1 else joined(legs)
+    return legs[0] if len(legs) == 1 else Path.joined(legs)
 
 
 def _leg(

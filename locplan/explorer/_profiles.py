@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.explorer._scene import Scene
-from locplan.field._lattice import read_known_at
+from locplan.field import read_known_at
 
 STEPS = 400
 """Greatest number of steps of a profile."""

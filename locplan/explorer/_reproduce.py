@@ -15,8 +15,7 @@ from locplan._util.checks import printable
 from locplan.explorer._simulating import MOST_DRIVES, PATH_SHOWN
 from locplan.explorer._view import View
 from locplan.field import Estimator, FieldConfig, Sad, lidar_of
-from locplan.planners import AnyAngle
-from locplan.planners._plan import AWARE
+from locplan.planners import AWARE, AnyAngle
 from locplan.robots import PRESETS, Lidar, Robot
 
 if TYPE_CHECKING:

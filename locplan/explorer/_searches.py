@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap
-from locplan.planners import Position
-from locplan.planners._grid import Bordered, blank_costs, bordered_index, cells_of
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import Bordered, Position, bordered_index
 
 T = TypeVar("T")
 
@@ -128,7 +128,7 @@ class Flood:
     @classmethod
     def prepare(cls) -> None:
         """Compile the kernels, so that the first drag does not wait for that."""
-        costs = blank_costs(1, 3)
+        costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
         bordered = Bordered.of(costs)
         flood = cls.of(bordered, index_of(costs, (0.5, 0.5)))
         flood.cells_to(bordered, index_of(costs, (2.5, 0.5)))
@@ -156,7 +156,7 @@ class Flood:
             return None
         half, columns, _ = bordered
         flat = cheapest_cells(half, columns, self.steps, self.source, other, from_source)
-        return cells_of(flat, columns)
+        return bordered.cells_of(flat)
 
 
 def index_of(costs: Costmap, xy: Position) -> int:

@@ -16,7 +16,7 @@ from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.explorer._view import STEPS, View, given, rounded
-from locplan.planners._plan import AWARE, SHORTEST
+from locplan.planners import AWARE, SHORTEST
 from locplan.simulation import Drives, choose, simulate as simulate_paths, verdict
 from locplan.simulation._scores import FLOOR
 from locplan.simulation.choice._choice import count_of, in_one_line

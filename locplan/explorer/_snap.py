@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from locplan.costs import Costmap
 from locplan.errors import PoseError
 from locplan.maps import OccupancyGrid
-from locplan.planners import Position
-from locplan.planners._grid import connected
+from locplan.planners import Position, connected_parts
 
 REACH = 3.0
 """Greatest distance by which a position is moved [m]."""
@@ -31,7 +30,7 @@ class Parts:
     @classmethod
     def of(cls, costs: Costmap) -> Parts:
         """The parts where no corner may be cut."""
-        count, labels = connected(costs)
+        count, labels = connected_parts(costs)
         fits = count <= np.iinfo(np.uint16).max
         return cls(costs.grid, labels.astype(np.uint16) if fits else labels)
 

@@ -8,8 +8,7 @@ from locplan import __version__
 from locplan._util.tables import finite
 from locplan.explorer._scene import Scene
 from locplan.explorer._session import GREATEST_WEIGHT, Session
-from locplan.field import ESTIMATORS
-from locplan.field._registry import estimator_class
+from locplan.field import ESTIMATORS, estimator_class
 from locplan.robots import PRESETS, Preset
 
 TITLES = {
@@ -95,7 +94,7 @@ def _far_apart(session: Session) -> tuple[Any, Any]:
     """Two places of the largest part of the free space, far apart; None where there is none."""
     import numpy as np
 
-    from locplan.planners._suggestions import farthest_pairs
+    from locplan.planners import farthest_pairs
 
     parts = session.parts()
     labels = parts.labels.astype(np.int32)

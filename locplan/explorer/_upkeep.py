@@ -13,12 +13,17 @@ from numpy.typing import NDArray
 
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
-from locplan.costs import Costmap
-from locplan.costs._window import Window, changed_window, joined_windows
+from locplan.costs import CellWindow, Costmap, changed_window, joined_windows
 from locplan.errors import one_line
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._scene import Busy, Opening, Scene
-from locplan.field import CovarianceField, FieldConfig, _tiles as tiles, load_or_compute
+from locplan.field import (
+    CovarianceField,
+    FieldConfig,
+    finished_chunks,
+    load_or_compute,
+    untouched_points,
+)
 from locplan.maps import OccupancyGrid
 
 FIRST_SECONDS = 0.06
@@ -39,7 +44,7 @@ class Patchwork:
     """Mask of the lattice points whose values are those of this map, (h, w)."""
     costs: Costmap
     """The costmap that was shown last."""
-    stale: Window | None = None
+    stale: CellWindow | None = None
     """Window of it that was read from a field with values from before an edit; None without one."""
 
     def updated(
@@ -199,12 +204,12 @@ class Upkeep:
         """
         config, threads = known.config, check_threads(self.session.opening.threads)
         before = known.grid
-        fresh = fresh & tiles.untouched_points(before, grid, config)
-        wanted = tiles.wanted_points(grid, config)
+        fresh = fresh & untouched_points(before, grid, config)
+        wanted = config.lattice_points(grid)
         values = {name: array.copy() for name, array in known.values.items()}
         for array in values.values():
             array[~wanted] = np.nan
-        unknown = wanted & ~tiles.known_points(values)
+        unknown = wanted & ~known.evaluated
         due = wanted & ~fresh
         if not due.any():
             yield CovarianceField.of(values, grid, config), fresh, True
@@ -222,7 +227,7 @@ class Upkeep:
             progress = cancel.watching(_shifted(self._tell, at, len(order)))
             # Of a few points a part of the map is prepared, which their threads do by themselves.
             made = grid, config, threads, self._tiles if at == 0 else None, progress
-            for _ in tiles.finished_chunks(values, *made, batch):
+            for _ in finished_chunks(values, *made, batch):
                 cancel.check()
             fresh, at, size = fresh | batch, at + size, size * GROWTH
             field = CovarianceField.of(values, grid, config)

@@ -13,8 +13,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.planners import Plan, Position, plan_beside_shortest
-from locplan.planners._plan import AWARE, SHORTEST
+from locplan.planners import AWARE, SHORTEST, Plan, Position, plan_beside_shortest
 from locplan.robots import Robot
 
 T = TypeVar("T")

@@ -15,7 +15,7 @@ from matplotlib.transforms import Bbox
 from locplan.export._areas import DegenerateArea
 from locplan.export._autoware import AGREES
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import draw_map, map_axes, map_size
+from locplan.plotting import draw_map, map_axes, map_size
 
 FILL, EDGE = "#e69f00", "#a0522d"
 ARM = 0.02

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.tables import finite
-from locplan.costs import Costmap, about_costs
+from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.export._areas import MIN_AREA, DegenerateArea, degenerate_areas, half_free
 from locplan.export._autoware import lanelet2_of, parameters_of
 from locplan.export._folders import export_folder
 from locplan.export._registry import ExportSummary
 from locplan.export._value_maps import PREVIEW
 from locplan.field import CovarianceField
-from locplan.plotting._captions import made_of
 
 AREAS = "areas.geojson"
 LANELET2 = "degenerate_areas.osm"
@@ -70,7 +69,7 @@ def save_degenerate_areas(
         (temporary / AREAS).write_text(text + "\n", encoding="utf-8")
         (temporary / LANELET2).write_text(lanelet2_of(areas), encoding="utf-8")
         (temporary / PARAMETERS).write_text(parameters_of(areas), encoding="utf-8")
-        title = f"{name}: {said(areas)}, u ≥ {least:.2g}{made_of(costs)}"
+        title = f"{name}: {said(areas)}, u ≥ {least:.2g}{costs_caption(costs)}"
         figure = _area_figures.areas_figure(costs.grid, areas, title)
         save_figure(figure, temporary / PREVIEW, dpi=110)
     return areas

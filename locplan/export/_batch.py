@@ -5,18 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from locplan._util.files import PICTURES, check_folder_target, check_target, make_folder
+from locplan._util.files import PICTURES, check_target, make_folder
 from locplan._util.results import ResultFolder
 from locplan._util.tables import table
 from locplan._util.working import working
 from locplan.errors import LocplanError
-from locplan.field import SCALARS, CovarianceField
-from locplan.field._summary import FieldSummary, shown
-from locplan.field._zarr import SUFFIX, may_be_replaced
+from locplan.field import FIELD_SUFFIX, SCALARS, CovarianceField, FieldSummary, check_field_target
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
 
@@ -35,7 +32,7 @@ class Job:
     def check(self) -> None:
         """Raise a LocplanError unless both can be written."""
         if self.output:
-            check_folder_target(self.output, SUFFIX, partial(may_be_replaced, force=self.force))
+            check_field_target(self.output, force=self.force)
         if self.picture:
             check_target(self.picture, *PICTURES)
         if self.picture and self.pictures:
@@ -76,7 +73,7 @@ def jobs_for(
         job = Job(files[0], output, picture, force=force)
         job.check()
         return [job]
-    for folder, suffixes in ((output, [SUFFIX]), (picture, PICTURES)):
+    for folder, suffixes in ((output, [FIELD_SUFFIX]), (picture, PICTURES)):
         if folder and folder.suffix in suffixes:
             raise LocplanError(f"{folder}: of {len(files)} maps; name a folder, for a file each")
     if output or picture:
@@ -90,7 +87,7 @@ def jobs_for(
     return [
         Job(
             file,
-            output / f"{name_of(file)}{SUFFIX}" if output else None,
+            output / f"{name_of(file)}{FIELD_SUFFIX}" if output else None,
             picture / f"{name_of(file)}.png" if picture else None,
             ResultFolder(picture, "pictures", force) if picture else None,
             force,
@@ -145,8 +142,8 @@ def batch_table(runs: Sequence[Run]) -> str:
         else:
             cells, share = f"{run.summary.cells_evaluated:,}", f"{run.summary.saturated_share:.0%}"
             std = SCALARS["position_std"]
-            position = f"{shown(std.factor * run.summary.position_std.median)} {std.unit}"
-            e, took = shown(run.summary.e.median), f"{run.seconds:.1f} s"
+            position = f"{run.summary.position_std.median_text(std.factor)} {std.unit}"
+            e, took = run.summary.e.median_text(), f"{run.seconds:.1f} s"
             rows.append([run.summary.map, cells, position, e, share, took])
     errors = [f"failed: {run.error}" for run in runs if run.error]
     columns = ["map", "cells", "median position std", "median e", "saturated", "took"]

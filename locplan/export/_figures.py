@@ -13,13 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap
+from locplan.costs import Costmap, costs_caption
 from locplan.export._route_graphs import RouteGraph
 from locplan.maps import UNKNOWN, OccupancyGrid
-from locplan.plotting._captions import made_of
-from locplan.plotting._cells import draw_cells
-from locplan.plotting._maps import FIELD_COLOURS, LIGHT_MAP, draw_map, map_axes, map_size
-from locplan.plotting._picture import Picture
+from locplan.plotting import (
+    FIELD_COLOURS,
+    LIGHT_MAP_COLOURS,
+    Picture,
+    draw_cells,
+    draw_map,
+    map_axes,
+    map_size,
+)
 
 EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
@@ -79,7 +84,7 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     """
     figure, axes = map_axes(costs.grid)
     draw_map(axes, costs.grid)
-    axes.images[0].set_cmap(LIGHT_MAP)
+    axes.images[0].set_cmap(LIGHT_MAP_COLOURS)
     per_metre = graph.cost / graph.length
     order = np.argsort(per_metre, kind="stable")  # the costliest on top
     width, _ = map_size(costs.grid)
@@ -96,7 +101,7 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     size = np.clip(2 * WIDTH * shown, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
     figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
-    axes.set_title(f"{title}{made_of(costs)}", fontsize="medium")
+    axes.set_title(f"{title}{costs_caption(costs)}", fontsize="medium")
     return figure
 
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from locplan._kernels.route import line_costs
 from locplan._kernels.search import bordered_half
 from locplan.costs import Costmap, Path
-from locplan.costs._density import density_of
 
 MERGED = 2.0
 """Greatest distance of a lane that a way can join [m]."""
@@ -49,7 +48,7 @@ class Lines:
         self.resolution = grid.resolution
         self.columns = grid.shape[1] + 2
         self.frame = np.cos(yaw) / grid.resolution, np.sin(yaw) / grid.resolution, x, y
-        price = costs.density if np.isnan(costs.weight) else density_of(costs.u, costs.weight)
+        price = costs.unblocked_density
         priced = np.isfinite(price)
         price = np.where(priced, price, price[priced].max(initial=1.0))
         self.price = bordered_half(price, 1)

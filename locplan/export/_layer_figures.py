@@ -13,10 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from locplan.field import CovarianceField
-from locplan.plotting._captions import how
-from locplan.plotting._maps import FIELD_COLOURS, field_norm
-from locplan.plotting._picture import Picture
-from locplan.plotting._ticks import label_plainly
+from locplan.plotting import FIELD_COLOURS, Picture, field_norm, label_plainly
 
 _ROWS = 256
 
@@ -71,7 +68,7 @@ def legend_figure(
         above.set_xlabel(shown.axis)
         label_plainly(bar.xaxis)
         label_plainly(above.xaxis)
-    title = f"{field.grid.name or 'map'}; transparent: nothing is known\n{how(field.config)}"
+    title = f"{field.grid.name or 'map'}; transparent: nothing is known\n{field.config.summary}"
     figure.suptitle(title, fontsize="medium")
     return figure
 

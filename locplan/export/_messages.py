@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan.costs import Path
 from locplan.errors import LocplanError
-from locplan.field import CovarianceField, position_axes, scalar
-from locplan.field._samples import sampled
+from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
 
 SHARP, DEGENERATE = np.array([0.0, 0.45, 0.7, 0.7]), np.array([0.84, 0.37, 0.0, 0.7])
@@ -111,7 +110,7 @@ def ellipse_markers(
     field: CovarianceField, header: Any, spacing: float, magnify: float
 ) -> Iterator[dict[str, Any]]:
     """visualization_msgs/Marker: flat cylinders, and last the major axes."""
-    xy, covariance = sampled(field, spacing)
+    xy, covariance = sampled_covariances(field, spacing)
     major, minor, direction = position_axes(covariance)
     low, high = np.log(field.anchors("position_std"))
     shade = (np.log(np.maximum(major, 1e-9)) - low) / (high - low)

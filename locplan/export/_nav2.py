@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import shown
-from locplan.costs import Costmap, about_costs
-from locplan.costs._density import density_of
+from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
 from locplan.export._folders import export_folder
@@ -40,7 +39,6 @@ from locplan.export._servers import (
     write_yaml,
 )
 from locplan.export._travel_costs import Conversion, planner_named, values_for
-from locplan.plotting._captions import made_of
 from locplan.robots import Nav2Parameters
 
 PARAMS = "nav2.yaml"
@@ -212,10 +210,10 @@ def keepout_mask(
             "no cell of the costmap is passable, so a mask would be empty; check the"
             " robot's radius [m]"
         )
-    if np.isnan(costs.weight):
-        density, greatest = costs.density, float(costs.density[passable].max()) - 1
-    else:
-        density, greatest = density_of(costs.u, costs.weight), costs.weight
+    greatest = costs.weight
+    if np.isnan(greatest):
+        greatest = float(costs.density[passable].max()) - 1
+    density = costs.unblocked_density
     values, conversion = values_for(density, planner_named(planner), greatest, param, static=static)
     values[~passable & costs.grid.free & ~costs.grid.closer_than(costs.robot_radius - 1e-9)] = (
         LETHAL
@@ -311,5 +309,5 @@ def _write(
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
-        above = f"{title}{made_of(costs)}"
+        above = f"{title}{costs_caption(costs)}"
         value_maps.write_preview(temporary, grid, values, label, above, falling=is_speed)

@@ -12,9 +12,7 @@ from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import write_csv
 from locplan.costs import Costmap, about_costs
 from locplan.field import CovarianceField
-from locplan.planners import ParetoFront, Plan
-from locplan.planners._plan import AWARE, SHORTEST
-from locplan.planners._summary import front_summary, plans_summary
+from locplan.planners import AWARE, SHORTEST, ParetoFront, Plan, front_summary, plans_summary
 
 if TYPE_CHECKING:
     from locplan.simulation import Verdict

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap, about_costs
+from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export._folders import export_folder
 from locplan.maps import OccupancyGrid
-from locplan.plotting._captions import made_of
 
 PREVIEW = "preview.png"
 MODES = ("raw", "scale", "scale-ros1")
@@ -157,7 +156,7 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     with export_folder(Path(folder), f"Localizability of {name}", about, readme) as temporary:
         for mode in MODES:
             write_values(temporary / mode.replace("-", "_"), values, grid, mode)
-        above = f"as it is published{made_of(costs)}"
+        above = f"as it is published{costs_caption(costs)}"
         write_preview(temporary, costs.grid, values, "degeneracy u [%]", above)
 
 

@@ -1,7 +1,20 @@
+from . import templates as templates
+from ._at_points import (
+    covariances_along as covariances_along,
+    covariances_at as covariances_at,
+)
+from ._cache import (
+    CacheEntry as CacheEntry,
+    cache_folder as cache_folder,
+    clear_cache as clear_cache,
+)
+from ._cache_table import FieldCache as FieldCache
+from ._cluster import check_scheduler as check_scheduler, executor_of as executor_of
 from ._compute import covariance_field as covariance_field
 from ._config import (
     SHORT_LIDAR as SHORT_LIDAR,
     FieldConfig as FieldConfig,
+    config_of as config_of,
     equipped as equipped,
     lidar_of as lidar_of,
 )
@@ -19,10 +32,29 @@ from ._covariance import (
 )
 from ._estimator import Estimator as Estimator, Layer as Layer, MapPart as MapPart
 from ._field import CovarianceField as CovarianceField
-from ._registry import ESTIMATORS as ESTIMATORS
+from ._lattice import (
+    every_second_point as every_second_point,
+    points_near as points_near,
+    read_known_at as read_known_at,
+    well_spaced as well_spaced,
+)
+from ._registry import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
+from ._samples import sampled_covariances as sampled_covariances, values_at as values_at
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
-from ._store import CacheWarning as CacheWarning, load_or_compute as load_or_compute
+from ._store import (
+    CacheWarning as CacheWarning,
+    field_path as field_path,
+    load_or_compute as load_or_compute,
+)
+from ._summary import FieldSummary as FieldSummary, Spread as Spread, about_field as about_field
+from ._surfaces import (
+    NORMAL_REACH as NORMAL_REACH,
+    surface_normals as surface_normals,
+    wall_cells as wall_cells,
+)
+from ._tiles import finished_chunks as finished_chunks, untouched_points as untouched_points
+from ._zarr import FIELD_SUFFIX as FIELD_SUFFIX, check_field_target as check_field_target
 from .estimators._fisher import Fisher as Fisher
 from .estimators._fused import Fused as Fused
 from .estimators._sad import Exponential as Exponential, InverseSquare as InverseSquare, Sad as Sad
-from .estimators._scan import Scan as Scan
+from .estimators._scan import Scan as Scan, likelihood_field as likelihood_field

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import mean_information
-from locplan.field._lattice import stride_cells
 from locplan.field._reading import interpolated, weights_at
 from locplan.maps import OccupancyGrid
 
@@ -67,7 +66,7 @@ def covariances_along(
     ConfigError
         If the computation takes too much memory.
     """
-    known, stride = tiles.wanted_points(grid, config), stride_cells(config.stride, grid.resolution)
+    known, stride = tiles.wanted_points(grid, config), config.stride_cells(grid.resolution)
     lacking = np.zeros_like(known)
     weights = [weights_at(grid, stride, known, lacking, (x, y)) for x, y, _ in poses.tolist()]
     points = np.array([point for each in weights for point in each], np.int64).reshape(-1, 2)

@@ -23,7 +23,7 @@ LIMIT = "5 GB"
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
 _DAY = 86400.0
-_FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.SUFFIX))
+_FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.FIELD_SUFFIX))
 """Pattern of the names of cached fields; nothing else in the folder is touched."""
 
 
@@ -46,7 +46,13 @@ class CacheEntry:
 
     @classmethod
     def read(cls, folder: Path) -> CacheEntry:
-        """Read the entry of a field's folder, as far as it can be read."""
+        """Read the entry of a field's folder, as far as it can be read.
+
+        Parameters
+        ----------
+        folder : path
+            The field's folder within the cache.
+        """
         try:
             about = field_files.read_attributes(folder)
         except FieldError:
@@ -70,7 +76,18 @@ class CacheEntry:
 
 
 def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
-    """The folder of cached fields: the argument, LOCPLAN_CACHE, or the user's cache folder."""
+    """The folder of cached fields.
+
+    Parameters
+    ----------
+    cache_dir : path, optional
+        The folder; by default LOCPLAN_CACHE of the environment, or else the user's cache folder.
+
+    Raises
+    ------
+    ConfigError
+        If it is no path, or begins with a user that there is not.
+    """
     from platformdirs import user_cache_path
 
     chosen = cache_dir if cache_dir is not None else os.environ.get("LOCPLAN_CACHE")
@@ -135,8 +152,21 @@ def remove(field: Path) -> bool:
     return True
 
 
-def remove_older(folder: Path, days: float) -> tuple[list[CacheEntry], list[CacheEntry]]:
-    """Remove the fields not used for `days` days; return those removed and those in use."""
+def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list[CacheEntry]]:
+    """Remove cached fields, but for those being computed.
+
+    Parameters
+    ----------
+    folder : path
+        The folder of cached fields, see `cache_folder`.
+    days : float, default 0.0
+        Time for which fields were not used that are removed [days].
+
+    Returns
+    -------
+    removed, busy : list of CacheEntry
+        The fields that were removed, and those that are being computed.
+    """
     removed: list[CacheEntry] = []
     busy: list[CacheEntry] = []
     for entry in entries(folder):

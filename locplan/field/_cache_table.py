@@ -2,59 +2,77 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from locplan._util.checks import shown
 from locplan._util.tables import age, in_bytes, table
-from locplan.field._cache import CacheEntry
+from locplan.field._cache import CacheEntry, cache_folder, cache_limit, entries
 from locplan.field._config import FieldConfig
 from locplan.field._registry import ESTIMATORS, estimator_class
 from locplan.robots import PRESETS, Lidar
 
 
-def cache_summary(entries: Sequence[CacheEntry]) -> list[dict[str, Any]]:
-    """Cached fields, fit for JSON; times are seconds since the epoch."""
-    return [
-        {
-            "folder": str(entry.folder),
-            "map": entry.about.get("map_name"),
-            "config": entry.about.get("config"),
-            "bytes": entry.size,
-            "finished_share": entry.share,
-            "computed": entry.computed,
-            "used": entry.used,
-        }
-        for entry in entries
-    ]
+@dataclass(frozen=True)
+class FieldCache:
+    """The cached fields in a folder, the last used first."""
 
+    folder: Path
+    """The folder."""
+    entries: Sequence[CacheEntry]
+    """The fields."""
+    limit: int
+    """Greatest size of the folder [bytes]."""
 
-def cache_table(entries: Sequence[CacheEntry], folder: Path, limit: int) -> str:
-    """Cached fields with sizes and when they were used, and how full the folder is."""
-    rows = [
-        [
-            entry.about.get("map_name", "(not of this version)"),
-            _unusual(entry.about["config"]) if entry.about else "–",
-            in_bytes(entry.size),
-            "near paths" if entry.share is None else f"{entry.share:.0%}",
-            age(entry.used),
+    @classmethod
+    def of(cls, cache_dir: str | os.PathLike[str] | None = None) -> FieldCache:
+        """Read what a folder holds.
+
+        Parameters
+        ----------
+        cache_dir : path, optional
+            See `cache_folder`.
+        """
+        folder = cache_folder(cache_dir)
+        return cls(folder, entries(folder), cache_limit())
+
+    def summary(self) -> list[dict[str, Any]]:
+        """The fields, fit for JSON; times are seconds since the epoch."""
+        return [
+            {
+                "folder": str(entry.folder),
+                "map": entry.about.get("map_name"),
+                "config": entry.about.get("config"),
+                "bytes": entry.size,
+                "finished_share": entry.share,
+                "computed": entry.computed,
+                "used": entry.used,
+            }
+            for entry in self.entries
         ]
-        for entry in entries
-    ]
-    total = sum(entry.size for entry in entries)
-    count = f"{len(entries)} field{'' if len(entries) == 1 else 's'}"
-    last = f"{count}, {in_bytes(total)} of at most {in_bytes(limit)}, in {folder}"
-    if not rows:
-        return last
-    columns = ["map", "config", "size", "finished", "last used"]
-    return f"{table(columns, rows)}\n{last}"
 
-
-def cleared(removed: Sequence[CacheEntry], busy: Sequence[CacheEntry]) -> str:
-    """What became of the fields in the cache, in one line."""
-    line = f"removed {len(removed)}, {in_bytes(sum(entry.size for entry in removed))}"
-    return line + (f"; being computed, and kept: {len(busy)}" if busy else "")
+    def table(self) -> str:
+        """The fields with sizes and when they were used, and how full the folder is."""
+        rows = [
+            [
+                entry.about.get("map_name", "(not of this version)"),
+                _unusual(entry.about["config"]) if entry.about else "–",
+                in_bytes(entry.size),
+                "near paths" if entry.share is None else f"{entry.share:.0%}",
+                age(entry.used),
+            ]
+            for entry in self.entries
+        ]
+        total = sum(entry.size for entry in self.entries)
+        count = f"{len(self.entries)} field{'' if len(self.entries) == 1 else 's'}"
+        last = f"{count}, {in_bytes(total)} of at most {in_bytes(self.limit)}, in {self.folder}"
+        if not rows:
+            return last
+        columns = ["map", "config", "size", "finished", "last used"]
+        return f"{table(columns, rows)}\n{last}"
 
 
 def _unusual(config: Mapping[str, Any]) -> str:

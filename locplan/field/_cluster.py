@@ -25,9 +25,19 @@ WORKERLESS = 60.0
 
 @contextmanager
 def executor_of(scheduler: str) -> Iterator[Executor]:
-    """Yield an executor on the cluster of a scheduler, such as ``tcp://192.168.1.2:8786``.
+    """Yield an executor on the cluster of a dask scheduler.
 
     If a worker dies, other workers compute its tiles. The workers need locplan.
+
+    Parameters
+    ----------
+    scheduler : str
+        Address of the scheduler, such as ``tcp://192.168.1.2:8786``.
+
+    Raises
+    ------
+    LocplanError
+        If it is no address, does not answer, or has no workers.
     """
     check_scheduler(scheduler)
     from distributed import Client
@@ -49,7 +59,18 @@ def executor_of(scheduler: str) -> Iterator[Executor]:
 
 
 def check_scheduler(scheduler: str) -> None:
-    """Raise a LocplanError unless this is an address, and dask is there to connect to it."""
+    """Check the address of a scheduler without connecting to it.
+
+    Parameters
+    ----------
+    scheduler : str
+        See `executor_of`.
+
+    Raises
+    ------
+    LocplanError
+        If it is no address, or dask is not installed.
+    """
     found = ADDRESS.fullmatch(scheduler)
     if not found or not 0 < int(found["port"]) < 2**16:
         raise LocplanError(

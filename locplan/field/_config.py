@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from locplan._util.checks import Settings, instance, keep, positive, shown, whole
 from locplan.errors import ConfigError
 from locplan.field._estimator import Estimator
+from locplan.field._lattice import evaluated_points, stride_cells
 from locplan.field._registry import estimator_class
 from locplan.field._settings import made_of, settings_of
 from locplan.field.estimators._sad import PAPER_RANGE, Sad
+from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar, Robot
 
 MAX_HEADINGS = 360
@@ -79,6 +81,32 @@ class FieldConfig(Settings):
         """World headings that a field has covariances for, (headings,) [rad]."""
         return 2 * np.pi * np.arange(self.headings) / self.headings
 
+    @property
+    def summary(self) -> str:
+        """The estimator with its most important settings, and the number of several headings."""
+        several = f", mean of {self.headings} headings" if self.headings != 1 else ""
+        return f"{self.estimator.summary}{several}"
+
+    def stride_cells(self, resolution: float) -> int:
+        """Spacing of the evaluated cells, at least 1 [cells].
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of a cell of the map [m].
+        """
+        return stride_cells(self.stride, resolution)
+
+    def lattice_points(self, grid: OccupancyGrid) -> NDArray[np.bool_]:
+        """Mask of the lattice points that a field of a map has values at, (h, w).
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        """
+        return evaluated_points(grid.free, self.stride_cells(grid.resolution))
+
     def to_json(self) -> dict[str, object]:
         """All settings, fit for JSON."""
         return settings_of(self)
@@ -107,7 +135,18 @@ class FieldConfig(Settings):
 
 
 def config_of(settings: FieldConfig | Estimator | None) -> FieldConfig:
-    """Config of a field from a config, from an estimator alone, or from None (the default)."""
+    """Take the settings of a field in any form that functions accept.
+
+    Parameters
+    ----------
+    settings : FieldConfig, Estimator or None
+        The settings, an estimator alone, or None for the default ones.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else.
+    """
     if settings is None or isinstance(settings, Estimator):
         return FieldConfig() if settings is None else FieldConfig(settings)
     remedy = "give an estimator, such as locplan.Sad(range=6.0), or a FieldConfig of one"

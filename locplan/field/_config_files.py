@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from pathlib import Path as FilePath
 from typing import Any
 
 from locplan import __version__
@@ -99,16 +98,6 @@ def read_content(path: str | os.PathLike[str]) -> Any:
         raise ConfigError(str(error)) from None
     except ValueError:
         raise ConfigError(f"{path}: is no JSON; locplan calibrate writes such a file") from None
-
-
-def picture_of_calibration(path: FilePath) -> str | None:
-    """SHA-256 of the picture of a calibration, or None if the file is none."""
-    try:
-        content = parsed_json(read_text(path))
-    except (LocplanError, ValueError):
-        return None
-    known = isinstance(content, dict) and {"config", "calibration"} <= set(content)
-    return str(content.get("picture")) if known else None
 
 
 def _settings(content: Any) -> Any:

@@ -181,8 +181,7 @@ class CovarianceField(Pictured):
         an empty field.
         """
         criterion = self.config.estimator.criterion
-        counted = evenly_spread(self.evaluated, self.lacking)
-        values = self.scalar(criterion, with_q=True)[counted]
+        values = self.scalar(criterion, with_q=True)[evenly_spread(self.evaluated, self.lacking)]
         least, _ = self.anchors(criterion)
         return float(np.mean(values <= SATURATION * least)) if values.size else 0.0
 
@@ -330,7 +329,8 @@ class CovarianceField(Pictured):
         if self.lacking.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")
         ours = partial(field_files.may_be_replaced, force=force)
-        with replacing_folder(file_path("a field", path), field_files.SUFFIX, ours) as temporary:
+        target, suffix = file_path("a field", path), field_files.FIELD_SUFFIX
+        with replacing_folder(target, suffix, ours) as temporary:
             field_files.write(temporary, self.values, self.grid, self.config)
 
     @classmethod

@@ -46,8 +46,19 @@ def _covered(points: NDArray[np.bool_], shape: tuple[int, int], stride: int) -> 
     return points
 
 
-def every_second(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Every second lattice point in each direction, and those with none of them around, (h, w)."""
+def every_second_point(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Choose every second lattice point in each direction, and those with none of them around.
+
+    Parameters
+    ----------
+    points : (h, w) array of bool
+        The lattice points to choose from.
+
+    Returns
+    -------
+    (h, w) array of bool
+        The chosen ones.
+    """
     import cv2
 
     chosen = np.zeros_like(points)
@@ -58,13 +69,30 @@ def every_second(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def evenly_spread(known: NDArray[np.bool_], lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
-    return known & every_second(known | lacking) if lacking.any() else known
+    return known & every_second_point(known | lacking) if lacking.any() else known
 
 
 def points_near(
     points: NDArray[np.bool_], stride: int, cells: NDArray[np.float64], distance: float
 ) -> NDArray[np.bool_]:
-    """The lattice points within a distance [cells] of those nearest to the cells (n, 2), (h, w)."""
+    """Choose the lattice points that are near to some cells.
+
+    Parameters
+    ----------
+    points : (h, w) array of bool
+        The lattice points to choose from.
+    stride : int
+        Spacing of the lattice [cells].
+    cells : (n, 2) array
+        Rows and columns from the centre of the map's first cell; they may lie between cells.
+    distance : float
+        Greatest distance from the lattice points nearest to the cells [cells].
+
+    Returns
+    -------
+    (h, w) array of bool
+        The chosen ones.
+    """
     import cv2
 
     index = np.rint(cells / stride).astype(np.intp)
@@ -219,7 +247,26 @@ def read_known_at(
     cols: NDArray[Any],
     stride: int,
 ) -> NDArray[np.float64]:
-    """Read as `read_at` does, where `values` are 0 and `known` is 0 for NaN, else 1, (h, w)."""
+    """Interpolate values of a lattice bilinearly at some cells of the map, free or not.
+
+    Corners that are not known leave their weight to the others.
+
+    Parameters
+    ----------
+    values : (h, w) array
+        The values, 0 where they are not known.
+    known : (h, w) array
+        1 where a value is known, 0 elsewhere.
+    rows, cols : array
+        The cells, broadcast together; they may lie between cells.
+    stride : int
+        Spacing of the lattice [cells].
+
+    Returns
+    -------
+    array
+        The values at the cells, NaN where no corner is known.
+    """
     at = *_sides(cols, stride, values.shape[1]), *_sides(rows, stride, values.shape[0])
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
         return _between(values, *at) / _between(known, *at)
@@ -259,7 +306,21 @@ def _both_sides(position: float, size: int) -> list[tuple[int, float]]:
 def well_spaced(
     xy: NDArray[np.float64], priority: NDArray[np.float64], spacing: float
 ) -> NDArray[np.int64]:
-    """Indices of positions at least `spacing` apart that leave no gap, high priority first.
+    """Choose positions at least `spacing` apart that leave no gap, high priority first.
+
+    Parameters
+    ----------
+    xy : (n, 2) array
+        The positions.
+    priority : (n,) array
+        Number of each position; of two that are too near to each other the higher one stays.
+    spacing : float
+        Least distance of two positions, in their unit.
+
+    Returns
+    -------
+    (k,) array of int
+        Indices of the chosen positions.
 
     Examples
     --------

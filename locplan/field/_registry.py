@@ -20,7 +20,18 @@ ESTIMATORS: dict[str, str] = {
 
 
 def estimator_class(name: str) -> type[Estimator]:
-    """Class of an estimator; a ConfigError if none has this name."""
+    """Find the class of an estimator.
+
+    Parameters
+    ----------
+    name : str
+        A name in `ESTIMATORS`.
+
+    Raises
+    ------
+    ConfigError
+        If no estimator has this name.
+    """
     one_of("estimator", name, ESTIMATORS)
     module, _, attribute = ESTIMATORS[name].partition(":")
     found: type[Estimator] = getattr(import_module(module), attribute)

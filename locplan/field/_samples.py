@@ -15,12 +15,24 @@ MIN_CLEARANCE = 0.15
 """Least distance of a sample from walls [m]; closer ones would lie in slits and stray cells."""
 
 
-def sampled(
+def sampled_covariances(
     field: CovarianceField, spacing: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Choose positions (n, 2) at least `spacing` apart [m], far from walls first.
+    """Choose positions of a field with their covariances, far from walls first.
 
-    Their covariances (n, d, d) come with them; for several headings, of the mean information.
+    Parameters
+    ----------
+    field : CovarianceField
+        The field.
+    spacing : float
+        Least distance of two positions [m].
+
+    Returns
+    -------
+    xy : (n, 2) array
+        The positions [m].
+    covariances : (n, d, d) array
+        Their covariances; for several headings that of the mean information.
     """
     stride = field.stride
     clearance = field.grid.clearance[::stride, ::stride]
@@ -39,10 +51,23 @@ def values_at(
     *,
     logarithmic: bool = True,
 ) -> NDArray[np.float64]:
-    """Interpolate lattice values (h, w) as `CovarianceField.on_map` does, at some cells alone.
+    """Interpolate lattice values as `CovarianceField.on_map` does, at some cells alone.
 
-    Rows and columns are broadcast together, and may lie between cells, free or not. NaN where no
-    corner was evaluated.
+    Parameters
+    ----------
+    field : CovarianceField
+        The field, which has the lattice.
+    values : (h, w) array
+        The values at its lattice points.
+    rows, cols : array
+        The cells, broadcast together; they may lie between cells, free or not.
+    logarithmic : bool, default True
+        Whether the logarithms are interpolated, or the values themselves.
+
+    Returns
+    -------
+    array
+        The values at the cells, NaN where no corner was evaluated.
     """
     if logarithmic:
         values = np.log(np.maximum(values, np.finfo(float).tiny))

@@ -141,6 +141,17 @@ def field_path(
 ) -> Path:
     """Path of a field, or of some of its points, in the cache, whether or not it is there.
 
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig
+        The field's settings.
+    cache_dir : path, optional
+        See `load_or_compute`.
+    in_part : bool, default False
+        Whether it is the field of some points alone.
+
     Raises
     ------
     FieldError
@@ -165,7 +176,7 @@ def _about(grid: OccupancyGrid, config: FieldConfig, in_part: bool) -> dict[str,
 def _path(about: dict[str, Any], cache_dir: str | os.PathLike[str] | None) -> Path:
     decisive = [about[name] for name in DECISIVE]
     key = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:32]
-    return cache.cache_folder(cache_dir) / (key + field_files.SUFFIX)
+    return cache.cache_folder(cache_dir) / (key + field_files.FIELD_SUFFIX)
 
 
 @dataclass(frozen=True)
@@ -270,7 +281,7 @@ def _open(
     """Make the field's group if there is no sound one, and write the chunks carried over."""
     known, edge = tiles.known_points(found.values), tiles.chunk_edge(config, grid.resolution)
     if not (found.sound and field_files.takes_chunks(path, found.values)):
-        with replacing_folder(path, field_files.SUFFIX, lambda _: True) as temporary:
+        with replacing_folder(path, field_files.FIELD_SUFFIX, lambda _: True) as temporary:
             field_files.create(temporary, grid, config, about)
             # All that is known goes along, since the group that held it may be replaced.
             field_files.write_chunks(temporary, found.values, [*tiles.chunks_of(known, edge)])

@@ -23,12 +23,33 @@ class Spread(NamedTuple):
     """Values that 10 %, half and 90 % of a field's cells stay below; NaN without cells."""
 
     low: float
+    """The value that 10 % stay below."""
     median: float
+    """The value that half of them stay below."""
     high: float
+    """The value that 90 % stay below."""
 
     def text(self, factor: float, unit: str) -> str:
-        """The three values for people, in a unit that is `factor` times as small."""
-        return f"{' / '.join(shown(factor * value) for value in self)} {unit}"
+        """The three values for people, a dash where there is none.
+
+        Parameters
+        ----------
+        factor : float
+            Number of units in the unit of the values.
+        unit : str
+            The unit that is shown.
+        """
+        return f"{' / '.join(_shown(factor * value) for value in self)} {unit}"
+
+    def median_text(self, factor: float = 1.0) -> str:
+        """The median for people, a dash where there is none.
+
+        Parameters
+        ----------
+        factor : float, default 1.0
+            Number of the units shown in the unit of the values.
+        """
+        return _shown(factor * self.median)
 
 
 @dataclass(frozen=True)
@@ -56,7 +77,13 @@ class FieldSummary:
 
     @classmethod
     def of(cls, field: CovarianceField) -> FieldSummary:
-        """The summary of a field."""
+        """The summary of a field.
+
+        Parameters
+        ----------
+        field : CovarianceField
+            The field.
+        """
         criterion = field.config.estimator.criterion
         decisive = field.scalar(criterion, with_q=True)[field.evaluated]
         perfect = bool(decisive.size and decisive.max() <= field.anchors(criterion)[0])
@@ -119,13 +146,19 @@ def _spread(values: NDArray[np.float64]) -> Spread:
     )
 
 
-def shown(e: float) -> str:
+def _shown(e: float) -> str:
     """A value of e for people, a dash where there is none."""
     return "–" if math.isnan(e) else f"{e:.3g}"
 
 
 def about_field(field: CovarianceField) -> str:
-    """The estimator, its lidar and range, how much of the map is saturated, and what helps then."""
+    """Say in a line how a field was made, how much of it is saturated, and what helps then.
+
+    Parameters
+    ----------
+    field : CovarianceField
+        The field.
+    """
     several = "" if field.config.headings == 1 else f", {field.config.headings} headings"
     made = f"{field.config.estimator.summary}{several}"
     share = field.saturated_share

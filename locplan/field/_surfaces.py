@@ -14,7 +14,7 @@ LEVELS = 100
 """Number of levels of the smoothed map, so few that all sums over windows are exact."""
 WIDTHS = 3, 9, 27, 81
 """Edge lengths of the windows that a normal is averaged over, one after the other [cells]."""
-REACH = 3 + 1 + sum(width // 2 for width in WIDTHS)
+NORMAL_REACH = 3 + 1 + sum(width // 2 for width in WIDTHS)
 """Distance from a cell within which the map decides its normal [cells]."""
 BAND = 1 << 20
 """Number of cells that are processed at once, which bounds the memory."""
@@ -27,28 +27,48 @@ POST = 1e-3
 
 
 def surface_normals(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Unit normal of the surface at each occupied cell, without a sign.
+    """Find the unit normal of the surface at each occupied cell, without a sign.
 
     It is the main axis of the structure tensor (Bigün and Granlund, 1987) over the widest window
     in which the surface is straight and faces the same way as in the narrower ones. The steps of
     slanting walls turn a narrow window's axis by degrees, so that a bare slanting corridor would
     seem to fix the position along it. A wide window alone would smooth away real door frames.
 
-    The components are (row, col), (H, W, 2), zero where a cell is not occupied or has no direction.
-    A part of a map gives the same normals at `REACH` or more cells from its edges.
+    A part of a map gives the same normals at `NORMAL_REACH` or more cells from its edges.
+
+    Parameters
+    ----------
+    occupied : (H, W) array of bool
+        The occupied cells.
+
+    Returns
+    -------
+    (H, W, 2) array
+        The components (row, col), zero where a cell is not occupied or has no direction.
     """
     rows, cols = occupied.shape
     normals = np.zeros((*occupied.shape, 2), np.float32)
-    band = max(2 * REACH, BAND // cols)
+    band = max(2 * NORMAL_REACH, BAND // cols)
     for top in range(0, rows, band):
-        bottom, above = min(top + band, rows), max(0, top - REACH)
-        part = _normals(occupied[above : min(rows, bottom + REACH)])
+        bottom, above = min(top + band, rows), max(0, top - NORMAL_REACH)
+        part = _normals(occupied[above : min(rows, bottom + NORMAL_REACH)])
         normals[top:bottom] = part[top - above : bottom - above]
     return normals
 
 
-def walls(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Mark the occupied cells that have one of their 8 neighbours not occupied, 1 or 0, (H, W)."""
+def wall_cells(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Mark the occupied cells that have one of their 8 neighbours not occupied.
+
+    Parameters
+    ----------
+    occupied : (H, W) array of bool
+        The occupied cells.
+
+    Returns
+    -------
+    (H, W) array of uint8
+        1 at such cells, 0 elsewhere.
+    """
     import cv2
 
     solid = occupied.astype(np.uint8)

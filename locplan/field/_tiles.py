@@ -20,7 +20,7 @@ from locplan.field._config import FieldConfig
 from locplan.field._contract import check_halo, check_values, halo_of
 from locplan.field._covariance import rotated
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
-from locplan.field._lattice import evaluated_points, standing_cells, stride_cells
+from locplan.field._lattice import evaluated_points, standing_cells
 from locplan.field._settings import is_ours
 from locplan.maps import OccupancyGrid
 
@@ -59,7 +59,7 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
 
     The shape of the covariances ends with the poses' dimension twice.
     """
-    stride = stride_cells(config.stride, grid.resolution)
+    stride = config.stride_cells(grid.resolution)
     points = tuple(-(-size // stride) for size in grid.shape)
     places = points if config.headings == 1 else (*points, config.headings)
     dimension = config.estimator.lattice(grid.resolution).dimension
@@ -113,7 +113,7 @@ def wanted_points(
     ConfigError
         If `points` is not a mask of the lattice.
     """
-    needed = evaluated_points(grid.free, stride_cells(config.stride, grid.resolution))
+    needed = config.lattice_points(grid)
     if points is None:
         return needed
     points = np.asarray(points)
@@ -136,8 +136,14 @@ def finished_chunks(
 ) -> Generator[Chunk]:
     """Compute the missing values, and yield each chunk of the lattice when it is finished.
 
-    `values` are filled in place; NaN marks what is missing. `wanted` (h, w) marks the lattice
-    points to compute. For the rest see `computed_chunks`.
+    Parameters
+    ----------
+    values : dict of str to array
+        Arrays of the field by name, which are filled in place; NaN marks what is missing.
+    grid, config, threads, executor, progress
+        See `covariance_field`.
+    wanted : (h, w) array of bool
+        The lattice points to compute.
     """
     missing = wanted & ~known_points(values)
     with closing(computed_chunks(missing, grid, config, threads, executor, progress)) as chunks:
@@ -237,7 +243,7 @@ def chunk_edge(config: FieldConfig, resolution: float) -> int:
     map, so that a computation can be continued elsewhere.
     """
     points = TILE_SECONDS / (config.headings * config.estimator.seconds(resolution))
-    on_map = TILE_CELLS // stride_cells(config.stride, resolution)
+    on_map = TILE_CELLS // config.stride_cells(resolution)
     return max(1, min(TILE, on_map, math.isqrt(int(min(points, TILE**2)))))
 
 
@@ -254,7 +260,25 @@ def chunks_of(points: NDArray[np.bool_], edge: int) -> Iterator[Chunk]:
 def untouched_points(
     before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
 ) -> NDArray[np.bool_]:
-    """Mask of the second map's lattice points whose covariances are those of the first, (h, w)."""
+    """Mark the second map's lattice points whose covariances are those of the first.
+
+    Parameters
+    ----------
+    before, after : OccupancyGrid
+        The maps.
+    config : FieldConfig
+        The field's settings.
+
+    Returns
+    -------
+    (h, w) array of bool
+        True where the covariance is the same.
+
+    Raises
+    ------
+    FieldError
+        If the maps differ in shape, resolution or origin.
+    """
     import cv2
 
     for name in ("shape", "resolution", "origin"):
@@ -263,7 +287,7 @@ def untouched_points(
                 f"the field's map has {name} {getattr(before, name)}, but the new one"
                 f" {getattr(after, name)}; compute a field of its own for it"
             )
-    stride = stride_cells(config.stride, after.resolution)
+    stride = config.stride_cells(after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
     # A lidar that would stand in a wall is moved by up to one stride.
     reach = stride + halo_of(config.estimator, after.resolution, after.shape)
@@ -291,7 +315,7 @@ def tiles_of(missing: NDArray[np.bool_], edge: int) -> Iterator[tuple[Chunk, _Po
 
 def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
     """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
-    stride = stride_cells(config.stride, grid.resolution)
+    stride = config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in points)
     if config.estimator.casts_rays:
         rows, cols = standing_cells(grid.free, rows, cols, stride)

@@ -13,6 +13,7 @@ import json
 import os
 import re
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from locplan import __version__
 from locplan._util.checks import shown
+from locplan._util.files import check_folder_target
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_bytes
 from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
@@ -28,11 +30,11 @@ from locplan.field._chunks import chunk_of, read_array
 from locplan.field._config import FieldConfig
 from locplan.field._contract import check_values
 from locplan.field._estimator import MapPart, Values
-from locplan.field._lattice import evaluated_points, stride_cells
+from locplan.field._lattice import evaluated_points
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 FORMAT = "locplan-field-4"
-SUFFIX = ".zarr"
+FIELD_SUFFIX = ".zarr"
 MAX_CELLS = 2**28
 """Greatest number of cells of a field's map, as of an image's pixels."""
 METRES: dict[str, Any] = {
@@ -70,7 +72,7 @@ def attributes(grid: OccupancyGrid, config: FieldConfig, **identity: str) -> dic
         "origin": list(grid.origin),
         "identity": {
             "estimator": config.estimator.identity(),
-            "stride_cells": stride_cells(config.stride, grid.resolution),
+            "stride_cells": config.stride_cells(grid.resolution),
             "headings": config.headings,
             **identity,
         },
@@ -99,6 +101,24 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 def _description(folder: Path) -> str:
     return read_bytes(folder / "zarr.json", MAX_JSON_BYTES).decode("utf-8")
+
+
+def check_field_target(path: Path, *, force: bool = False) -> None:
+    """Check that `CovarianceField.save` can write to a folder, before a field is computed.
+
+    Parameters
+    ----------
+    path : path
+        The folder, named *.zarr.
+    force : bool, default False
+        See `CovarianceField.save`.
+
+    Raises
+    ------
+    LocplanError
+        If it cannot be written, or something else is in the way.
+    """
+    check_folder_target(path, FIELD_SUFFIX, partial(may_be_replaced, force=force))
 
 
 def may_be_replaced(folder: Path, *, force: bool = False) -> bool:
@@ -136,7 +156,7 @@ def create(folder: Path, grid: OccupancyGrid, config: FieldConfig, about: dict[s
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     compressed: Any = [ZstdCodec(level=1), Crc32cCodec()]
-    edge, stride = _edge(grid, config), stride_cells(config.stride, grid.resolution)
+    edge, stride = _edge(grid, config), config.stride_cells(grid.resolution)
     chunks = sum(1 for _ in tiles.chunks_of(evaluated_points(grid.free, stride), edge))
     about = about | {"chunks": chunks}
     about["checksum"] = _checksum(about)
@@ -177,7 +197,7 @@ def coordinates(
     grid: OccupancyGrid, config: FieldConfig
 ) -> dict[str, tuple[NDArray[Any], dict[str, Any]]]:
     """Values and attributes of the coordinates y, x and, if there are several, heading."""
-    stride, (x0, y0, _) = stride_cells(config.stride, grid.resolution), grid.origin
+    stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
     found = {
         name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, METRES)
         for name, start, size in zip("yx", (y0, x0), grid.shape, strict=True)
@@ -236,7 +256,7 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
     for name, shape in tiles.field_shapes(grid, config).items():
         if name not in values or values[name].shape != shape:
             raise FieldError(f"the field's {name} must be an array of shape {shape}")
-    known, stride = tiles.known_points(values), stride_cells(config.stride, grid.resolution)
+    known, stride = tiles.known_points(values), config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in np.nonzero(known))
     part = MapPart(
         grid.cells, rows, cols, grid.resolution, grid.shape, headings=config.heading_angles

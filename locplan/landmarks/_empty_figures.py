@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import drawn_size
-from locplan.plotting._picture import Picture
+from locplan.plotting import Picture, drawn_size
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,9 +17,7 @@ from locplan.landmarks._feature_drives import FeatureDrives
 from locplan.landmarks._features import MATTERS_M, Feature, KeyFeatures
 from locplan.landmarks._figures import MIN_ERROR, _plainly
 from locplan.maps import OccupancyGrid
-from locplan.plotting._cells import DRAWN, draw_cells, shrunk
-from locplan.plotting._maps import draw_ends, draw_map, draw_path
-from locplan.plotting._views import around
+from locplan.plotting import DRAWN_CELLS, draw_cells, draw_ends, draw_map, draw_path, map_around
 from locplan.simulation._drives import LOST
 
 if TYPE_CHECKING:
@@ -27,8 +25,8 @@ if TYPE_CHECKING:
 
 LOSS_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.08, 0.85, 256)))
 """Colours of the losses: the darker, the more; none as light as the floor."""
-PALE = ListedColormap(["0.72", "0.92", "white"])
-"""Colours of occupied, unknown and free cells, paler than those of the features."""
+PALE = ListedColormap(["0.72", "0.92", "white", "0.72"])
+"""Colours as in `locplan.plotting.MAP_COLOURS`, paler than those of the features."""
 ALL, FIRST, FEW = "black", "#d55e00", "#0072b2"
 NUMBERED = 8
 """Greatest number of features with their number beside them."""
@@ -46,14 +44,13 @@ def key_features_figure(found: KeyFeatures, drives: FeatureDrives | None = None)
     drives : FeatureDrives, optional
         Drives of `KeyFeatures.verify`; with them their mean error along the first route is drawn.
     """
-    grid = around(found.grid, list(found.routes.values()))
+    grid = map_around(found.grid, list(found.routes.values()))
     said = [f"{found.grid.name or 'map'}: {found.verdict}"]
     said.append(drives.verdict if drives else "not verified by drives")
     said.append(f"with {found.robot.title}")
     figure, part, (axes,), plots = panels(grid, said, 1, 2)
     draw_map(axes, grid)
-    axes.images[-1].remove()
-    draw_cells(axes, grid, shrunk(grid.cells) // 127, cmap=PALE, vmin=0, vmax=2)
+    axes.images[0].set_cmap(PALE)
     for path in found.routes.values():
         draw_path(axes, path, color="0.35", linewidth=1.5)
         draw_ends(axes, path.xy[0], path.xy[-1])
@@ -73,7 +70,7 @@ def _draw_losses(figure: Any, axes: Axes, found: KeyFeatures, part: OccupancyGri
     losses = np.array([100 * each.loss for each in found.features])
     most = max(float(losses.max()), 100 * MATTERS_M)
     norm = Normalize(0, most, clip=True)
-    if max(part.shape) <= DRAWN:  # marks are smaller than the cells of small maps
+    if max(part.shape) <= DRAWN_CELLS:  # marks are smaller than the cells of small maps
         of_cells = np.full(found.grid.shape, np.nan)
         for each in found.features:
             of_cells[tuple(each.cells.T)] = 100 * each.loss

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field._surfaces import REACH, surface_normals
+from locplan.field import NORMAL_REACH, surface_normals
 from locplan.landmarks._pieces import OBJECT, Pieces
 from locplan.landmarks._surroundings import Surroundings
 
@@ -172,7 +172,9 @@ class Sights:
         if feature in self._patches:
             return self._patches[feature]
         at = self.whole(feature)
-        inner, outer = (_window(at, reach, self.occupied.shape) for reach in (REACH, 2 * REACH))
+        inner, outer = (
+            _window(at, reach, self.occupied.shape) for reach in (NORMAL_REACH, 2 * NORMAL_REACH)
+        )
         row, col = outer[0].start, outer[1].start
         own = self._standing[outer].copy()
         own[at[:, 0] - row, at[:, 1] - col] = False

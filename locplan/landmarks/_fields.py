@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, scalar
-from locplan.field._lattice import points_near, stride_cells
-from locplan.field._tiles import wanted_points
+from locplan.field import CovarianceField, FieldConfig, Fused, covariance_field, points_near, scalar
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar
 
@@ -43,10 +41,10 @@ def fields_along(
 
 def _near(grid: OccupancyGrid, config: FieldConfig, paths: Iterable[Path]) -> NDArray[np.bool_]:
     """Lattice points that are read along some paths."""
-    stride = stride_cells(config.stride, grid.resolution)
+    stride = config.stride_cells(grid.resolution)
     xy = np.concatenate([path.resampled(grid.resolution * stride / 2).xy for path in paths])
     cells = np.column_stack(grid.world_to_grid(*xy.T)) - 0.5
-    return points_near(wanted_points(grid, config), stride, cells, 1.5 * stride)
+    return points_near(config.lattice_points(grid), stride, cells, 1.5 * stride)
 
 
 def _along(field: CovarianceField, path: Path) -> Profile:

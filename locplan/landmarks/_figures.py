@@ -17,8 +17,7 @@ from locplan.landmarks._landmarks import PAYS, Landmarks
 from locplan.landmarks._objects import outline_of
 from locplan.landmarks._verification import Verification
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import draw_ends, draw_map, draw_path
-from locplan.plotting._views import around
+from locplan.plotting import draw_ends, draw_map, draw_path, map_around
 from locplan.simulation import Drives
 from locplan.simulation._drives import LOST
 
@@ -41,7 +40,9 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
     verification : Verification, optional
         Drives of `Landmarks.verify`; with them the routes are coloured by the mean position error.
     """
-    grids = [around(grid, list(made.setting.routes.values())) for grid in (made.before, made.grid)]
+    grids = [
+        map_around(grid, list(made.setting.routes.values())) for grid in (made.before, made.grid)
+    ]
     title = f"{made.before.name or 'map'}: {len(made)} x {made.setting.kind.title}"
     said = [title, verification.verdict if verification else "not verified by drives"]
     said.append(f"with {made.setting.robot.title}")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from locplan._util.machine import check_memory
 from locplan.costs import Path
 from locplan.errors import LocplanError
-from locplan.field._surfaces import surface_normals
+from locplan.field import surface_normals
 from locplan.landmarks._objects import Shape
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Robot

@@ -135,10 +135,15 @@ def name_of(map_file: Path) -> str:
     return printable(map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem)
 
 
-def files_of(path: Path) -> list[Path]:
-    """Files that a map, or the maps in a folder, are read from, as far as they can be told.
+def source_files(path: Path) -> list[Path]:
+    """Files that a map, or the maps in a folder, are read from, as far as they are known.
 
     Those of the other maps beside a map file count, too: a picture is easily given their name.
+
+    Parameters
+    ----------
+    path : path
+        The map's file, or a folder.
     """
     beside = [] if os.path.isdir(path) else sorted(path.parent.glob("*.y*ml"))
     maps = [*find_maps(path), *(file for file in beside if _names_an_image(file))]

@@ -13,8 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import Sad, position_axes, scalar
-from locplan.field._estimator import MapPart
+from locplan.field import MapPart, Sad, position_axes, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
 

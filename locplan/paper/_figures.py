@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from locplan.field import OffsetLattice
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper._claims import Slide
-from locplan.plotting._maps import MAP_COLOURS
-from locplan.plotting._picture import Picture
+from locplan.plotting import MAP_COLOURS, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import shown
 from locplan.errors import ConfigError, MapError, PoseError
 from locplan.field import OffsetLattice, Sad
-from locplan.field._template import disc, local_map, rotated_template, visible_part
+from locplan.field.templates import disc, local_map, rotated_template, visible_part
 from locplan.maps import FREE, OccupancyGrid
 
 

@@ -1,13 +1,26 @@
-from ._alternatives import alternatives as alternatives
-from ._any_angle import AnyAngle as AnyAngle
+from ._ahead import Prepared as Prepared, prepared_beside as prepared_beside
+from ._alternatives import (
+    LONGEST_ALTERNATIVE as LONGEST_ALTERNATIVE,
+    alternatives as alternatives,
+)
+from ._any_angle import AnyAngle as AnyAngle, any_angle_path as any_angle_path
 from ._budget import BudgetPlanner as BudgetPlanner
 from ._cost_to_go import CostToGo as CostToGo, plan_field as plan_field
 from ._function import FunctionPlanner as FunctionPlanner, Guarded as Guarded
-from ._grid import AStar as AStar, Dijkstra as Dijkstra, GridPlanner as GridPlanner
+from ._grid import (
+    AStar as AStar,
+    Bordered as Bordered,
+    Dijkstra as Dijkstra,
+    GridPlanner as GridPlanner,
+    bordered_index as bordered_index,
+    connected_parts as connected_parts,
+)
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._near_paths import planned_near_paths as planned_near_paths
 from ._pareto import ParetoFront as ParetoFront, pareto_front as pareto_front
 from ._plan import (
+    AWARE as AWARE,
+    SHORTEST as SHORTEST,
     check_ends as check_ends,
     plan as plan,
     plan_beside_shortest as plan_beside_shortest,
@@ -18,14 +31,22 @@ from ._protocol import (
     Found as Found,
     Planner as Planner,
     Position as Position,
+    Wrapper as Wrapper,
 )
 from ._queries import (
     Query as Query,
     check_random as check_random,
+    queries_of as queries_of,
     random_queries as random_queries,
     read_queries as read_queries,
 )
-from ._registry import DEFAULT as DEFAULT, PLANNERS as PLANNERS, names as names
+from ._registry import (
+    DEFAULT as DEFAULT,
+    PLANNERS as PLANNERS,
+    Entry as Entry,
+    named_planner as named_planner,
+    names as names,
+)
 from ._request import (
     AnyPlanner as AnyPlanner,
     innermost as innermost,
@@ -36,5 +57,16 @@ from ._request import (
 )
 from ._result import Plan as Plan
 from ._stations import Station as Station, read_stations as read_stations
-from ._suggestions import NamedPlace as NamedPlace, PlacePair as PlacePair
+from ._suggestions import (
+    NamedPlace as NamedPlace,
+    PlacePair as PlacePair,
+    farthest_pairs as farthest_pairs,
+)
+from ._summary import (
+    front_summary as front_summary,
+    front_table as front_table,
+    plans_summary as plans_summary,
+    plans_table as plans_table,
+)
+from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

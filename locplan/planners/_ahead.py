@@ -31,11 +31,24 @@ def prepared_beside(
 ) -> Iterator[Callable[[], None]]:
     """Let another process compile what a planner needs while this one does something long.
 
-    `compiled` tells if the kernels are in numba's cache, by default those of the grid's planners.
-    It yields a function that waits for the other process, to be called before one plans.
     Threads would not do: within a process numba compiles one kernel after the other. What the
     other process has compiled is read from numba's cache. If that holds the kernels already,
     there is no other process; if it fails, this one compiles them when it plans.
+
+    Parameters
+    ----------
+    user : Prepared
+        The planner.
+    needed : bool, default True
+        False compiles nothing, such as where what comes first is short.
+    compiled : callable, optional
+        Function that returns whether the kernels are in numba's cache; by default it looks for
+        those of the grid's planners.
+
+    Yields
+    ------
+    callable
+        Function that waits for the other process, to be called before one plans.
     """
     process = _process(user) if needed and not (compiled or _compiled)() else None
 

@@ -24,7 +24,7 @@ LEAST_SHARE = 0.2
 """Least share of a path's points that lie beside each other path, for it to be another way."""
 SPACING = 0.25
 """Distance between these points [m]."""
-LONGEST = 1.5
+LONGEST_ALTERNATIVE = 1.5
 """Greatest length of an alternative by default, in lengths of the shortest path."""
 
 
@@ -33,7 +33,7 @@ def alternatives(
     start: Position,
     goal: Position,
     *,
-    longest: float = LONGEST,
+    longest: float = LONGEST_ALTERNATIVE,
     others: Mapping[str, Path] | None = None,
 ) -> dict[str, Path]:
     """Find the shortest path and a handful of dissimilar ones.

@@ -116,9 +116,22 @@ def any_angle_path(
     allow_corner_cutting: bool = False,
     wider: NDArray[np.int64] | None = None,
 ) -> Path:
-    """The path that cells (n, 2) of (row, col) from start to goal become; it never costs more.
+    """Straighten a path over cells; it never costs more than that.
 
-    `wider` are the cells to straighten in place of those, if they were searched over more moves.
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+    bordered : Bordered
+        The same costmap, prepared by ``Bordered.of(costs)``.
+    cells : (n, 2) array
+        Rows and columns of the path's cells from start to goal.
+    start, goal : (x, y)
+        Positions in the world [m].
+    allow_corner_cutting : bool, default False
+        Whether lines may pass the corner of a blocked cell.
+    wider : (m, 2) array, optional
+        Cells to straighten in place of those, if they were searched over more moves.
     """
     on_grid = through_centres(costs, cells, start, goal, trim=True)
     ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T

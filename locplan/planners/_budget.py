@@ -13,7 +13,14 @@ from locplan._util.checks import number
 from locplan.costs import Costmap
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position
-from locplan.planners._trade_offs import GAIN, OutOfTime, Problem, Search, check_caps, prepare
+from locplan.planners._trade_offs import (
+    GAIN,
+    OutOfTime,
+    Problem,
+    Search,
+    check_front_limits,
+    prepare,
+)
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,7 @@ class BudgetPlanner:
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
         number("budget", self.budget, 0)
-        check_caps(self.objective, self.time_limit, self.max_labels)
+        check_front_limits(self.objective, self.time_limit, self.max_labels)
 
     def prepare(self) -> None:
         """Compile the kernels, so that no time limit is spent on that."""

@@ -38,12 +38,28 @@ class Bordered(NamedTuple):
 
     @classmethod
     def of(cls, costs: Costmap) -> Bordered:
-        """Prepare a costmap."""
+        """Prepare a costmap.
+
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap.
+        """
         from locplan._kernels.scale import scale_of
         from locplan._kernels.search import bordered_half
 
         half = bordered_half(costs.density, 1)
         return cls(half, costs.grid.shape[1] + 2, scale_of(half))
+
+    def cells_of(self, flat: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Rows and columns of cells, (n, 2).
+
+        Parameters
+        ----------
+        flat : (n,) array of int
+            Indices of the cells in `half`.
+        """
+        return cells_of(flat, self.columns)
 
 
 @dataclass(frozen=True)
@@ -148,8 +164,21 @@ def cheapest_cells(
     return cells_of(flat, columns), expanded
 
 
-def connected(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
-    """The number of parts that free cells form where no corner may be cut, and labels (H, W)."""
+def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
+    """Find the parts that the free cells of a costmap form, where no corner may be cut.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+
+    Returns
+    -------
+    count : int
+        Number of parts, and one for the blocked cells.
+    labels : (H, W) array of int32
+        Number of the part of each cell; 0 where it is blocked.
+    """
     import cv2
 
     count, labels = cv2.connectedComponents(np.isfinite(costs.density).astype("u1"), connectivity=4)
@@ -165,7 +194,19 @@ def bordered_ends(
 
 
 def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> int:
-    """The flat index, in a grid with a border, of the cell at a world position [m]."""
+    """The flat index, in a grid with a border, of the cell at a world position.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+    xy : (x, y)
+        The world position [m], where the robot can stand.
+    role : str
+        What an error calls the position, such as "start".
+    border : int, default 1
+        Width of the border [cells].
+    """
     row, col = costs.cell_of(xy, role)
     return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import positive
 from locplan.costs import Costmap, Path
-from locplan.costs._path import joined
 from locplan.errors import ConfigError
 from locplan.planners._budget import rounded_up
 from locplan.planners._grid import bordered_index
@@ -113,7 +112,7 @@ class Limited(Wrapper):
                 note = f"no path {said} to waypoint {number}{because}"
                 return dataclasses.replace(found, note=note, expanded=expanded)
             legs.append(found.path)
-        return Found(joined(legs), expanded=expanded)
+        return Found(Path.joined(legs), expanded=expanded)
 
     def _thin(self, costs: Costmap) -> Costmap:
         """The costmap of a robot that fits wherever the outline does, for proofs.

@@ -24,7 +24,7 @@ from locplan.maps import (
     misleading,
     read_map,
 )
-from locplan.planners._grid import connected
+from locplan.planners._grid import connected_parts
 from locplan.planners._suggestions import NamedPlace, PlacePair, farthest_pairs
 
 NAMES = "ABCDEFGH"
@@ -261,7 +261,7 @@ def describe_map(
     if isinstance(grid, (str, os.PathLike)):
         grid, source = read_map(grid)
     check_grid(grid)
-    count, labels = connected(Costmap.blank(grid, robot_radius=robot_radius))
+    count, labels = connected_parts(Costmap.blank(grid, robot_radius=robot_radius))
     cell = grid.resolution**2
     areas = np.bincount(labels.ravel(), minlength=count)[1:] * cell
     order = np.argsort(-areas, kind="stable")

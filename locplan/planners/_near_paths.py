@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.field import CovarianceField, FieldConfig
-from locplan.field._lattice import every_second, points_near, stride_cells
-from locplan.field._tiles import wanted_points
+from locplan.field import CovarianceField, FieldConfig, every_second_point, points_near
 from locplan.maps import OccupancyGrid
 
 NEAR = 1.0
@@ -57,9 +55,9 @@ def planned_near_paths(
     planned
         What was planned on it.
     """
-    needed = wanted_points(grid, config)
-    resolution, stride = grid.resolution, stride_cells(config.stride, grid.resolution)
-    points = every_second(needed)
+    needed = config.lattice_points(grid)
+    resolution, stride = grid.resolution, config.stride_cells(grid.resolution)
+    points = every_second_point(needed)
     for _ in range(ROUNDS - 1):
         field = field_of(points)
         found = planned(field)

@@ -16,7 +16,14 @@ from locplan.errors import ConfigError
 from locplan.planners._grid import cells_of, through_centres
 from locplan.planners._protocol import Found, Position, Status
 from locplan.planners._result import Plan, finished
-from locplan.planners._trade_offs import GAIN, OutOfTime, Problem, Search, check_caps, prepare
+from locplan.planners._trade_offs import (
+    GAIN,
+    OutOfTime,
+    Problem,
+    Search,
+    check_front_limits,
+    prepare,
+)
 
 SUPPORTED = 24
 """Number of paths of least weighted sums that complete a front whose search was cut short."""
@@ -188,7 +195,7 @@ def pareto_front(
         If an option is out of its range, or the costmap has no field.
     """
     check_costs(costs)
-    check_caps(objective, time_limit, max_labels)
+    check_front_limits(objective, time_limit, max_labels)
     prepare()
     began = time.perf_counter()
     until = began + time_limit

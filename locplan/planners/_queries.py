@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import file_path, is_whole, number, shown, whole
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.planners._grid import connected
+from locplan.planners._grid import connected_parts
 from locplan.planners._named_rows import finite_number, header_of, named_rows
 from locplan.planners._protocol import Position
 from locplan.planners._stations import STATION, Station, read_stations
@@ -62,32 +62,45 @@ def check_random(count: int, seed: int, least_distance: float) -> None:
 
 
 def queries_of(
-    costs: Costmap, wanted: Any, least_distance: float, seed: int, headed: bool = False
+    costs: Costmap, queries: Any, least_distance: float, seed: int, headed: bool = False
 ) -> tuple[Query, ...]:
-    """Queries from a number of random ones, a CSV file, or a sequence of them or (start, goal).
+    """Make queries in any form that functions of many queries accept.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+    queries : int, path or sequence
+        Number of random ones, a CSV file, or a sequence of `Query` or (start, goal).
+    least_distance : float
+        Least distance from start to goal of random ones [m].
+    seed : int
+        Seed of random ones, >= 0.
+    headed : bool, default False
+        Whether random ones have headings.
 
     Raises
     ------
     ConfigError
         If it is none of these.
     """
-    if is_whole(wanted):
+    if is_whole(queries):
         return tuple(
-            random_queries(costs, wanted, seed, least_distance=least_distance, headed=headed)
+            random_queries(costs, queries, seed, least_distance=least_distance, headed=headed)
         )
-    if isinstance(wanted, (str, os.PathLike)):
-        return tuple(read_queries(wanted))
+    if isinstance(queries, (str, os.PathLike)):
+        return tuple(read_queries(queries))
     try:
         return tuple(
             one
             if isinstance(one, Query)
             else Query(f"query {n}", *(tuple(map(float, pose)) for pose in one))
-            for n, one in enumerate(wanted, 1)
+            for n, one in enumerate(queries, 1)
         )
     except (TypeError, ValueError):
         raise ConfigError(
             "queries must be a number, a file, or a sequence of Query or (start, goal),"
-            f" not {shown(wanted)}"
+            f" not {shown(queries)}"
         ) from None
 
 
@@ -203,7 +216,7 @@ class _Parts:
     """The parts of a map that are wide enough, as cells (n, 2), to draw pairs of cells from."""
 
     def __init__(self, costs: Costmap, least_distance: float) -> None:
-        count, labels = connected(costs)
+        count, labels = connected_parts(costs)
         flat = np.argsort(labels, axis=None, kind="stable")
         borders = np.searchsorted(labels.ravel()[flat], np.arange(1, count))
         every = [

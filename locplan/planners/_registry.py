@@ -66,10 +66,26 @@ def names() -> tuple[str, ...]:
     return tuple(PLANNERS)
 
 
-def named(
-    name: str, options: Mapping[str, Any], entries: Mapping[str, Entry] = PLANNERS
+def named_planner(
+    name: str, options: Mapping[str, Any], entries: Mapping[str, Entry] | None = None
 ) -> Planner:
-    """A planner by its name, with options; a ConfigError if there is none that takes them."""
+    """Make a planner by its name.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    options : mapping of str to object
+        The planner's options by name; those that are left out have their defaults.
+    entries : mapping of str to Entry, optional
+        The planners to choose from; by default `PLANNERS`.
+
+    Raises
+    ------
+    ConfigError
+        If none has this name, or it does not take the options.
+    """
+    entries = PLANNERS if entries is None else entries
     if name not in entries:
         raise ConfigError(f"planner must be one of {', '.join(entries)}, not {shown(name)}")
     entry = entries[name]

@@ -15,7 +15,7 @@ from locplan.planners._budget import BudgetPlanner
 from locplan.planners._function import FunctionPlanner, Guarded, PlannerFunction
 from locplan.planners._limits import Limited
 from locplan.planners._protocol import Planner, Position, Wrapper
-from locplan.planners._registry import DEFAULT, check_names, defaults_of, named
+from locplan.planners._registry import DEFAULT, check_names, defaults_of, named_planner
 from locplan.robots import Footprint
 
 AnyPlanner: TypeAlias = str | Planner | PlannerFunction
@@ -155,7 +155,7 @@ def with_options(planner: Planner, **options: Any) -> Planner:
 def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
     """A planner by its name, or the user's own, which gets a costmap of its own."""
     if isinstance(planner, str):
-        return named(planner, options)
+        return named_planner(planner, options)
     if isinstance(planner, Planner) and not isinstance(planner, type):
         made = with_options(planner, **options)
     elif callable(planner) and not isinstance(planner, type):

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from locplan._util.tables import finite, table
-from locplan.costs._metrics import DEGENERATE
-from locplan.field import SCALARS, CovarianceField
-from locplan.field._samples import values_at
+from locplan.costs import DEGENERATE
+from locplan.field import SCALARS, CovarianceField, values_at
 from locplan.planners._pareto import ParetoFront
 from locplan.planners._result import Plan
 
@@ -36,7 +35,13 @@ _PLAIN = (
 
 
 def plans_summary(plans: Mapping[str, Plan]) -> dict[str, Any]:
-    """Plans by name with their metrics and positions [m], fit for JSON."""
+    """Plans with their metrics and positions [m], fit for JSON.
+
+    Parameters
+    ----------
+    plans : mapping of str to Plan
+        The plans by name.
+    """
     return {label: _plan_summary(plan) for label, plan in plans.items()}
 
 
@@ -52,7 +57,15 @@ def _plan_summary(plan: Plan) -> dict[str, Any]:
 
 
 def plans_table(plans: Mapping[str, Plan], field: CovarianceField) -> str:
-    """The metrics of plans side by side, and the deviations of the position in the field."""
+    """Show the metrics of plans side by side, and the deviations of the position in the field.
+
+    Parameters
+    ----------
+    plans : mapping of str to Plan
+        The plans by name.
+    field : CovarianceField
+        The field of their costmap.
+    """
     states = [
         "solved, any path" if plan.status == "solved" and not plan.minimises else plan.status
         for plan in plans.values()
@@ -92,7 +105,13 @@ def _position_std(plan: Plan, field: CovarianceField) -> tuple[float, float] | N
 
 
 def front_summary(front: ParetoFront) -> dict[str, Any]:
-    """A Pareto front, fit for JSON."""
+    """A Pareto front, fit for JSON.
+
+    Parameters
+    ----------
+    front : ParetoFront
+        The front.
+    """
     return {
         "map": front.costs.grid.name,
         "start": list(front.start),
@@ -109,7 +128,15 @@ def front_summary(front: ParetoFront) -> dict[str, Any]:
 
 
 def front_table(front: ParetoFront, e_unit: str) -> str:
-    """Up to twelve points of a front with what each metre more saves, the knee marked."""
+    """Show up to twelve points of a front with what each metre more saves, the knee marked.
+
+    Parameters
+    ----------
+    front : ParetoFront
+        The front.
+    e_unit : str
+        Unit of e, see `CovarianceField.e_unit`.
+    """
     if front.status == "timeout":
         return f"timeout: no path was found within {front.solve_time:.2f} s; raise the time limit"
     if not len(front):

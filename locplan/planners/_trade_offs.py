@@ -169,8 +169,19 @@ class Problem:
         return TOLERANCE * (self.measured(frugal)[0] + self.ends[0] * self.per_metre)
 
 
-def check_caps(objective: str, time_limit: float, max_labels: int) -> None:
-    """Raise a ConfigError unless the options of a search are within their ranges."""
+def check_front_limits(objective: str, time_limit: float, max_labels: int) -> None:
+    """Check the options of a search for trade-offs, before a field is computed.
+
+    Parameters
+    ----------
+    objective, time_limit, max_labels
+        See `pareto_front`.
+
+    Raises
+    ------
+    ConfigError
+        If one is out of its range.
+    """
     one_of("objective", objective, OBJECTIVES)
     positive("time_limit", time_limit, "s")
     positive("max_labels", max_labels)

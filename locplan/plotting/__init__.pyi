@@ -1,3 +1,4 @@
+from ._cells import DRAWN_CELLS as DRAWN_CELLS, draw_cells as draw_cells
 from ._fields import (
     draw_ellipses as draw_ellipses,
     e_figure as e_figure,
@@ -8,16 +9,28 @@ from ._fields import (
 )
 from ._info import info_figure as info_figure
 from ._maps import (
+    FIELD_COLOURS as FIELD_COLOURS,
+    LIGHT_MAP_COLOURS as LIGHT_MAP_COLOURS,
+    MAP_COLOURS as MAP_COLOURS,
     draw_ends as draw_ends,
     draw_field as draw_field,
     draw_map as draw_map,
     draw_path as draw_path,
+    drawn_size as drawn_size,
+    end_handles as end_handles,
+    field_norm as field_norm,
+    map_axes as map_axes,
+    map_size as map_size,
     save_figure as save_figure,
 )
+from ._picture import Picture as Picture
 from ._plans import (
+    PATH_STYLES as PATH_STYLES,
     costmap_figure as costmap_figure,
     front_figure as front_figure,
     history_figure as history_figure,
     path_figure as path_figure,
     plan_figure as plan_figure,
 )
+from ._ticks import label_plainly as label_plainly, make_logarithmic as make_logarithmic
+from ._views import draw_inset as draw_inset, map_around as map_around, zoomed_to as zoomed_to

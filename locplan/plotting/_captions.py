@@ -1,4 +1,4 @@
-"""Captions of pictures: the settings of a field, and the request behind plans."""
+"""Captions of pictures: the weak spots of a field, and the request behind plans."""
 
 from __future__ import annotations
 
@@ -7,26 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap
-from locplan.costs._metrics import DEGENERATE
-from locplan.field import CovarianceField, FieldConfig
+from locplan.costs import DEGENERATE, Costmap
+from locplan.field import CovarianceField
 from locplan.planners import Plan
 
 HARMLESS = 1 / 3
 """The u up to which no place of a map is a weak spot."""
-
-
-def how(config: FieldConfig) -> str:
-    """Estimator of a field with its most important settings."""
-    several = f", mean of {config.headings} headings" if config.headings != 1 else ""
-    return f"{config.estimator.summary}{several}"
-
-
-def made_of(costs: Costmap) -> str:
-    """A line about the field and the robot of a costmap, empty for one without a field."""
-    if costs.settings is None:
-        return ""
-    return f"\n{how(costs.settings.config)}, robot radius {costs.robot_radius:g} m"
 
 
 def weak_spots(field: CovarianceField, values: NDArray[np.float64], name: str | None = None) -> str:

@@ -11,14 +11,13 @@ from matplotlib.image import AxesImage
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from numpy.typing import NDArray
 
-from locplan.field import CovarianceField
-from locplan.field._samples import values_at
+from locplan.field import CovarianceField, values_at
 from locplan.maps import FREE, OccupancyGrid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DRAWN = 2000
+DRAWN_CELLS = 2000
 """Most cells along a side that are drawn one by one; beyond, blocks of them are."""
 SHARP = 1 / 3
 """Number of cells along a pixel up to which the edges of cells are drawn sharply."""
@@ -99,7 +98,25 @@ class CellImage(AxesImage):
 
 
 def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
-    """Draw values of the map's cells, or of blocks of them (see `shrunk`), in world coordinates."""
+    """Draw values of a map's cells, or of blocks of them, in world coordinates.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    grid : OccupancyGrid
+        The map.
+    values : (H, W) array
+        The values of all cells, row 0 at the lowest y, or of the blocks that a map with more than
+        `DRAWN_CELLS` cells along a side is drawn in.
+    **options
+        Options of ``matplotlib.image.AxesImage`` such as cmap and norm, and vmin and vmax.
+
+    Returns
+    -------
+    matplotlib.image.AxesImage
+        The image, for a colour bar.
+    """
     cells = block(grid.shape) if values.shape[:2] != grid.shape else 1
     height, width = (size * cells * grid.resolution for size in values.shape[:2])
     x, y, yaw = grid.origin
@@ -167,4 +184,4 @@ def field_cells(
 
 def block(shape: tuple[int, ...]) -> int:
     """Number of cells along a side of the blocks that large maps are drawn in."""
-    return math.ceil(max(shape[:2]) / DRAWN)
+    return math.ceil(max(shape[:2]) / DRAWN_CELLS)

@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Wedge
 
-from locplan.field import CovarianceField, position_axes, scalar
-from locplan.field._samples import sampled
+from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.plotting._captions import HARMLESS, how, weak_spots
+from locplan.plotting._captions import HARMLESS, weak_spots
 from locplan.plotting._cells import draw_cells, field_cells, shrunk, values_of
 from locplan.plotting._maps import (
     draw_field,
@@ -73,7 +72,7 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
     weak = weak_spots(field, values_of(image), name)
-    axes.set_title(f"{title}; {weak}\n{how(field.config)}", fontsize="medium")
+    axes.set_title(f"{title}; {weak}\n{field.config.summary}", fontsize="medium")
     return figure
 
 
@@ -163,7 +162,7 @@ def draw_ellipses(
         See `ellipses_figure`.
     """
     draw_map(axes, field.grid)
-    xy, covariance = sampled(field, spacing)
+    xy, covariance = sampled_covariances(field, spacing)
     if not len(xy):
         return
     major, minor, direction = position_axes(covariance)

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
@@ -43,8 +44,8 @@ LAYER_QUANTILE = 0.98
 """Quantile of a layer's values at which its linear scale ends."""
 LEAST_LINEAR_SCALE = 0.02
 """Least share of a linear scale between its anchors that is shown."""
-LIGHT_MAP = ListedColormap(["0.45", "0.9", "white", "0.7"])
-"""The same, lighter, for maps below much that is drawn."""
+LIGHT_MAP_COLOURS = ListedColormap(["0.45", "0.9", "white", "0.7"])
+"""The colours of `MAP_COLOURS`, lighter, for maps below much that is drawn."""
 MANY_DECADES = 500.0
 """Ratio of the ends of small values' scale from which on it has powers of ten."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -128,9 +129,23 @@ def draw_field_cells(
 
 
 def field_norm(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
-    """The scale of a scalar or layer of a field, in the unit that is shown, as are the values.
+    """The scale of colours of a scalar or layer of a field, as `draw_field` draws it.
 
     It ends at the greatest value, but is never so short that harmless values would look weak.
+
+    Parameters
+    ----------
+    field : CovarianceField
+        The field.
+    name : str
+        Scalar or layer, see `field_figure`.
+    values : array
+        The values to be drawn, in the unit of `CovarianceField.quantity`; NaN where unknown.
+
+    Returns
+    -------
+    matplotlib.colors.Normalize
+        A linear scale of layers, a logarithmic one of scalars, in the unit of the values.
     """
     factor = field.quantity(name).factor
     low, high = (factor * anchor for anchor in field.anchors(name))
@@ -203,6 +218,20 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
             axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow)
 
 
+def end_handles() -> list[Line2D]:
+    """Start and goal as `draw_ends` draws them, for a legend.
+
+    Returns
+    -------
+    list of matplotlib.lines.Line2D
+        The two handles, labelled "start" and "goal".
+    """
+    return [
+        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
+        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
+    ]
+
+
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
     """Write a figure, whole or not at all.
 
@@ -249,19 +278,54 @@ def limits_of(grid: OccupancyGrid, *, share: float = MARGIN) -> tuple[Ends, Ends
 
 
 def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
-    """A figure for one map, and its Axes."""
+    """Make an empty figure for one map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, whose known part gives the size.
+
+    Returns
+    -------
+    figure : Picture
+        The figure.
+    axes : matplotlib.axes.Axes
+        Its only Axes.
+    """
     figure = Picture(figsize=map_size(grid), layout="constrained")
     return figure, figure.add_subplot()
 
 
 def map_size(grid: OccupancyGrid) -> tuple[float, float]:
-    """Figure size [inch] for the known part of a map with a colour bar at its side."""
+    """Figure size for the known part of a map with a colour bar at its side.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (width, height)
+        The size of the figure [inch].
+    """
     width, height = drawn_size(grid)
     return max(width, 5.0) + 1.6, max(height, 2.0) + 0.8
 
 
 def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
-    """Width and height [inch] of the known part of a map, at most 7.6 each."""
+    """Size at which the known part of a map is drawn.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (width, height)
+        The size without margins [inch], at most 7.6 each.
+    """
     low, high, left, right = known_cells(grid)
     height, width = high - low, right - left
     cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))

@@ -33,14 +33,28 @@ class Picture(Figure):
     _laid_out = False
 
     def draw(self, renderer: Any) -> None:
-        """Draw the figure; matplotlib calls it."""
+        """Draw the figure; matplotlib calls it.
+
+        Parameters
+        ----------
+        renderer : matplotlib.backend_bases.RendererBase
+            The renderer of a backend.
+        """
         if not self._laid_out:
             self._show_texts_as_they_are()
         with _any_glyphs():
             super().draw(renderer)
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        """Write the figure as matplotlib does, but draw an image that is cut to size only once."""
+        """Write the figure as matplotlib does, but draw an image that is cut to size only once.
+
+        Parameters
+        ----------
+        fname : path or file
+            The file; see ``matplotlib.figure.Figure.savefig``.
+        **options
+            Options of ``matplotlib.figure.Figure.savefig``.
+        """
         engine, cut = self.get_layout_engine(), {"format": "png", "bbox_inches": "tight"}
         if engine is None or any(options.get(name) != value for name, value in cut.items()):
             super().savefig(fname, **options)

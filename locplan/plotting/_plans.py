@@ -12,11 +12,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from locplan.costs import Costmap, Path, profile
-from locplan.costs._metrics import DEGENERATE
+from locplan.costs import DEGENERATE, Costmap, Path, costs_caption, profile
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.plotting._captions import HARMLESS, how, made_of, request, weak_spots
+from locplan.plotting._captions import HARMLESS, request, weak_spots
 from locplan.plotting._cells import block, draw_cells, shrunk, values_of
 from locplan.plotting._maps import (
     END_STYLE,
@@ -26,6 +25,7 @@ from locplan.plotting._maps import (
     draw_field_cells,
     draw_map,
     draw_path,
+    end_handles,
     field_bar,
     map_axes,
     map_size,
@@ -118,10 +118,7 @@ def plan_figure(
         if plan.via:
             x, y = np.transpose([pose[:2] for pose in plan.via])
             upper.plot(x, y, "s", markersize=6, zorder=4, **END_STYLE)
-    handles += [
-        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
-        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
-    ]
+    handles += end_handles()
     if any(plan.via for plan in plans.values()):
         handles.append(Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE))
     lower.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
@@ -137,7 +134,7 @@ def plan_figure(
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     weak = weak_spots(field, values_of(image))
-    made = f"{how(field.config)}; {field.saturated_share:.0%} saturated; {weak}"
+    made = f"{field.config.summary}; {field.saturated_share:.0%} saturated; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     title = "\n".join([asked, made, *_lines(verdict, int(width * TITLE_LETTERS))])
     upper.set_title(title, fontsize="medium")
@@ -262,7 +259,7 @@ def front_figure(front: ParetoFront, e_unit: str = "m² rad") -> Figure:
     title = f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}"
     if len(front) == 1:
         title = f"{name}: one path, no other is less degenerate; front {epsilon}"
-    upper.set_title(f"{title}{made_of(front.costs)}", fontsize="medium")
+    upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
     colours: dict[str, Any] = {"c": front.length, "cmap": FRONT_COLOURS, "norm": norm}

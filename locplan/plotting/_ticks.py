@@ -59,13 +59,29 @@ def round_numbers(low: float, high: float, most: int = MOST) -> NDArray[np.float
 
 
 def label_plainly(axis: Axis, most: int = MOST) -> None:
-    """Label a logarithmic axis with plain numbers."""
+    """Label a logarithmic axis with plain numbers.
+
+    Parameters
+    ----------
+    axis : matplotlib.axis.Axis
+        The axis.
+    most : int, default 8
+        Greatest number of ticks.
+    """
     axis.set_major_locator(RoundNumbers(most))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def make_logarithmic(axis: Any, most: int = MOST) -> None:
-    """Make an axis of matplotlib logarithmic, with plain numbers."""
+    """Make an axis of matplotlib logarithmic, with plain numbers.
+
+    Parameters
+    ----------
+    axis : matplotlib.axis.Axis
+        The axis.
+    most : int, default 8
+        Greatest number of ticks.
+    """
     getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
     label_plainly(axis, most)

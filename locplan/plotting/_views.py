@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Path
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import LIGHT_MAP, draw_map, known_cells, limits_of
+from locplan.plotting._maps import LIGHT_MAP_COLOURS, draw_map, known_cells, limits_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,8 +32,22 @@ VISIBLE = 0.06
 HERE = "#d55e00"
 
 
-def around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
-    """Part of a map around some paths, whose margin is not drawn where it is no map."""
+def map_around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
+    """Cut the part of a map around some paths out of it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : sequence of Path
+        The paths, one at least.
+
+    Returns
+    -------
+    OccupancyGrid
+        The part, with a margin as far as the map reaches; the map itself where all paths are
+        beside it.
+    """
     at = np.concatenate([path.xy for path in paths])
     rows, cols = grid.world_to_grid(*at.T)
     extent = max(float(np.ptp(rows)), float(np.ptp(cols)))
@@ -51,8 +65,21 @@ def around(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
 
 
 def zoomed_to(grid: OccupancyGrid, paths: Sequence[Path]) -> OccupancyGrid:
-    """The part of a map around some paths where that is small, else the map itself."""
-    part = around(grid, paths) if paths else grid
+    """Cut the part of a map around some paths out of it, where that is small.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : sequence of Path
+        The paths; without any the map stays whole.
+
+    Returns
+    -------
+    OccupancyGrid
+        The part as `map_around` has it if it is below 0.6 of the map's extent, else the map.
+    """
+    part = map_around(grid, paths) if paths else grid
     return part if is_small(grid, part) else grid
 
 
@@ -76,6 +103,15 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     """Show in a corner without paths where a small part lies on its map, if it is small.
 
     The part is drawn without a margin, since the map goes on there.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes on which the part was drawn.
+    grid, part : OccupancyGrid
+        The map, and the part of it that was drawn.
+    paths : sequence of Path
+        The paths that the inset must not cover, one at least.
     """
     if part.shape != grid.shape:
         xlim, ylim = limits_of(part, share=0.0)
@@ -86,7 +122,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
     draw_map(inset, coarse(grid))
-    inset.images[0].set_cmap(LIGHT_MAP)
+    inset.images[0].set_cmap(LIGHT_MAP_COLOURS)
     inset.set(**dict(zip(("xlim", "ylim"), limits_of(grid), strict=True)))
     inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6)
     height, width = part.shape

@@ -10,8 +10,7 @@ from locplan._util.checks import instance
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
-from locplan.field import Estimator, FieldConfig, Fused, equipped
-from locplan.field._config import config_of
+from locplan.field import Estimator, FieldConfig, Fused, config_of, equipped
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._field_level import calibrated_field
 from locplan.recordings._odometry_noise import (

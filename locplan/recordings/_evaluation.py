@@ -15,9 +15,16 @@ from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import RecordingError
-from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, scalar
-from locplan.field._at_points import covariances_along
-from locplan.field._estimator import Estimator
+from locplan.field import (
+    Estimator,
+    FieldConfig,
+    Fisher,
+    Fused,
+    Sad,
+    Scan,
+    covariances_along,
+    scalar,
+)
 from locplan.maps import OccupancyGrid
 from locplan.recordings._agreement import Agreement, agreement
 from locplan.recordings._blocks import blocks_along

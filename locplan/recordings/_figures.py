@@ -16,10 +16,15 @@ from numpy.typing import NDArray
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
-from locplan.plotting._maps import FIELD_COLOURS, draw_map, map_size
-from locplan.plotting._picture import Picture
-from locplan.plotting._ticks import label_plainly
-from locplan.plotting._views import around, draw_inset
+from locplan.plotting import (
+    FIELD_COLOURS,
+    Picture,
+    draw_inset,
+    draw_map,
+    label_plainly,
+    map_around,
+    map_size,
+)
 from locplan.recordings._evaluation import DriveEvaluation
 from locplan.recordings._recording import Recording
 from locplan.recordings._verdict import PREFERRED
@@ -49,7 +54,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
     """
     grid, recording = found.matches.grid, found.matches.recording
     shown = [Path(recording.poses[:, :2])]
-    part = around(grid, shown)
+    part = map_around(grid, shown)
     width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))

@@ -10,9 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from locplan.costs import Path
-from locplan.plotting._maps import draw_map, map_size
-from locplan.plotting._picture import Picture
-from locplan.plotting._views import around, draw_inset
+from locplan.plotting import Picture, draw_inset, draw_map, map_around, map_size
 from locplan.recordings._figures import title_of
 from locplan.recordings._replay import Replay
 from locplan.simulation._drives import LOST
@@ -32,7 +30,7 @@ def replay_figure(replay: Replay) -> Figure:
     """
     grid, xy = replay.grid, replay.recording.poses[:, :2]
     shown = [Path(xy)]
-    part = around(grid, shown)
+    part = map_around(grid, shown)
     width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))

@@ -16,9 +16,7 @@ from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError, ConfigError
-from locplan.field import Estimator, Exponential, FieldConfig, Sad
-from locplan.field._at_points import covariances_at
-from locplan.field._config import config_of
+from locplan.field import Estimator, Exponential, FieldConfig, Sad, config_of, covariances_at
 from locplan.simulation._places import ErrorKind, Places
 from locplan.simulation._ranking import spearman
 

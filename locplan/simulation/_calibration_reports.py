@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from locplan._util.files import check_target, replacing
+from locplan._util.reading import parsed_json, read_text
 from locplan._util.results import digest_of
 from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.field import save_config
-from locplan.field._config_files import picture_of_calibration
 from locplan.robots import Robot
 from locplan.simulation._calibration import NOT_IN_METRES, Calibration
 
@@ -88,7 +88,7 @@ def check_calibration(target: Path, *, force: bool = False) -> Path:
     check_target(picture, ".png")
     if force:
         return picture
-    written = picture_of_calibration(target) if target.exists() else None
+    written = _picture_of(target) if target.exists() else None
     if target.exists() and not written:
         raise LocplanError(
             f"{target}: is there, and no calibration; name another file, or replace it with --force"
@@ -99,3 +99,13 @@ def check_calibration(target: Path, *, force: bool = False) -> Path:
             " --force"
         )
     return picture
+
+
+def _picture_of(path: Path) -> str | None:
+    """SHA-256 of the picture of a calibration, or None if the file is none."""
+    try:
+        content = parsed_json(read_text(path))
+    except (LocplanError, ValueError):
+        return None
+    known = isinstance(content, dict) and {"config", "calibration"} <= set(content)
+    return str(content.get("picture")) if known else None

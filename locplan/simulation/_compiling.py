@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners._ahead import prepared_beside
+from locplan.planners import prepared_beside
 from locplan.robots import Lidar, Robot
 from locplan.simulation._simulator import Simulator
 

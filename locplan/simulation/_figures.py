@@ -15,12 +15,19 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
-from locplan.field._field import SATURATION
-from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
-from locplan.plotting._picture import Picture
-from locplan.plotting._plans import PATH_STYLES
-from locplan.plotting._ticks import label_plainly, make_logarithmic
-from locplan.plotting._views import draw_inset, zoomed_to
+from locplan.plotting import (
+    PATH_STYLES,
+    Picture,
+    draw_ends,
+    draw_inset,
+    draw_map,
+    draw_path,
+    end_handles,
+    label_plainly,
+    make_logarithmic,
+    map_size,
+    zoomed_to,
+)
 from locplan.robots import Robot
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
@@ -114,10 +121,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
-    handles += [
-        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
-        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
-    ]
+    handles += end_handles()
     figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=1)
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
@@ -228,7 +232,7 @@ def evaluation_figure(evaluation: Evaluation) -> Figure:
         axes.set_xlabel(f"{predictor} [{unit}]" if unit else str(predictor))
         every = np.abs(np.concatenate([each[predictor] for each in evaluation.predictions]))
         make_logarithmic(axes.xaxis, 6)
-        if every.max() < SATURATION * every.min():
+        if every.max() < 1.05 * every.min():
             axes.set_xlabel(f"{axes.get_xlabel()}: all alike within 5 %")
             axes.set_xticks([np.median(every)], [f"{np.median(every):.3g}"])
         correlation = evaluation.ranks[predictor, "tracking"].spearman

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.costs import Costmap, Path
-from locplan.costs._path import divided
+from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan_field
@@ -103,7 +102,7 @@ def _facing_ahead(path: Path, at: NDArray[np.float64]) -> Poses:
 
 def _turning(poses: Poses) -> Poses:
     """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
-    return divided(poses, np.abs(np.diff(poses[:, 2])) / TURN)
+    return divided_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
 
 
 def _cut_out(

@@ -13,8 +13,7 @@ from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.field import FieldConfig
-from locplan.field._lattice import stride_cells, well_spaced
+from locplan.field import FieldConfig, well_spaced
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
 from locplan.simulation._drives import LOST, MAX_DRIVES
@@ -257,7 +256,7 @@ def places_of(
 
 
 def _stride(grid: OccupancyGrid) -> int:
-    return stride_cells(FieldConfig().stride, grid.resolution)
+    return FieldConfig().stride_cells(grid.resolution)
 
 
 def _cells(grid: OccupancyGrid, points: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -9,9 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, scalar
-from locplan.field._at_points import covariances_at
-from locplan.field._lattice import stride_cells
+from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, covariances_at, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import Lidar
 
@@ -107,7 +105,7 @@ def predictions(
         for each in SCALARS:
             found[Predictor(name, each)] = scalar(covariance, each)
     config = next(iter(fields.values()))
-    cells = points * stride_cells(config.stride, grid.resolution)
+    cells = points * config.stride_cells(grid.resolution)
     found[Predictor(CLEARANCE, "")] = grid.clearance[tuple(cells.T)]
     found[Predictor(FEW_WALLS, "")] = -occupied_in_range(grid, cells, config.estimator.reach)
     return found

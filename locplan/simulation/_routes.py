@@ -15,8 +15,7 @@ from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid
-from locplan.planners import Query, plan_beside_shortest
-from locplan.planners._plan import AWARE, SHORTEST
+from locplan.planners import AWARE, SHORTEST, Query, plan_beside_shortest
 from locplan.robots import Robot
 from locplan.simulation._drives import Drives, check_drives, contrasts
 from locplan.simulation._simulate import DRIVES, drive_paths

@@ -232,7 +232,7 @@ class Simulator:
         """
         from locplan._kernels.matches import match
         from locplan._kernels.offsets import make_lattice
-        from locplan.field.estimators._scan import likelihood_field
+        from locplan.field import likelihood_field
 
         resolution = self.grid.resolution
         step = max(1, round(MATCH_STEP / resolution))

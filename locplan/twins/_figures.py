@@ -15,9 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from locplan.plotting._cells import draw_cells
-from locplan.plotting._maps import draw_map, map_size
-from locplan.plotting._picture import Picture
+from locplan.plotting import Picture, draw_cells, draw_map, map_size
 from locplan.twins._looks import THRESHOLD
 from locplan.twins._starts import Start
 from locplan.twins._trials import GlobalMatches

@@ -15,9 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan.costs import Path
 from locplan.field import position_axes
-from locplan.plotting._maps import draw_map, map_size
-from locplan.plotting._picture import Picture
-from locplan.plotting._views import draw_inset, zoomed_to
+from locplan.plotting import Picture, draw_inset, draw_map, map_size, zoomed_to
 from locplan.recordings._geometry import ends_in_map, ends_on_robot
 from locplan.twins._located_drive import LocatedDrive
 from locplan.twins._location import Location, Mode

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.progress import ProgressCallback
-from locplan.field._surfaces import walls
+from locplan.field import wall_cells
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.twins._matching import Matching
 
@@ -35,7 +35,7 @@ def loss_tables(
 
     sigmas, resolution = matching.sigmas(grid.resolution), grid.resolution
     margin = math.ceil(4 * sigmas[0] / resolution) + 2
-    clear = 1 - np.pad(walls(grid.cells == OCCUPIED), margin)
+    clear = 1 - np.pad(wall_cells(grid.cells == OCCUPIED), margin)
     height, width = clear.shape
     levels = _losses_of_squares(sigmas, matching.z_rand, resolution, math.hypot(height, width))
     far = levels.shape[1] - 1
@@ -43,7 +43,7 @@ def loss_tables(
     corners = np.empty((len(sigmas), height, width), np.uint32)
     rows = max(reach, BAND // width)
     for top in range(0, height, rows):
-        above = max(0, top - reach)  # walls farther away than this do not count
+        above = max(0, top - reach)  # wall_cells farther away than this do not count
         part = clear[above : top + rows + 1 + reach]
         part = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         part = np.minimum(part[top - above : top - above + rows + 1], reach)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from locplan.field._template import disc, local_map, rotated_template
+from locplan.field.templates import disc, local_map, rotated_template
 from locplan.paper.template_matching import sad_distribution
 
 

@@ -21,8 +21,7 @@ from locplan.comparison._convergence import Convergence
 from locplan.comparison._runs import MEASURES, Run
 from locplan.comparison.report._data import Ends, Scene
 from locplan.costs import Path
-from locplan.plotting import draw_ends, draw_field, draw_path
-from locplan.plotting._picture import Picture
+from locplan.plotting import Picture, draw_ends, draw_field, draw_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

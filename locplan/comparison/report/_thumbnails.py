@@ -19,8 +19,7 @@ from locplan.comparison.report._figures import DASHES, Look
 from locplan.comparison.report._filters import of_case
 from locplan.comparison.report._html import Html, counted, element, html, picture
 from locplan.comparison.report._marks import SHAPES, legend, line
-from locplan.plotting import draw_field
-from locplan.plotting._picture import Picture
+from locplan.plotting import Picture, draw_field
 
 MAX_THUMBNAILS = 400
 """Greatest number of small pictures in a report."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import one_of
 from locplan.field._estimator import MapPart, Values
 from locplan.field._search_window import OffsetLattice
-from locplan.field._surfaces import REACH, surface_normals
+from locplan.field._surfaces import NORMAL_REACH, surface_normals
 from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
 from locplan.maps import OCCUPIED
 
@@ -125,7 +125,7 @@ class Fisher(LidarEstimator):
         return 1e-5 + 1e-7 * self.beams_compared
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        reach = reach_of_beams(self.lidar, resolution) + REACH
+        reach = reach_of_beams(self.lidar, resolution) + NORMAL_REACH
         return min(reach, math.ceil(math.hypot(*map_shape)))
 
 

@@ -17,9 +17,9 @@ from locplan._util.checks import Settings, instance, keep, one_of, positive, rea
 from locplan.errors import ConfigError
 from locplan.field._estimator import TILE_CELLS, Estimator, MapPart, Values
 from locplan.field._search_window import OffsetLattice, SearchWindow
-from locplan.field._template import disc
 from locplan.field.estimators._sad_blocks import beside, kept_lines
 from locplan.field.estimators._sad_tiles import Due, Layout, template_radius
+from locplan.field.templates import disc
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Lidar
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from locplan.field._estimator import MapPart
 from locplan.field._search_window import OffsetLattice
-from locplan.field._template import BEHIND, beam_count, beam_of_cell, disc, map_centre
+from locplan.field.templates import BEHIND, beam_count, beam_of_cell, disc, map_centre
 
 
 def template_radius(reach: float, window: OffsetLattice, map_shape: tuple[int, int]) -> int:

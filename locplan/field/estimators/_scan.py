@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from locplan._util.checks import is_number, keep, shown
 from locplan.errors import ConfigError
 from locplan.field._estimator import Layer, MapPart, Values
-from locplan.field._surfaces import walls
+from locplan.field._surfaces import wall_cells
 from locplan.field.estimators._beams import LidarEstimator, reach_of_beams
 from locplan.maps import OCCUPIED
 from locplan.robots import MAX_BEAMS
@@ -175,10 +175,30 @@ def likelihood_field(
     sigma_hit: float = 0.1,
     z_rand: float = 0.05,
 ) -> Any:
-    """Likelihood field of a map, or of a part of it, for offsets `step` cells apart.
+    """Make the likelihood field of a map, or of a part of it, for the kernels that match scans.
 
     Only occupied cells matter, and there are none beyond the edges. A part must reach as far beyond
     every end of a beam, at every offset, as the likelihood does.
+
+    Parameters
+    ----------
+    levels : (H, W) array of uint8
+        Levels of the cells.
+    resolution : float
+        Edge of a cell [m].
+    step : int
+        Distance between the offsets of a match [cells].
+    half_steps : int
+        Number of offsets on either side.
+    sigma_hit : float, default 0.1
+        Standard deviation of a beam's end from a wall [m].
+    z_rand : float, default 0.05
+        Likelihood of an end far from all walls, relative to one on a wall.
+
+    Returns
+    -------
+    locplan._kernels.likelihood.LikelihoodField
+        Costs in whole numbers, laid out for the kernels.
     """
     from locplan._kernels import likelihood as kernel
     from locplan._kernels.simd import SHORTS
@@ -191,7 +211,7 @@ def likelihood_field(
     # Rows that are scored in a group, and the ends of the vectors, may lie beyond the last plane.
     size = step * step * height * width + kernel.GROUP * width + SHORTS
     planes = np.full(size, kernel.TOP, np.uint16)
-    solid = walls(levels == OCCUPIED)
+    solid = wall_cells(levels == OCCUPIED)
     kernel.lay_out(solid, costs, reach, margin, step, width, height * width, planes)
     return kernel.LikelihoodField(
         planes,

@@ -15,7 +15,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
-from locplan.planners._grid import blank_costs, cheapest_cells, connected, through_centres
+from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
 from locplan.planners._protocol import MAX_SEED, Found, Position
 from locplan.planners._spaces import check_space
 from locplan.planners.ompl._kinds import KINDS, able
@@ -129,7 +129,7 @@ class Ompl:
         from locplan.planners.ompl._roadmap import ROADMAPS, grow_roadmap
 
         motions = Motions(costs, self.space, self.turning_radius)
-        _, part = connected(costs)
+        _, part = connected_parts(costs)
         one, other = (part[costs.grid.world_to_cell(*pose[:2])] for pose in (start, goal))
         if one != other:
             return Found(status="unreachable")  # what no path over the grid joins, no motion does

@@ -15,8 +15,14 @@ from locplan.costs import Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import CovarianceField, FieldConfig, Fused, equipped, load_or_compute
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.planners import Position, check_ends, plan, planned_near_paths
-from locplan.planners._alternatives import LONGEST, alternatives
+from locplan.planners import (
+    LONGEST_ALTERNATIVE,
+    Position,
+    alternatives,
+    check_ends,
+    plan,
+    planned_near_paths,
+)
 from locplan.robots import Robot
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._motion import Poses, poses_along
@@ -45,7 +51,7 @@ def choose(
     *,
     costs: Costmap | None = None,
     candidates: Candidates = (),
-    longest: float = LONGEST,
+    longest: float = LONGEST_ALTERNATIVE,
     minimise: Minimise = "rmse",
     price: float | None = None,
     drives: int = FEW_DRIVES,

@@ -13,13 +13,10 @@ from locplan import __version__
 from locplan._util.checks import is_whole, shown
 from locplan._util.machine import check_threads
 from locplan._util.progress import ProgressCallback
-from locplan.costs import Costmap
-from locplan.costs._named_maps import named_maps
+from locplan.costs import Costmap, named_maps
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import Fused, equipped, load_or_compute
-from locplan.planners import Query, check_random
-from locplan.planners._alternatives import LONGEST
-from locplan.planners._queries import queries_of
+from locplan.planners import LONGEST_ALTERNATIVE, Query, check_random, queries_of
 from locplan.robots import Robot
 from locplan.simulation._scores import Minimise
 from locplan.simulation.choice._choice import Choice
@@ -46,7 +43,7 @@ def choose_many(
     robot: Robot | None = None,
     *,
     executor: Executor | None = None,
-    longest: float = LONGEST,
+    longest: float = LONGEST_ALTERNATIVE,
     minimise: Minimise = "rmse",
     price: float | None = None,
     drives: int = FEW_DRIVES,

@@ -10,14 +10,20 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from locplan.costs import Path
-from locplan.plotting._maps import END_STYLE, draw_ends, draw_map, draw_path, map_size
-from locplan.plotting._picture import Picture
-from locplan.plotting._ticks import label_plainly
-from locplan.plotting._views import around, draw_inset
+from locplan.plotting import (
+    Picture,
+    draw_ends,
+    draw_inset,
+    draw_map,
+    draw_path,
+    end_handles,
+    label_plainly,
+    map_around,
+    map_size,
+)
 from locplan.simulation._drives import LOST
 from locplan.simulation._formats import in_metres
 from locplan.simulation.choice._choice import Choice, count_of, in_one_line
@@ -49,7 +55,7 @@ def choice_figure(choice: Choice) -> Figure:
     paths = [each.path for each in choice.candidates]
     ends = Path(np.array([choice.start[:2], choice.goal[:2]]))
     shown = [*paths, ends]
-    grid = around(choice.costs.grid, shown)
+    grid = map_around(choice.costs.grid, shown)
     width, height = map_size(grid)
     width = max(width, WIDTH)
     columns = 2 if len(paths) in (2, 4) else min(PANELS, max(1, len(paths)))
@@ -132,11 +138,7 @@ def _draw_candidates(figure: Any, axes: Axes, choice: Choice) -> None:
         box |= {"edgecolor": COLOURS[n % len(COLOURS)], "linewidth": 2.5 if bold else 1.2}
         style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "zorder": 5}
         axes.text(x, y, str(n + 1), weight="bold" if bold else "normal", bbox=box, **style)
-    handles = [
-        Line2D([], [], linestyle="none", marker="o", label="start", **END_STYLE),
-        Line2D([], [], linestyle="none", marker="*", markersize=10, label="goal", **END_STYLE),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", frameon=False, ncols=2)
+    figure.legend(handles=end_handles(), loc="outside lower center", frameon=False, ncols=2)
 
 
 def places_of_numbers(paths: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:

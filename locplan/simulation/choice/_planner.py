@@ -10,9 +10,7 @@ import numpy as np
 from locplan._util.checks import instance, whole
 from locplan.costs import Costmap
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planners import AnyAngle, Position
-from locplan.planners._alternatives import LONGEST
-from locplan.planners._protocol import Found
+from locplan.planners import LONGEST_ALTERNATIVE, AnyAngle, Found, Position
 from locplan.robots import Robot
 from locplan.simulation._scores import Minimise
 from locplan.simulation.choice._choose import FEW_DRIVES, check_request, choose
@@ -37,7 +35,7 @@ class SimulatedChoice:
     price: float | None = None
     """Metres of detour that are accepted for a halved error, above 0; by default length does not
     count."""
-    longest: float = LONGEST
+    longest: float = LONGEST_ALTERNATIVE
     """Greatest length of an alternative, in lengths of the shortest path, >= 1."""
     robot: Robot | str | None = None
     """The robot, or a file of it that `Robot.load` reads; its size is that of the costmap. By

@@ -15,8 +15,7 @@ from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.field import equipped
-from locplan.planners import Plan
-from locplan.planners._plan import AWARE, SHORTEST
+from locplan.planners import AWARE, SHORTEST, Plan
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import Drives, check_drives
 from locplan.simulation._formats import digits_of

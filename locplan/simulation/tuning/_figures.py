@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from locplan.plotting._picture import Picture
-from locplan.plotting._ticks import make_logarithmic
+from locplan.plotting import Picture, make_logarithmic
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
 

@@ -18,7 +18,12 @@ BEHIND = 2
 
 
 def disc(radius: int) -> NDArray[np.bool_]:
-    """The template's shape: cells at most `radius` cells from the centre, (2r + 1, 2r + 1).
+    """Mark the cells of a disc, the template's shape, (2r + 1, 2r + 1).
+
+    Parameters
+    ----------
+    radius : int
+        Greatest distance of its cells from the centre [cells].
 
     Examples
     --------
@@ -33,7 +38,17 @@ def disc(radius: int) -> NDArray[np.bool_]:
 
 
 def local_map(cells: NDArray[np.uint8], row: int, col: int, radius: int) -> NDArray[np.uint8]:
-    """The square of the map around a cell, (2r + 1, 2r + 1); outside the map is unknown."""
+    """Cut the square around a cell out of a map, (2r + 1, 2r + 1); outside the map is unknown.
+
+    Parameters
+    ----------
+    cells : (H, W) array of uint8
+        Levels of the map.
+    row, col : int
+        The cell.
+    radius : int
+        Distance from the cell to the square's edges [cells].
+    """
     offset = np.arange(-radius, radius + 1)
     return cells_at(cells, row + offset[:, None], col + offset)
 
@@ -45,6 +60,17 @@ def rotated_template(
 
     The whole map is turned about its centre with nearest-neighbour sampling, and cropped around
     the cell's turned and rounded position, (2r + 1, 2r + 1). Turned maps share the map's lattice.
+
+    Parameters
+    ----------
+    cells : (H, W) array of uint8
+        Levels of the map.
+    row, col : int
+        The cell.
+    radius : int
+        Distance from the cell to the square's edges [cells].
+    theta : float
+        Angle by which the map is turned [rad].
     """
     centre_row, centre_col = map_centre(cells.shape)
     cos, sin = math.cos(theta), math.sin(theta)
@@ -65,6 +91,17 @@ def visible_part(
 
     A ray sees the cells on its way up to the first one that is not free, and `BEHIND` cells more,
     so that the wall that it hits is part of the template.
+
+    Parameters
+    ----------
+    cells : (H, W) array of uint8
+        Levels of the map.
+    row, col : int
+        The cell.
+    radius : int
+        Radius of the disc [cells].
+    theta : float
+        Angle by which the disc is turned [rad].
     """
     beams = beam_count(radius)
     steps = np.arange(1, 2 * radius + 1) / 2
@@ -79,12 +116,26 @@ def visible_part(
 
 
 def beam_count(radius: int) -> int:
-    """Number of rays, so many that one passes every cell at the disc's edge."""
+    """Number of rays, so many that one passes every cell at the disc's edge.
+
+    Parameters
+    ----------
+    radius : int
+        Radius of the disc [cells].
+    """
     return max(360, math.ceil(2 * math.pi * radius))
 
 
 def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
-    """Index of the ray towards each cell of the square, turned by `theta` [rad]."""
+    """Index of the ray towards each cell of the square, (2r + 1, 2r + 1).
+
+    Parameters
+    ----------
+    radius : int
+        Distance from the centre to the square's edges [cells].
+    theta : float
+        Angle by which the square is turned [rad].
+    """
     beams = beam_count(radius)
     offset = np.arange(-radius, radius + 1)
     direction = np.arctan2(offset[:, None], offset[None, :]) - theta
@@ -92,14 +143,28 @@ def beam_of_cell(radius: int, theta: float) -> NDArray[np.int64]:
 
 
 def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
-    """Centre (row, col) about which a map of this shape is turned."""
+    """Centre (row, col) about which a map is turned.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the map.
+    """
     return (shape[0] - 1) / 2, (shape[1] - 1) / 2
 
 
 def cells_at(
     cells: NDArray[np.uint8], rows: NDArray[np.int64], cols: NDArray[np.int64]
 ) -> NDArray[np.uint8]:
-    """Levels at (row, col) of any shape that broadcasts; outside the map is unknown."""
+    """Levels of a map at some cells; outside the map is unknown.
+
+    Parameters
+    ----------
+    cells : (H, W) array of uint8
+        Levels of the map.
+    rows, cols : array of int
+        The cells, of any shapes that broadcast.
+    """
     height, width = cells.shape
     inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
     levels = cells[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
