@@ -113,9 +113,9 @@ def two_ways(corridors, **options):
 
 
 def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
-    lidar = Lidar(range=3.0, beams=20)
-    estimator = choose(grid, START, GOAL, lidar=lidar, **QUICK).costs.settings.config.estimator
-    assert estimator == Fused.of(lidar)
+    robot = dataclasses.replace(ROBOT, lidar=Lidar(range=3.0, beams=20))
+    settings = choose(grid, START, GOAL, robot, drives=3).costs.settings
+    assert settings.config.estimator == Fused.of(robot.lidar)
 
 
 def test_each_minimised_error_is_that_of_its_part_of_the_drive():
