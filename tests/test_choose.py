@@ -34,6 +34,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners._alternatives import LEAST_SHARE, alternatives, is_another_way
+from locplan.plotting import map_around
 from locplan.robots import Amcl, Footprint, Lidar, Robot
 from locplan.simulation import choice_figure, simulate
 from locplan.simulation._scores import (
@@ -50,7 +51,7 @@ from locplan.simulation._scores import (
 from locplan.simulation.choice import _choose as module
 from locplan.simulation.choice._candidates import CandidateWarning
 from locplan.simulation.choice._choice import at_length, gain
-from locplan.simulation.choice._figures import around, places_of_numbers
+from locplan.simulation.choice._figures import places_of_numbers
 from locplan.simulation.choice._reports import CHOICE, COLUMNS, choice_table, write_choice
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
@@ -708,13 +709,13 @@ def test_the_picture_shows_the_part_of_the_map_with_the_candidates():
     cells[100, 150] = OCCUPIED
     large = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.3))
     xy = np.column_stack(large.grid_to_world(np.array([90.5, 110.5]), np.array([140.5, 160.5])))
-    part = around(large, [Path(xy)])
+    part = map_around(large, [Path(xy)])
     assert part.shape == (81, 81)
     (row,), (col,) = np.nonzero(part.cells == OCCUPIED)
     expected = large.cell_to_world(100, 150)
     np.testing.assert_allclose(part.cell_to_world(int(row), int(col)), expected, atol=1e-9)
     corners = np.column_stack(large.grid_to_world(np.array([1.0, 399.0]), np.array([1.0, 599.0])))
-    assert around(large, [Path(corners)]).shape == large.shape
+    assert map_around(large, [Path(corners)]).shape == large.shape
 
 
 def test_the_filters_title_names_what_differs_from_the_defaults():
