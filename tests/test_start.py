@@ -241,7 +241,7 @@ def test_the_command_prepares_its_planner_beside_a_field_that_it_computes(
         prepared.append((planner.name, needed))
         yield lambda: None
 
-    monkeypatch.setattr(ahead, "prepared_beside", beside)
+    monkeypatch.setattr("locplan.planners.prepared_beside", beside)
     ends = ("--start", "0.7,0.7", "--goal", "3.1,1.1", "--no-verdict")
     for _ in range(2):  # the second time the field is in the cache
         given = *ends, *seen, "--cache-dir", tmp_path / "c"
