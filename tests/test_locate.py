@@ -17,15 +17,14 @@ import locplan
 from locplan import Lidar, LocplanError, Path, ScanDatabase, load_map, locate
 from locplan._kernels.scan_losses import fits, loss_at, refine
 from locplan._kernels.settling import settle
+from locplan._util.poses import ends_on_robot
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording, match_scans
-from locplan.recordings._geometry import ends_on_robot
-from locplan.twins import locate_drive, locate_figure, located_drive_figure
+from locplan.twins import Matching, locate_drive, locate_figure, located_drive_figure
 from locplan.twins._database import make_database
 from locplan.twins._locate import beams_that_count
 from locplan.twins._location import CERTAIN
-from locplan.twins._matching import Matching
 from locplan.twins._modes import ends_of, turning_lever
 
 CARMEN = SHARED_DATA / "carmen"

@@ -24,8 +24,8 @@ from locplan.errors import ConfigError, RecordingError
 from locplan.field import FieldConfig, SearchWindow
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.recordings import Recording, drive_figure, evaluate_drive, match_scans
-from locplan.recordings._reports import DRIVE, drive_table, write_drive
+from locplan.recordings import DriveEvaluation, Recording, drive_figure, evaluate_drive, match_scans
+from locplan.recordings._reports import drive_table, write_drive
 from locplan.recordings._verdict import _axis, _worst_block
 
 CARMEN = SHARED_DATA / "carmen"
@@ -222,8 +222,8 @@ def test_scans_far_from_each_other_are_dots(office, drive):
 
 @pytest.mark.draws
 def test_results_are_written(tmp_path, found):
-    written = write_drive(DRIVE.into(tmp_path / "out"), found)
-    assert [file.name for file in written] == list(DRIVE.names)
+    written = write_drive(DriveEvaluation.files.into(tmp_path / "out"), found)
+    assert [file.name for file in written] == list(DriveEvaluation.files.names)
     about = json.loads((tmp_path / "out" / "drive.json").read_text())
     assert about["compared"] == found.compared.sum()
     assert set(about["estimators"]) == {"sad", "fisher", "scan", "fused"}

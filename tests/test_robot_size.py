@@ -84,7 +84,7 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m + 0.01 m; AMCL's alpha1 0.1\n"
         ("simulate", ("--random", "2"), "locplan.planners.random_queries"),
         ("tune", (), "locplan.simulation.tuning._tune.tune"),
         ("evaluate", (), "locplan.simulation._evaluation.evaluate"),
-        ("calibrate", (), "locplan.simulation._places.places_of"),
+        ("calibrate", (), "locplan.simulation._places.measure_maps"),
         ("landmarks", ENDS, "locplan.landmarks.place_landmarks"),
         ("features", ENDS, "locplan.landmarks.key_features"),
         ("twins", (), "locplan.twins.find_twins"),

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import instance
+from locplan._util.poses import Numbers, ends_in_map, moved, wrapped
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.recordings._fit_search import everywhere, nearby
-from locplan.recordings._geometry import Numbers, ends_in_map, moved, wrapped
 from locplan.recordings._recording import Recording
 
 NEAR_CELLS, NEAR = 2.0, 0.1
