@@ -7,7 +7,7 @@ from ._evaluation import (
     evaluate_drive as evaluate_drive,
 )
 from ._figures import drive_figure as drive_figure
-from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
+from ._fit import MapFit as MapFit, fit_to_map as fit_to_map, scans_unlike as scans_unlike
 from ._matcher import Matcher as Matcher
 from ._matches import Matches as Matches, match_scans as match_scans
 from ._odometry_noise import OdometryNoise as OdometryNoise
@@ -19,4 +19,3 @@ from ._scan_noise import ScanNoise as ScanNoise
 from ._simulated import record_drive as record_drive
 from ._summary import DriveSummary as DriveSummary
 from ._tuning import tune_on_drive as tune_on_drive
-from ._unlike import scans_unlike as scans_unlike
