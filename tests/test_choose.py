@@ -35,6 +35,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.field import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners._alternatives import LEAST_SHARE, alternatives, is_another_way
+from locplan.plotting import map_around
 from locplan.robots import Amcl, Footprint, Lidar, Robot
 from locplan.simulation import Choice, choice_figure, simulate
 from locplan.simulation._scores import (
@@ -51,7 +52,7 @@ from locplan.simulation._scores import (
 from locplan.simulation.choice import _choose as module
 from locplan.simulation.choice._candidates import CandidateWarning
 from locplan.simulation.choice._choice import at_length, gain
-from locplan.simulation.choice._figures import around, places_of_numbers
+from locplan.simulation.choice._figures import places_of_numbers
 from locplan.simulation.choice._reports import COLUMNS, choice_table, write_choice
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
@@ -113,9 +114,9 @@ def two_ways(corridors, **options):
 
 
 def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
-    lidar = Lidar(range=3.0, beams=20)
-    estimator = choose(grid, START, GOAL, lidar=lidar, **QUICK).costs.settings.config.estimator
-    assert estimator == Fused.of(lidar)
+    robot = dataclasses.replace(ROBOT, lidar=Lidar(range=3.0, beams=20))
+    settings = choose(grid, START, GOAL, robot, drives=3).costs.settings
+    assert settings.config.estimator == Fused.of(robot.lidar)
 
 
 def test_each_minimised_error_is_that_of_its_part_of_the_drive():
@@ -715,13 +716,13 @@ def test_the_picture_shows_the_part_of_the_map_with_the_candidates():
     cells[100, 150] = OCCUPIED
     large = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.3))
     xy = np.column_stack(large.grid_to_world(np.array([90.5, 110.5]), np.array([140.5, 160.5])))
-    part = around(large, [Path(xy)])
+    part = map_around(large, [Path(xy)])
     assert part.shape == (81, 81)
     (row,), (col,) = np.nonzero(part.cells == OCCUPIED)
     expected = large.cell_to_world(100, 150)
     np.testing.assert_allclose(part.cell_to_world(int(row), int(col)), expected, atol=1e-9)
     corners = np.column_stack(large.grid_to_world(np.array([1.0, 399.0]), np.array([1.0, 599.0])))
-    assert around(large, [Path(corners)]).shape == large.shape
+    assert map_around(large, [Path(corners)]).shape == large.shape
 
 
 def test_the_filters_title_names_what_differs_from_the_defaults():

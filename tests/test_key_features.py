@@ -521,6 +521,7 @@ def test_features_are_saved_with_rectangles_and_losses(found, drives, tmp_path):
     order = {each["together"]: each["number"] for each in about if each["together"]}
     assert tuple(order[n] for n in (1, 2, 3)) == found.together
     assert [each["loss"] for each in about] == [each.loss for each in found.features]
+    assert (about[0]["worst_x"], about[0]["worst_y"]) == found.features[0].worst_at
     with (tmp_path / "verification.csv").open() as file:
         worlds = [row["world"] for row in csv.DictReader(file)]
     few = [f"without {number}" for number in found.together]

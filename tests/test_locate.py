@@ -355,7 +355,9 @@ def test_scans_that_end_at_no_walls_are_noticed(located):
 
 
 def test_the_table_has_the_place_and_the_recorded_pose_of_each_scan(located):
-    unknown = replace(located, locations=(None, *located.locations[1:]))
+    times = located.recording.times + 5.0
+    recording = replace(located.recording, times=times)
+    unknown = replace(located, recording=recording, locations=(None, *located.locations[1:]))
     first, second, *_ = unknown.table().records()
     assert (first["x"], first["explained"], first["distance"]) == (None, None, None)
     assert (first["scan"], first["recorded_x"]) == (0, located.recording.poses[0, 0])
@@ -366,6 +368,8 @@ def test_the_table_has_the_place_and_the_recorded_pose_of_each_scan(located):
         located.locations[1].second
     )
     assert second["turn"] == located.turn[1]
+    assert second["time"] == times[1] - times[0]
+    assert located.summary()["median_turn"] == np.median(located.turn[located.right])
 
 
 def test_the_modes_of_a_scan_have_their_covariance(located):
@@ -382,6 +386,8 @@ def test_one_scan_gives_a_table_of_places(located, office):
     found = locate_drive(located.recording[2:3], office)
     text, about = found.report(), found.summary()
     assert "recorded" in text
+    assert f" {math.degrees(found.alone.best.heading_std):.1f}\n" in text
+    assert found.figure().get_suptitle() == locate_figure(found.alone).get_suptitle()
     assert "from the recorded pose." in text.splitlines()[-1]
     assert about["modes"][0]["weight"] <= 1
     assert about["recorded"]["distance"] == pytest.approx(found.distance[0])

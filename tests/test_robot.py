@@ -260,7 +260,7 @@ def test_the_example_is_a_robot_with_the_defaults_of_nav2():
     assert robot == Robot(
         "turtlebot4",
         footprint=0.22,
-        margin=0.01,
+        margin=0.0,
         inflation=Inflation(inflation_radius=0.7, cost_scaling_factor=3.0),
     )
     assert Robot.load(EXAMPLE) == dataclasses.replace(robot, lidar=None)

@@ -625,6 +625,16 @@ def test_the_figure_of_a_place_numbers_its_twins(equal_rooms):
     assert "50% of the posterior" in axes.get_title(loc="left")
 
 
+def test_one_place_has_its_twins_in_text_and_figure(equal_rooms):
+    alone = find_twins(equal_rooms.grid, robot=Robot(LIDAR), places=[(1.2, 3.0)])
+    about = alone.summary()["at"]
+    assert [each["x"] for each in about["twins"]] == [twin.x for twin in alone.of(0)]
+    assert (about["x"], about["elsewhere"]) == (alone.places[0, 0], alone.elsewhere[0])
+    assert "heading here [deg]" in alone.report()
+    assert "start" not in alone.report()
+    assert "% of the posterior" in alone.figure().axes[0].get_title(loc="left")
+
+
 def test_a_figure_without_twins_has_no_lines(one_room):
     axes = twins_figure(one_room, []).axes[0]
     assert not axes.collections
@@ -639,7 +649,12 @@ def test_the_repr_and_the_summary_say_what_was_found(equal_rooms):
     assert about["places"] == len(equal_rooms)
     assert json.dumps(about, allow_nan=False)
     assert about["matching"]["lidar"]["range"] == 8.0
-    assert about["symmetries"][0]["share"] == equal_rooms.symmetries[0].share
+    first, record = equal_rooms.symmetries[0], about["symmetries"][0]
+    assert (record["turn"], record["share"]) == (first.turn, first.share)
+    assert (record["shift_x"], record["shift_y"]) == first.shift
+    assert first.shift == tuple(np.subtract(first.moved, first.middle))
+    assert (record["middle_x"], record["middle_y"]) == first.middle
+    assert "at" not in about
     assert about["starts"][0]["x"] == equal_rooms.best_starts()[0].x
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -66,6 +67,9 @@ class PlannerOptions:
         return {**given, "settings": settings} if settings else given
 
 
+AS_CIRCLE = "with a budget the robot counts as the circle of {:.3g} m within its outline"
+
+
 @option_group(groups.GENERAL)
 class Query:
     """The places and limits of the path."""
@@ -123,8 +127,9 @@ def plan(
     stops = [position("via", xy) for xy in query.via]
     robot, config = options.with_robot(robot_options)
     limits: dict[str, Any] = {"max_e": query.max_e, "budget": query.budget, "via": stops}
-    # A budget cannot be kept with an outline, only with its inscribed circle.
     limits["footprint"] = robot.outline if query.budget is None else None
+    if robot.outline and query.budget is not None:
+        print(AS_CIRCLE.format(robot.outline.inscribed_radius), file=sys.stderr)
     given = planning.given()
     driven = robot.lidar is not None and not no_verdict
     why_not = "not both paths were found"

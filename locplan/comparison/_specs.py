@@ -19,17 +19,16 @@ from locplan.planners import (
     AnyPlanner,
     Entry,
     FunctionPlanner,
-    Guarded,
     Ompl,
     Plan,
     Planner,
     Position,
-    Wrapper,
     check_ends,
     innermost,
     named_planner,
     names,
     options_of,
+    own_planner,
     planner_for,
     run_planner,
     takes,
@@ -107,15 +106,7 @@ class PlannerSpec:
     @property
     def guarded(self) -> bool:
         """Whether the planner is a user's own."""
-        return self._own is not None
-
-    @property
-    def _own(self) -> Planner | None:
-        """The planner of the user's own, without limits."""
-        planner = self.planner
-        while isinstance(planner, Wrapper) and not isinstance(planner, Guarded):
-            planner = planner.planner
-        return planner.planner if isinstance(planner, Guarded) else None
+        return own_planner(self.planner) is not None
 
     @property
     def time_limit(self) -> float | None:
@@ -145,7 +136,7 @@ class PlannerSpec:
         For a user's planner that is a digest of its code and options. One whose code cannot be
         digested is never the same again.
         """
-        options, own = options_of(self.planner), self._own
+        options, own = options_of(self.planner), own_planner(self.planner)
         if own is None:
             return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
         code: Any = own.function if isinstance(own, FunctionPlanner) else own

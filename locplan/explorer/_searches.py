@@ -120,7 +120,7 @@ class Flood:
         from locplan._kernels.search import search
         from locplan._kernels.ways import steps_back, tolerance_of
 
-        half, columns, scale = bordered
+        half, columns, scale = bordered.half, bordered.columns, bordered.scale
         cost = search(half, columns, source, -1, False, scale, check=check).cost
         tolerance = tolerance_of(cost, scale.cheapest)
         return cls(source, steps_back(half, columns, cost, tolerance))
@@ -154,8 +154,8 @@ class Flood:
 
         if other != self.source and not self.steps[other]:
             return None
-        half, columns, _ = bordered
-        flat = cheapest_cells(half, columns, self.steps, self.source, other, from_source)
+        costs = bordered.half, bordered.columns
+        flat = cheapest_cells(*costs, self.steps, self.source, other, from_source)
         return bordered.cells_of(flat)
 
 

@@ -31,7 +31,6 @@ from ._protocol import (
     Found as Found,
     Planner as Planner,
     Position as Position,
-    Wrapper as Wrapper,
 )
 from ._queries import (
     Query as Query,
@@ -51,6 +50,7 @@ from ._request import (
     AnyPlanner as AnyPlanner,
     innermost as innermost,
     options_of as options_of,
+    own_planner as own_planner,
     planner_for as planner_for,
     takes as takes,
     with_options as with_options,

@@ -162,7 +162,7 @@ def _improved(
     """Straighten positions (n, 2) of (row, col) at all scales and shift them; the ends stay."""
     from locplan._kernels.any_angle import shift, shortcut
 
-    half, columns, (cheapest, *_) = bordered
+    half, columns, cheapest = bordered.half, bordered.columns, bordered.scale.cheapest
     positions, spacing = positions + 1, 1.0
     while True:
         kept = shortcut(half, columns, positions, LOOKAHEAD, cutting, cheapest)

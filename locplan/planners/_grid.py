@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,8 @@ it is 0.49 at contrast 1, 0.84 at 1.2, and 1.06 to 1.09 from 1.5 on.
 """
 
 
-class Bordered(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Bordered:
     """A costmap as the kernels of searches take it; it can serve for several of them."""
 
     half: NDArray[np.float64]
@@ -153,7 +154,8 @@ def cheapest_cells(
     from locplan._kernels.search import search, trace
 
     source, target = bordered_ends(costs, start, goal)
-    half, columns, scale = bordered or Bordered.of(costs)
+    bordered = bordered or Bordered.of(costs)
+    half, columns, scale = bordered.half, bordered.columns, bordered.scale
     if guided is None:
         guided = scale.mean <= GUIDED_CONTRAST * scale.cheapest
     ways = half, columns, source, target, allow_corner_cutting

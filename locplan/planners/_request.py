@@ -108,6 +108,19 @@ def innermost(planner: Planner) -> Planner:
     return planner
 
 
+def own_planner(planner: Planner) -> Planner | None:
+    """The planner of the user's own without its limits, or None if it is one of locplan's.
+
+    Parameters
+    ----------
+    planner : Planner
+        A planner as `planner_for` makes it.
+    """
+    while isinstance(planner, Wrapper) and not isinstance(planner, Guarded):
+        planner = planner.planner
+    return planner.planner if isinstance(planner, Guarded) else None
+
+
 def options_of(planner: Planner) -> dict[str, Any]:
     """The options and limits of a planner that differ from their defaults.
 
