@@ -362,9 +362,7 @@ def test_options_that_a_drive_has_no_use_for_are_refused(files, monkeypatch, cap
 
 
 def test_only_with_force_files_in_the_way_are_replaced(run, files, calibrated, monkeypatch):
-    monkeypatch.setattr(
-        "locplan.recordings._calibration.calibrate_drive", lambda *_, **__: calibrated
-    )
+    monkeypatch.setattr("locplan.recordings.calibrate_drive", lambda *_, **__: calibrated)
     target, picture = files / "robot.json", files / "robot_calibration.png"
     target.write_text("mine")
     picture.write_text("mine")

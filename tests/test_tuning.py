@@ -448,7 +448,7 @@ def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
 
 
 def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan.simulation.tuning._tune.tune", None)
+    monkeypatch.setattr("locplan.simulation.tune", None)
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "params.yaml"
     head = "amcl:\n  ros__parameters:\n    "
