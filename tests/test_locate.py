@@ -17,7 +17,6 @@ import locplan
 from locplan import Lidar, LocplanError, Path, ScanDatabase, load_map, locate
 from locplan._kernels.scan_losses import fits, loss_at, refine
 from locplan._kernels.settling import settle
-from locplan._util.poses import ends_on_robot
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording, match_scans
@@ -300,7 +299,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
 
 def test_the_beams_that_count_are_few_and_spread(different):
     lidar = replace(LIDAR, beams=1000)
-    on_robot = ends_on_robot(np.full((1, 1000), 2.0, np.float32), lidar)
+    on_robot = lidar.ends_on_robot(np.full((1, 1000), 2.0, np.float32))
     ends = beams_that_count(ScanDatabase(different, lidar), on_robot)
     assert ends.shape == (2, 180)
     np.testing.assert_allclose(np.hypot(*ends), 2.0 / different.resolution, rtol=1e-5)
