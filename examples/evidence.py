@@ -18,8 +18,14 @@ from locplan._util.intervals import Interval
 from locplan.field import SHORT_LIDAR
 from locplan.planners import alternatives, random_queries
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Drives, Evaluation, Simulator, _reports as reports, evaluate
-from locplan.simulation._motion import poses_along
+from locplan.simulation import (
+    Drives,
+    Evaluation,
+    Simulator,
+    _reports as reports,
+    evaluate,
+    poses_along,
+)
 from locplan.simulation._scores import log_errors, selected
 
 OWN = Path(__file__).resolve().parent.parent / "maps"

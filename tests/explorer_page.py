@@ -16,8 +16,7 @@ import numpy as np
 from made_drives import recorded
 
 import locplan
-from locplan.explorer._explore import opened
-from locplan.explorer._scene import Opening
+from locplan.explorer import Opening, opened
 from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make

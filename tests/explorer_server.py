@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from websockets.sync.client import ClientConnection, connect
 
-from locplan.explorer._scene import Opening
+from locplan.explorer import Opening
 from locplan.explorer._server import Server
 from locplan.explorer._session import Session
 

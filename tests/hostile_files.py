@@ -35,7 +35,7 @@ from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison._specs import PlannerSpec
 from locplan.costs import Costmap, Path as Route, path_metrics
 from locplan.errors import LocplanError
-from locplan.export._distros import distribution
+from locplan.export import distribution
 from locplan.export._folders import _is_untouched_export
 from locplan.export._parameters import with_costmap
 from locplan.export._robots import Robot

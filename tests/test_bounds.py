@@ -17,8 +17,7 @@ from locplan.field import SearchWindow
 from locplan.field._lattice import standing_cells
 from locplan.planners import Ompl, random_queries
 from locplan.robots import Amcl, Disturbances, Lidar
-from locplan.simulation import evaluate, simulate
-from locplan.simulation._simulator import Simulator
+from locplan.simulation import Simulator, evaluate, simulate
 
 GRID = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)
 ENDS = ((1.5, 2.5), (8.5, 6.5))

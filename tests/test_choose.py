@@ -37,7 +37,7 @@ from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners._alternatives import LEAST_SHARE, alternatives, is_another_way
 from locplan.plotting import map_around
 from locplan.robots import Amcl, Footprint, Lidar, Robot
-from locplan.simulation import choice_figure, simulate
+from locplan.simulation import Choice, choice_figure, simulate
 from locplan.simulation._scores import (
     CLEARLY,
     FLOOR,
@@ -53,7 +53,7 @@ from locplan.simulation.choice import _choose as module
 from locplan.simulation.choice._candidates import CandidateWarning
 from locplan.simulation.choice._choice import at_length, gain
 from locplan.simulation.choice._figures import places_of_numbers
-from locplan.simulation.choice._reports import CHOICE, COLUMNS, choice_table, write_choice
+from locplan.simulation.choice._reports import COLUMNS, choice_table, write_choice
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
 FEW = Amcl(min_particles=100, max_particles=100)
@@ -534,8 +534,8 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     at = names.index("my way?")
     assert names[at : at + 3] == ["my way?", "grid", "front 1"]
     files = {file.name for file in (tmp_path / "out").iterdir()}
-    assert {*CHOICE.names, "01-shortest.csv", f"{at + 1:02}-my-way-.csv"} < files
-    assert len(files) == len(CHOICE.names) + len(names) + 1
+    assert {*Choice.files.names, "01-shortest.csv", f"{at + 1:02}-my-way-.csv"} < files
+    assert len(files) == len(Choice.files.names) + len(names) + 1
     with (tmp_path / "out" / "candidates.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == COLUMNS
@@ -566,8 +566,8 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
 
 def test_the_file_of_the_chosen_is_not_that_of_the_shortest(choice, tmp_path):
     assert choice.chosen is not choice.shortest
-    written = write_choice(CHOICE.into(tmp_path / "out"), choice)
-    assert {file.name for file in written} >= set(CHOICE.names)
+    written = write_choice(Choice.files.into(tmp_path / "out"), choice)
+    assert {file.name for file in written} >= set(Choice.files.names)
     path = Path.load(tmp_path / "out" / "chosen.csv")
     np.testing.assert_allclose(path.xy, choice.path.xy, atol=1e-6)
 
@@ -596,7 +596,7 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
     assert code == 0
     assert out == "unreachable: no path leads to the goal\n"
     files = {file.name for file in (tmp_path / "out").iterdir()}
-    assert files == {".locplan.json", *CHOICE.names} - {"chosen.csv"}
+    assert files == {".locplan.json", *Choice.files.names} - {"chosen.csv"}
 
 
 @pytest.mark.parametrize(

@@ -15,17 +15,16 @@ from small_drive import FILE, MAP
 from locplan import Costmap, Fused, load_config, load_map, plan, save_map
 from locplan._kernels.drives import odometry_along
 from locplan._kernels.particles import move
+from locplan._util.poses import moved
 from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import environments
 from locplan.recordings import Recording, calibrate_drive
 from locplan.recordings._blocks import blocks_along, draws_of, intervals, mean_interval
-from locplan.recordings._geometry import moved
 from locplan.recordings._odometry_noise import _moved, as_disturbances, odometry_noise
 from locplan.recordings._scan_noise import _in_runs, scan_noise
 from locplan.robots import Amcl, Disturbances, Odometry, Robot
-from locplan.simulation import Simulator
-from locplan.simulation._motion import poses_along
+from locplan.simulation import Simulator, poses_along
 
 EXACT = {"boundary_noise": 0.0, "outliers": 0.0, "occlusion": 0.0}
 DRIFTS = {"distance_drift": 0.03, "heading_drift_deg": 2.0, "turn_drift_deg": 3.0}
@@ -363,9 +362,7 @@ def test_options_that_a_drive_has_no_use_for_are_refused(files, monkeypatch, cap
 
 
 def test_only_with_force_files_in_the_way_are_replaced(run, files, calibrated, monkeypatch):
-    monkeypatch.setattr(
-        "locplan.recordings._calibration.calibrate_drive", lambda *_, **__: calibrated
-    )
+    monkeypatch.setattr("locplan.recordings.calibrate_drive", lambda *_, **__: calibrated)
     target, picture = files / "robot.json", files / "robot_calibration.png"
     target.write_text("mine")
     picture.write_text("mine")

@@ -17,9 +17,8 @@ from locplan.recordings import replay, tune_on_drive
 from locplan.recordings._tracks import Tracks
 from locplan.recordings._tuning import RecordedBench, _stretches
 from locplan.robots import Amcl, Disturbances, Robot, read_amcl
-from locplan.simulation import tuning_figure
-from locplan.simulation._motion import poses_along
-from locplan.simulation.tuning._reports import conclusion, tuning_table
+from locplan.simulation import poses_along, tuning_figure
+from locplan.simulation.tuning._reports import tuning_table
 
 FEW = {"min_particles": 60, "max_particles": 120}
 POOR = Amcl(**FEW, alpha1=1.0, alpha2=1.0, alpha3=1.0, alpha4=1.0)
@@ -93,7 +92,7 @@ def test_reports_speak_of_the_drive(tuned):
     text = tuning_table(tuned)
     assert "on 5 stretches of the drive, 2 replays each" in text
     assert "random paths" not in text
-    assert "it was not chosen on" in conclusion(tuned)
+    assert "it was not chosen on" in tuned.conclusion
     about = tuned.summary()
     assert (about["drive"], about["levels"]) == ("the drive", None)
     json.dumps(about, allow_nan=False)

@@ -15,6 +15,7 @@ from scipy import stats
 
 import locplan
 from locplan import FieldConfig, LocplanError, simulation
+from locplan._util.ranking import RESAMPLES, Resamples, auc, rank, spearman
 from locplan.errors import CalibrationError, ConfigError
 from locplan.field import (
     SHORT_LIDAR,
@@ -30,6 +31,7 @@ from locplan.field._tiles import field_shapes
 from locplan.maps import environments
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import (
+    Evaluation,
     Places,
     _calibration_reports,
     _reports as reports,
@@ -42,7 +44,6 @@ from locplan.simulation._predictors import (
     occupied_in_range,
     predictions,
 )
-from locplan.simulation._ranking import RESAMPLES, Resamples, auc, rank, spearman
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +213,7 @@ def test_an_evaluation_is_the_same_again_and_on_one_thread(grid):
 
 
 def test_evaluations_are_written_and_drawn(evaluation, tmp_path):
-    reports.write_evaluation(reports.EVALUATION.into(tmp_path / "out"), evaluation)
+    reports.write_evaluation(Evaluation.files.into(tmp_path / "out"), evaluation)
     about = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert [each["name"] for each in about["maps"]] == ["two_corridors", "places"]
     assert about["robot"]["filter"]["sigma_hit"] == 0.2
@@ -428,7 +429,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
         "RMSE of all",
     ]
     assert "4 drives each" in table
-    assert "simulation.png" in err
+    assert err.endswith(f"wrote {out}\n")
     about = json.loads((out / "simulation.json").read_text())
     assert set(about["paths"]) == {"shortest", "localizability-aware"}
     assert about["robot"]["lidar"]["range"] == 6.0
@@ -530,7 +531,7 @@ def test_calibrations_that_are_not_in_metres_have_their_own_exit_code(
 ):
     target, paper = tmp_path / "c.json", FieldConfig(Sad.paper())
     places = made_up_places(grid, paper, 0.3)
-    monkeypatch.setattr("locplan.simulation._places.places_of", lambda *_, **__: [places])
+    monkeypatch.setattr("locplan.simulation.measure_maps", lambda *_, **__: [places])
     asked = "calibrate", map_file, "--preset", "paper", "-o", target
     target.write_text("mine")
     assert "c.json: is there, and no calibration" in refused(run(*asked))

@@ -10,8 +10,7 @@ import threading
 import pytest
 from explorer_page import FLAGS, STATIC, Seen, browser_file, corridors, served, toured
 
-from locplan.explorer import _drives
-from locplan.explorer._drives import RecordedDrive
+from locplan.explorer import RecordedDrive, _drives
 from locplan.field import load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.recordings import match_scans

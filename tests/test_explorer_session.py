@@ -21,13 +21,14 @@ from conftest import drawn, random_rooms
 import locplan
 from locplan.costs import Costmap
 from locplan.errors import LocplanError
+from locplan.explorer import Opening
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._edits import Stroke, drawn as patch_of, last_ones
 from locplan.explorer._plans import SHORTEST_WEIGHT, planned
 from locplan.explorer._points import clearance_at
 from locplan.explorer._profiles import path_answer
-from locplan.explorer._scene import Opening, Scene
+from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, Halved, Kept, index_of
 from locplan.explorer._session import Session
 from locplan.explorer._snap import REACH, Parts, snapped

@@ -11,12 +11,11 @@ from explorer_views import GOAL, LIDAR, MIDDLE, ROBOT, START, corridors, view
 from made_drives import recorded
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer import _drives, _twins, _twins_layer
+from locplan.explorer import Opening, RecordedDrive, _drives, _twins, _twins_layer
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
-from locplan.explorer._drives import RecordedDrive, drive_json
+from locplan.explorer._drives import drive_json
 from locplan.explorer._front import front_of
-from locplan.explorer._scene import Opening
 from locplan.explorer._session import Session
 from locplan.explorer._sharing import share
 from locplan.explorer._state import about, state
@@ -25,8 +24,7 @@ from locplan.field import FieldConfig, Fisher
 from locplan.maps import OCCUPIED
 from locplan.recordings import Recording, match_scans
 from locplan.robots import Lidar
-from locplan.twins import ScanDatabase, _scan_database, find_twins
-from locplan.twins._find import SPACING
+from locplan.twins import PLACE_SPACING, ScanDatabase, _scan_database, find_twins
 
 WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
 LONG = ("front", "simulate", "landmarks", "reproduce", "export")
@@ -453,13 +451,13 @@ def test_look_alikes_that_are_out_of_date_are_not_sought_to_the_end(own, coarse,
 
 def test_places_are_thinned_where_all_would_take_too_long():
     spacing = _twins_layer.affordable_spacing
-    assert spacing(1000.0, 6000, 1) == SPACING
+    assert spacing(1000.0, 6000, 1) == PLACE_SPACING
     assert spacing(11_000.0, 70_000, 1) == pytest.approx(2.2)
     assert spacing(4 * 11_000.0, 70_000, 1) == pytest.approx(4.4, abs=0.1)
     assert spacing(11_000.0, 70_000, 8) == pytest.approx(2.2 * np.sqrt(8), abs=0.15)
     grid, _ = corridors()
     database = ScanDatabase(grid, Lidar(range=6.0), 0.2)
-    assert _twins_layer.spacing_of(database) == SPACING
+    assert _twins_layer.spacing_of(database) == PLACE_SPACING
     rooms = dataclasses.replace(grid, resolution=2.0)
     wide = ScanDatabase(rooms, Lidar(range=6.0, field_of_view_deg=90.0), 0.2)
     assert _twins_layer.spacing_of(wide) > 2.0

@@ -18,8 +18,9 @@ from explorer_views import GOAL, LIDAR, MIDDLE, START, corridors, view
 import locplan
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
+from locplan.explorer import RecordedDrive
 from locplan.explorer._bundling import json_in_html, one_page, one_script
-from locplan.explorer._drives import MOST_POSES, RecordedDrive, shown_drive
+from locplan.explorer._drives import MOST_POSES, shown_drive
 from locplan.explorer._exporting import EXPORTS, exported, plain_name
 from locplan.explorer._notebook import frame_html, in_notebook
 from locplan.explorer._reproduce import Driven, field_options, reproduced, robot_options

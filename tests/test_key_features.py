@@ -17,8 +17,8 @@ from locplan import LocplanError, Path, Pole, save_map
 from locplan._kernels import features as kernels, landmarks, way_covariances as ways
 from locplan._kernels.rays import empty_squares
 from locplan.field._surfaces import surface_normals
-from locplan.landmarks import key_features, key_features_figure, with_objects
-from locplan.landmarks._feature_drives import FeatureDrives, simulator_without, without_cells
+from locplan.landmarks import FeatureDrives, key_features, key_features_figure, with_objects
+from locplan.landmarks._feature_drives import simulator_without, without_cells
 from locplan.landmarks._feature_sights import Sights, met_cells
 from locplan.landmarks._objects import Shape
 from locplan.landmarks._outcomes import Outcome

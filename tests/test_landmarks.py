@@ -25,7 +25,14 @@ from locplan._kernels.rays import empty_squares
 from locplan.field import FieldConfig, Fused, scalar
 from locplan.field._at_points import covariances_along
 from locplan.field._surfaces import surface_normals
-from locplan.landmarks import _search, best_of_trials, landmarks_figure, with_objects
+from locplan.landmarks import (
+    Verification,
+    _search,
+    best_of_trials,
+    landmarks_figure,
+    parsed_object,
+    with_objects,
+)
 from locplan.landmarks._candidates import (
     AT_WALL,
     BEYOND,
@@ -43,7 +50,7 @@ from locplan.landmarks._empty_figures import panels
 from locplan.landmarks._existing import without_objects
 from locplan.landmarks._fields import fields_along
 from locplan.landmarks._objectives import MeanDegeneracy
-from locplan.landmarks._objects import Shape, filled_cells, parsed_object
+from locplan.landmarks._objects import Shape, filled_cells
 from locplan.landmarks._outcomes import Outcome
 from locplan.landmarks._passages import Passages
 from locplan.landmarks._problem import cells_in
@@ -53,7 +60,7 @@ from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import BESIDE_OTHERS, TOO_NEAR
 from locplan.landmarks._surroundings import hits_on, motion_of, rays_at, swing_of, told_by
 from locplan.landmarks._trials import score
-from locplan.landmarks._verification import Verification, paths_on
+from locplan.landmarks._verification import paths_on
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives

@@ -35,8 +35,6 @@ ORDER = (
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 FACELESS = {"errors", "_kernels", "_util"}
 """Packages of which each module is a face; their names with an underscore are their own."""
-WITHOUT_WHOLE_FACE = {"explorer", "export", "landmarks", "recordings", "simulation", "twins"}
-"""Packages of which others still import names that are not on the face: none is to be added."""
 HOMES = {
     "matplotlib": ("plotting", "_figures"),
     "ompl": ("planners.ompl._bindings",),
@@ -129,7 +127,7 @@ def names_past_faces(module: str) -> list[str]:
     for node in ast.walk(tree_of(MODULES[module])):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("locplan."):
             home = str(node.module).removeprefix("locplan.")
-            if package_of(home) not in {package_of(module), *WITHOUT_WHOLE_FACE}:
+            if package_of(home) != package_of(module):
                 names = [alias.name for alias in node.names]
                 found += [f"{home}.{name}" for name in names if not is_on_face(home, name)]
     return found

@@ -9,7 +9,7 @@ import pytest
 from locplan.errors import ConfigError
 from locplan.field import Fisher, Fused, Sad, Scan
 from locplan.robots import PRESETS, Amcl, Lidar, Robot
-from locplan.simulation._arguments import arguments_of
+from locplan.simulation import drive_arguments
 
 URDF = """<robot name="r"><gazebo reference="laser"><sensor name="front" type="{kind}">
 <pose>0.1 0.02 0.3 0 0 0.5</pose><ray><scan><horizontal><samples>{samples}</samples>
@@ -212,5 +212,5 @@ def test_amcl_only_limits_the_lidar():
         (Amcl(laser_min_range=0.5, laser_max_range=4.0), 0.5, 4.0),
         (Amcl(laser_min_range=0.1, laser_max_range=0.0), 0.2, 10.0),
     ):
-        beams = arguments_of(grid, Robot(lidar, filter=amcl)).lidar
+        beams = drive_arguments(grid, Robot(lidar, filter=amcl)).lidar
         assert (beams.min_range, beams.max_range) == (least, most)

@@ -8,8 +8,8 @@ from conftest import drawn
 
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Amcl, Disturbances, Lidar, Robot
-from locplan.simulation import Simulator
-from locplan.simulation.tuning._lint import beams_left, lint
+from locplan.simulation import Simulator, filter_warnings
+from locplan.simulation.tuning._lint import beams_left
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
 CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
@@ -17,8 +17,10 @@ CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
 
 @pytest.mark.parametrize("lidar", [LIDAR, Lidar(range=200.0)])
 def test_nav2s_defaults_have_no_warnings(lidar):
-    assert lint(Amcl(), lidar) == []
-    assert lint(Amcl(), lidar, {"z_short": 0.05, "z_max": 0.05, "use_sim_time": True}) == []
+    assert filter_warnings(Amcl(), lidar) == []
+    assert (
+        filter_warnings(Amcl(), lidar, {"z_short": 0.05, "z_max": 0.05, "use_sim_time": True}) == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -35,15 +37,15 @@ def test_nav2s_defaults_have_no_warnings(lidar):
     ],
 )
 def test_each_fault_has_one_warning(changes, words):
-    (found,) = lint(Amcl(**changes), LIDAR)
+    (found,) = filter_warnings(Amcl(**changes), LIDAR)
     assert re.search(words, found)
     assert "\n" not in found
 
 
 def test_weights_that_add_up_to_1_with_those_of_the_beam_model_are_fine():
     amcl = Amcl(z_hit=0.85, z_rand=0.05)
-    assert lint(amcl, LIDAR, {"z_short": 0.05, "z_max": 0.05}) == []
-    assert len(lint(amcl, LIDAR, {"z_short": 0.5, "z_max": "much"})) == 1
+    assert filter_warnings(amcl, LIDAR, {"z_short": 0.05, "z_max": 0.05}) == []
+    assert len(filter_warnings(amcl, LIDAR, {"z_short": 0.5, "z_max": "much"})) == 1
 
 
 def hall(size: float) -> OccupancyGrid:

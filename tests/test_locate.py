@@ -20,12 +20,10 @@ from locplan._kernels.settling import settle
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording, match_scans
-from locplan.recordings._geometry import ends_on_robot
-from locplan.twins import locate_drive, locate_figure, located_drive_figure
+from locplan.twins import Matching, locate_drive, locate_figure, located_drive_figure
 from locplan.twins._database import make_database
 from locplan.twins._locate import beams_that_count
 from locplan.twins._location import CERTAIN
-from locplan.twins._matching import Matching
 from locplan.twins._modes import ends_of, turning_lever
 
 CARMEN = SHARED_DATA / "carmen"
@@ -301,7 +299,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
 
 def test_the_beams_that_count_are_few_and_spread(different):
     lidar = replace(LIDAR, beams=1000)
-    on_robot = ends_on_robot(np.full((1, 1000), 2.0, np.float32), lidar)
+    on_robot = lidar.ends_on_robot(np.full((1, 1000), 2.0, np.float32))
     ends = beams_that_count(ScanDatabase(different, lidar), on_robot)
     assert ends.shape == (2, 180)
     np.testing.assert_allclose(np.hypot(*ends), 2.0 / different.resolution, rtol=1e-5)

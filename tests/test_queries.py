@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import SHARED_DATA
 
+from locplan._util.tables import write_rows
 from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
@@ -18,7 +19,6 @@ from locplan.planners import (
     read_queries,
     read_stations,
 )
-from locplan.simulation._writing import write_rows
 
 BENCHMARKS = SHARED_DATA / "movingai"
 

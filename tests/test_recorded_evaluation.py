@@ -24,8 +24,8 @@ from locplan.errors import ConfigError, RecordingError
 from locplan.field import FieldConfig, SearchWindow
 from locplan.field.estimators._scan import likelihood_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.recordings import Recording, drive_figure, evaluate_drive, match_scans
-from locplan.recordings._reports import DRIVE, drive_table, write_drive
+from locplan.recordings import DriveEvaluation, Recording, drive_figure, evaluate_drive, match_scans
+from locplan.recordings._reports import drive_table, write_drive
 from locplan.recordings._verdict import _axis, _worst_block
 
 CARMEN = SHARED_DATA / "carmen"
@@ -222,8 +222,8 @@ def test_scans_far_from_each_other_are_dots(office, drive):
 
 @pytest.mark.draws
 def test_results_are_written(tmp_path, found):
-    written = write_drive(DRIVE.into(tmp_path / "out"), found)
-    assert [file.name for file in written] == list(DRIVE.names)
+    written = write_drive(DriveEvaluation.files.into(tmp_path / "out"), found)
+    assert [file.name for file in written] == list(DriveEvaluation.files.names)
     about = json.loads((tmp_path / "out" / "drive.json").read_text())
     assert about["compared"] == found.compared.sum()
     assert set(about["estimators"]) == {"sad", "fisher", "scan", "fused"}
@@ -267,7 +267,7 @@ def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive, coarse_f
     code, out, err = run(*ask, "--every", 12, "--json", "-o", tmp_path / "out")
     about = json.loads(out)
     assert (code, about["scans"]) == (0, math.ceil(len(drive) / 12))
-    assert "drive.png" in err
+    assert err.endswith(f"wrote {tmp_path / 'out'}\n")
     assert "two_corridors" not in about["map"]
     assert "--places is not read with --drive" in refused(run(*ask, "--places", 5))
     assert "--seed is not read with --drive" in refused(run(*ask, "--seed", 5))

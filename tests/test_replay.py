@@ -22,8 +22,7 @@ from locplan.recordings._replay import ELLIPSE
 from locplan.recordings._replay_reports import replay_table
 from locplan.recordings._tracks import Tracks
 from locplan.robots import Amcl, Disturbances, Robot
-from locplan.simulation import Simulator
-from locplan.simulation._motion import poses_along
+from locplan.simulation import Simulator, poses_along
 
 RESOLUTION = 0.1
 FEW = {"min_particles": 100, "max_particles": 300}
@@ -159,7 +158,7 @@ def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
 
 
 def test_odometry_may_be_in_any_frame(grid, drive, replayed):
-    from locplan.recordings._geometry import moved
+    from locplan._util.poses import moved
 
     # The filter updates by the distance along x or y of odometry: a quarter turn keeps both.
     shifted = moved(drive.odometry, (5.0, 1.0, math.pi / 2))

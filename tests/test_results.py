@@ -19,7 +19,7 @@ from locplan._util.results import (
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
 from locplan.planners._summary import _up
-from locplan.simulation._calibration_reports import check_calibration
+from locplan.simulation import check_calibration
 
 ENDS = ("--start", "1,3", "--goal", "4,3")
 PLAN = ("plan", *ENDS, "--stride", "0.5")

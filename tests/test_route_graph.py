@@ -13,11 +13,8 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
-from locplan.export import _net
-from locplan.export._figures import routes_figure
-from locplan.export._geojson import MAX_ID, to_geojson
-from locplan.export._roadmap import roadmap
-from locplan.export._route_graphs import RouteGraph
+from locplan.export import RouteGraph, _net, roadmap, routes_figure, to_geojson
+from locplan.export._geojson import MAX_ID
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import plan_field
 

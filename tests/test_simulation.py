@@ -24,18 +24,21 @@ from locplan.planners import Query
 from locplan.planners._plan import AWARE, SHORTEST
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Robot, read_amcl
 from locplan.simulation import (
+    LOST,
+    Drives,
+    Routes,
     Simulator,
     choose_points,
     measure,
+    poses_along,
     rmse_ratio,
     simulate,
     simulate_queries,
     simulation_figure,
 )
-from locplan.simulation._drives import LOST, Drives
-from locplan.simulation._motion import approaches, poses_along
+from locplan.simulation._motion import approaches
 from locplan.simulation._reports import routes_table
-from locplan.simulation._routes import COLUMNS, Route, Routes
+from locplan.simulation._routes import COLUMNS, Route
 
 QUIET = {
     "boundary_noise": 0.0,

@@ -12,12 +12,11 @@ from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Lidar, Robot, read_amcl
-from locplan.simulation import Simulator, tune, tuning_figure
-from locplan.simulation._motion import poses_along
+from locplan.simulation import Simulator, Tuning, poses_along, tune, tuning_figure
 from locplan.simulation.tuning import _bench
 from locplan.simulation.tuning._bench import LONGEST, Bench, random_paths, updates_along
 from locplan.simulation.tuning._files import check_written, tuned_file
-from locplan.simulation.tuning._reports import TUNING, conclusion, tuning_table, write_tuning
+from locplan.simulation.tuning._reports import tuning_table, write_tuning
 from locplan.simulation.tuning._search import Search
 from locplan.simulation.tuning._space import (
     AXES,
@@ -281,7 +280,7 @@ def test_tuning_gains_and_is_judged_on_other_paths(tuning):
     assert found.worst < own.worst
     assert tuning.judged_seed != tuning.seed
     assert {each.name for each in tuning.judged} >= {"your settings", "Nav2's defaults"}
-    assert conclusion(tuning).startswith(described(tuning.own, tuning.winner))
+    assert tuning.conclusion.startswith(described(tuning.own, tuning.winner))
     assert "times the CPU" in tuning_table(tuning)
     assert f"\n{LIDAR.title}: of 60 beams compared, " in tuning_table(tuning)
     assert json.loads(json.dumps(tuning.summary(), allow_nan=False))["verdict"] == "better"
@@ -332,7 +331,7 @@ def test_what_is_not_clearly_better_changes_nothing(tuning, tmp_path):
         assert unclear.winner == tuning.own
         assert unclear.changes == {}
         assert tuned_file(unclear, file) == file.read_bytes()
-        assert conclusion(unclear).startswith("nothing is clearly better than your settings")
+        assert unclear.conclusion.startswith("nothing is clearly better than your settings")
         assert unclear.summary()["verdict"] == "nothing is clearly better"
 
 
@@ -383,7 +382,7 @@ def test_the_users_file_is_copied_with_what_gains(tuning, tmp_path):
 def test_one_of_several_robots_in_a_file_is_tuned(tuning, tmp_path):
     file = tmp_path / "fleet.yaml"
     file.write_text("robot1:\n  amcl:\n    ros__parameters:\n      alpha1: 0.2\n" + PARAMS)
-    write_tuning(TUNING.into(tmp_path / "out"), tuning, tmp_path / "fleet.yaml:robot1")
+    write_tuning(Tuning.files.into(tmp_path / "out"), tuning, tmp_path / "fleet.yaml:robot1")
     made = tmp_path / "out" / "nav2_params.yaml"
     assert made.read_text().endswith(PARAMS)
     check_written(made, tuning.winner, tmp_path / "fleet.yaml:robot1")
@@ -397,10 +396,10 @@ def test_a_file_that_was_set_otherwise_for_the_run_gets_these_settings_too(tunin
 
 
 def test_results_are_written_and_drawn(tuning, tmp_path):
-    written = write_tuning(TUNING.into(tmp_path / "out"), tuning)
-    assert [file.name for file in written] == [*TUNING.names]
+    written = write_tuning(Tuning.files.into(tmp_path / "out"), tuning)
+    assert [file.name for file in written] == [*Tuning.files.names]
     about = json.loads((tmp_path / "out" / "tuning.json").read_text())
-    assert about["conclusion"] == conclusion(tuning)
+    assert about["conclusion"] == tuning.conclusion
     assert about["changes"] == tuning.changes
     assert read_amcl(written[0]) == tuning.winner
     panels = tuning_figure(tuning).axes
@@ -449,7 +448,7 @@ def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
 
 
 def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("locplan.simulation.tuning._tune.tune", None)
+    monkeypatch.setattr("locplan.simulation.tune", None)
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "params.yaml"
     head = "amcl:\n  ros__parameters:\n    "

@@ -15,8 +15,9 @@ from locplan._kernels.lidar import Lidar as Beams
 from locplan._kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Lidar
+from locplan.twins import Matching
 from locplan.twins._database import CAP, make_database
-from locplan.twins._matching import TURNS, Matching
+from locplan.twins._matching import TURNS
 from locplan.twins._modes import ends_of, find_modes, losses_at
 
 FARTHEST = 40

@@ -18,8 +18,9 @@ from locplan.plotting._picture import Picture
 from locplan.plotting._ticks import MOST, RoundNumbers, make_logarithmic, round_numbers
 from locplan.plotting._views import cut, draw_inset, map_around, zoomed_to
 from locplan.robots import Lidar, Robot
-from locplan.simulation._figures import PANEL_POINTS, _beside, queries_figure
-from locplan.simulation._routes import Route, Routes
+from locplan.simulation import Routes, queries_figure
+from locplan.simulation._figures import PANEL_POINTS, _beside
+from locplan.simulation._routes import Route
 
 pytestmark = pytest.mark.draws
 

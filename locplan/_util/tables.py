@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import math
 import re
 import shutil
 import textwrap
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,6 +39,20 @@ def write_json(file: Path, about: Mapping[str, object]) -> None:
     with replacing(file) as temporary:
         text = json.dumps({"locplan": __version__, **about}, indent=2)
         temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows of names and numbers, as a whole or not at all; unknown numbers are empty."""
+    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows([csv_cell(_digits(value)) for value in row] for row in rows)
+
+
+def _digits(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{value:.9g}" if math.isfinite(value) else ""
 
 
 def csv_cell(value: Any) -> Any:
@@ -120,3 +135,8 @@ def age(moment: float) -> str:
         if seconds >= size:
             return f"{seconds / size:.0f} {unit} ago"
     return "just now"
+
+
+def file_name(name: str) -> str:
+    """A map's name with a dash for each character that some file systems refuse."""
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)

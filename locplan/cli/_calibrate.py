@@ -62,10 +62,9 @@ def calibrate(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _calibration as calibration, _calibration_reports as reports
-    from locplan.simulation._places import places_of
+    from locplan.simulation import calibrate as fitted, check_calibration, measure_maps
 
-    reports.check_calibration(output, force=force)
+    check_calibration(output, force=force)
     recorded.check()
     if recorded.drive:
         unread: dict[str, object] = {"error": error, "fit_tau": fit_tau or None}
@@ -78,7 +77,7 @@ def calibrate(
     refuse(f"with --error {error}", **unread)
     robot, config = options.simulated(robot_options)
     with progress_bar("driving", "drives") as progress:
-        measured = places_of(
+        measured = measure_maps(
             [load_map(file) for file in find_maps(*maps)],
             robot,
             **given_of(at) | ({"scans": 0} if error == "tracking" else {"drives": 0}),
@@ -87,12 +86,12 @@ def calibrate(
             progress=progress,
         )
     with progress_bar("fitting", "values of tau") as progress:
-        result = calibration.calibrate(
+        result = fitted(
             measured, config, error=error, fit_tau=fit_tau, threads=threads, progress=progress
         )
     with working("writing the results"):
-        written = reports.write_calibration(output, result, robot, force=force)
-    show(json, result.summary(), reports.calibration_table(result), *written)
+        written = result.save(output, robot, force=force)
+    show(json, result.summary(), result.report(), *written)
     return 0 if result.in_metres else NOT_IN_METRES
 
 
@@ -109,16 +108,16 @@ def _from_drive(
     """Fit the settings to a recorded drive."""
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.recordings import _calibration as calibration, _calibration_reports as reports
+    from locplan.recordings import calibrate_drive
 
     grid, recording = recorded.on_map(maps)
     config = options.of_drive(recording.lidar)
     robot = robot_options.on_drive(recording.lidar, replayed=False)
     with progress_bar("calibrating", "") as progress:
-        result = calibration.calibrate_drive(
+        result = calibrate_drive(
             recording, grid, config, robot=robot, threads=threads, progress=progress
         )
     with working("writing the results"):
-        written = reports.write_drive_calibration(output, result, force=force)
-    show(json, result.summary(), reports.drive_calibration_table(result), *written)
+        written = result.save(output, force=force)
+    show(json, result.summary(), result.report(), *written)
     return 0 if result.field and result.field.in_metres else NOT_IN_METRES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -88,34 +88,39 @@ def choose(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.costs import Costmap
-    from locplan.simulation.choice import _choose as core, _reports as reports
-    from locplan.simulation.choice._candidates import AnyCandidate, own_paths
+    from locplan.simulation import (
+        Choice,
+        check_candidates,
+        check_choice,
+        choose as drive,
+        costmap_near_candidates,
+    )
 
     start, goal = two_numbers("start", choosing.start), two_numbers("goal", choosing.goal)
     asked = choosing.minimise, choosing.price, choosing.drives
-    core.check_request(choosing.longest, *asked, choosing.time_limit)
+    check_choice(choosing.longest, *asked, choosing.time_limit)
     if options.estimator is None and options.config is None:
         options = dataclasses.replace(options, estimator="fused")  # as in Python
     robot, config = options.simulated(robot_options)
     costs.check(config)
     grid = load(map_file)
     blank = Costmap.blank(grid, robot_radius=robot.radius)
-    core.check_way(blank, start, goal)
     paths = read_paths(choosing.path)
-    core.lines_along(own_paths(blank, start, goal, paths), grid)
+    check_candidates(blank, start, goal, paths)
     chosen_planners = dict.fromkeys(choosing.planner)
     for name in chosen_planners:
         planners.planner_for(name, {})
         if name in paths:
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
-    folder = reports.CHOICE.into(output, force=force) if output else None
+    if output:
+        Choice.files.into(output, force=force)
     with working("looking for a way"):
         costmap, reachable = blank, planners.plan(blank, start, goal).path is not None
     del blank  # saves memory on a large map
     if reachable:
         with computing.of(config) as compute:
             if options.is_fine_near_paths(config):
-                costmap = core.costmap_near_candidates(
+                costmap = costmap_near_candidates(
                     grid,
                     config,
                     (start, goal),
@@ -126,12 +131,12 @@ def choose(
                 )
             else:
                 costmap = costs.costmap(grid, compute(grid), robot)
-    candidates: dict[str, AnyCandidate] = {**paths}
+    candidates: dict[str, Any] = {**paths}
     candidates.update((name, name) for name in chosen_planners)
     if choosing.front and reachable:
         candidates["front"] = planners.pareto_front(costmap, start, goal)
     with progress_bar("driving the candidates", "drives") as progress:
-        choice = core.choose(
+        choice = drive(
             grid,
             start,
             goal,
@@ -147,7 +152,7 @@ def choose(
             threads=computing.threads,
             progress=progress,
         )
-    if folder:
+    if output:
         with working("writing the choice"):
-            reports.write_choice(folder, choice)
-    show(json, choice.summary(), reports.choice_table(choice), output)
+            choice.save(output, force=force)
+    show(json, choice.summary(), choice.report(), output)

@@ -69,25 +69,27 @@ def evaluate(
     from locplan._util.working import working
     from locplan.field import equipped
     from locplan.maps import find_maps, load_map
-    from locplan.simulation import _evaluation as evaluation, _reports as reports
+    from locplan.simulation import LARGEST_DISC, Evaluation, evaluate as measured
 
     refuse("without --drive", config=config)
     robot = equipped(robot_options.load())
     robot_options.warn(robot)
-    folder = reports.EVALUATION.into(output, force=force) if output else None
+    if output:
+        Evaluation.files.into(output, force=force)
     with progress_bar("driving", "drives") as progress:
-        result = evaluation.evaluate(
+        result = measured(
             [load_map(file) for file in find_maps(*maps)],
             robot,
             **given_of(at),
-            disc=min(robot.known_lidar.range, evaluation.LARGEST_DISC),
+            disc=min(robot.known_lidar.range, LARGEST_DISC),
             seed=seed,
             threads=threads,
             progress=progress,
         )
-    with working("writing the results"):
-        written = reports.write_evaluation(folder, result) if folder else []
-    show(json, result.summary(), reports.evaluation_table(result), *written)
+    if output:
+        with working("writing the results"):
+            result.save(output, force=force)
+    show(json, result.summary(), result.report(), output)
 
 
 def _evaluate_drive(
@@ -104,10 +106,10 @@ def _evaluate_drive(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.field import load_config
-    from locplan.recordings import _reports as reports, evaluate_drive
-    from locplan.recordings._evaluation import estimators_for
+    from locplan.recordings import DriveEvaluation, estimators_for, evaluate_drive
 
-    folder = reports.DRIVE.into(output, force=force) if output else None
+    if output:
+        DriveEvaluation.files.into(output, force=force)
     own = {"config": load_config(config).estimator} if config else {}
     grid, drive = recorded.on_map(maps)
     estimators = estimators_for(drive.lidar) | own
@@ -115,6 +117,7 @@ def _evaluate_drive(
         found = evaluate_drive(
             drive, grid, estimators=estimators, threads=threads, progress=progress
         )
-    with working("writing the results"):
-        written = reports.write_drive(folder, found) if folder else []
-    show(json, found.summary(), reports.drive_table(found), *written)
+    if output:
+        with working("writing the results"):
+            found.save(output, force=force)
+    show(json, found.summary(), found.report(), output)

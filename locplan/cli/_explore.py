@@ -88,9 +88,7 @@ def explore(
     from locplan._util.progress import progress_bar
     from locplan._util.supervision import end_if_supervised
     from locplan._util.working import working
-    from locplan.explorer._drives import RecordedDrive
-    from locplan.explorer._explore import check_installed, opened
-    from locplan.explorer._scene import Opening
+    from locplan.explorer import Opening, RecordedDrive, check_installed, opened
 
     check_installed()
     robot, config = options.with_robot(robot_options)

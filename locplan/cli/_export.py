@@ -14,7 +14,7 @@ from locplan.cli._options import Computing, CostOptions, FieldOptions
 from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, read_paths, show, two_numbers
 from locplan.errors import ConfigError
-from locplan.export._registry import ExportJob, formats
+from locplan.export import ExportJob, formats
 
 app = command(
     "export",

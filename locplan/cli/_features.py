@@ -73,10 +73,10 @@ def features(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.field import equipped
-    from locplan.simulation._drives import check_drives_or_none
+    from locplan.simulation import check_drives
 
     drives, ways = taking.drives, routes.given()
-    check_drives_or_none(drives)
+    check_drives(drives, or_none=True)
     robot = equipped(robot_options.load())
     robot_options.warn(robot)
     grid = load(map_file)

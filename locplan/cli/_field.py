@@ -37,18 +37,18 @@ def field(
     json: Json = False,
 ) -> int:
     """Compute how uncertain a pose match is all over a map, or over many."""
-    from locplan.export._batch import batch_table, jobs_for, run_all
+    from locplan.export import field_jobs, field_runs_table, run_field_jobs
     from locplan.field import FieldSummary
 
     _, config = options.with_robot(robot_options)
-    jobs = jobs_for(maps, output, picture, force=force)
+    jobs = field_jobs(maps, output, picture, force=force)
     with computing.of(config) as compute:
         if len(jobs) == 1:
             summary = FieldSummary.of(jobs[0].run(compute))
             show(json, summary.to_json(), summary.table(), output, picture)
             return 0
-        runs = list(run_all(jobs, compute))
+        runs = list(run_field_jobs(jobs, compute))
     failed = [run for run in runs if run.error]
     written = [output, picture] if len(failed) < len(runs) else []
-    show(json, [run.to_json() for run in runs], batch_table(runs), *written)
+    show(json, [run.to_json() for run in runs], field_runs_table(runs), *written)
     return 2 if failed else 0

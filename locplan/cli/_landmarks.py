@@ -94,14 +94,12 @@ def landmarks(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.field import equipped
-    from locplan.landmarks._objects import parsed_object
-    from locplan.landmarks._trials import TRIALS, best_of_trials
-    from locplan.simulation._drives import check_drives_or_none
+    from locplan.simulation import check_drives
 
     drives = placing.drives
     driven = routes.given(region=placing.region)
-    kind = parsed_object(placing.object)
-    check_drives_or_none(drives)
+    kind = core.parsed_object(placing.object)
+    check_drives(drives, or_none=True)
     robot = equipped(robot_options.load())
     robot_options.warn(robot)
     existing = [position("existing", text) for text in placing.existing]
@@ -127,9 +125,10 @@ def landmarks(
             threads=threads,
             progress=progress,
         )
-    trials = placing.trials or (TRIALS if drives else 1)
+    trials = placing.trials or (None if drives else 1)
+    tried = {} if trials is None else {"trials": trials}
     with progress_bar("driving placements", "drives") as progress:
-        made = best_of_trials(made, trials, seed=seed, threads=threads, progress=progress)
+        made = core.best_of_trials(made, **tried, seed=seed, threads=threads, progress=progress)
     verification = None
     if drives:
         with progress_bar("verifying by drives", "drives") as progress:

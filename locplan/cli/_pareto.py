@@ -63,7 +63,7 @@ def pareto(
     from locplan import planners
     from locplan._util.working import working
     from locplan.costs import Costmap
-    from locplan.export._plan_folders import FRONT, write_front
+    from locplan.export import FRONT_FILES, write_front
     from locplan.field import about_field
     from locplan.planners import check_front_limits, front_summary, front_table
 
@@ -72,7 +72,7 @@ def pareto(
     grid = load(map_file)
     robot, config = options.with_robot(robot_options)
     planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
-    folder = FRONT.into(output, force=force) if output else None
+    folder = FRONT_FILES.into(output, force=force) if output else None
     field = computing.field(grid, config)
     with working("searching the front"):
         front = planners.pareto_front(

@@ -119,7 +119,7 @@ def plan(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.costs import Costmap
-    from locplan.export._plan_folders import PLAN, write_plans
+    from locplan.export import PLAN_FILES, write_plans
     from locplan.field import about_field
     from locplan.planners import plans_summary, plans_table, prepared_beside
 
@@ -147,13 +147,13 @@ def plan(
     del blank  # saves memory on a large map
     costs.check(config)
     history = ["history.png"] if planners.takes(planner, "progress") else []
-    folder = PLAN.into(output, *history, force=force) if output else None
+    folder = PLAN_FILES.into(output, *history, force=force) if output else None
     asked = {"start": start, "goal": goal, "planner": planning.planner, **limits, **given}
     near_paths = options.is_fine_near_paths(config)
     compiling = not computing.begun(grid, config, in_part=near_paths)
     driving: AbstractContextManager[Callable[[], None]] = nullcontext(lambda: None)
     if driven:
-        from locplan.simulation._compiling import drives_prepared_beside
+        from locplan.simulation import drives_prepared_beside
 
         driving = drives_prepared_beside(needed=compiling)
     with prepared_beside(planner, needed=compiling) as ready, driving as drivable:

@@ -93,10 +93,10 @@ class RobotOptions:
     def warn(self, robot: Robot) -> None:
         """Warn of settings of the filter that work badly with the robot's lidar."""
         from locplan.robots import ParameterWarning, read_parameters
-        from locplan.simulation.tuning._lint import lint
+        from locplan.simulation import filter_warnings
 
         others = read_parameters(self.nav2_file("amcl")).of("amcl")
-        for fault in lint(robot.filter, robot.known_lidar, others):
+        for fault in filter_warnings(robot.filter, robot.known_lidar, others):
             warnings.warn(ParameterWarning(fault), stacklevel=2)
 
     def nav2_file(self, node: str = "") -> Path | None:

@@ -153,23 +153,26 @@ def _along_paths(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.costs import Costmap
-    from locplan.simulation import _reports as reports, _routes as routes, simulate as drive
+    from locplan.simulation import Simulation, simulate as drive
 
-    folder = reports.SIMULATION.into(output, force=force) if output else None
+    if output:
+        Simulation.files.into(output, force=force)
     paths, costmap = read_paths(driven.path), None
     if driven.start and driven.goal:
         ends = two_numbers("start", driven.start), two_numbers("goal", driven.goal)
         planners.check_ends(Costmap.blank(grid, robot_radius=robot.radius), *ends)
         costmap = costmap_of(grid)
-        paths = routes.planned(costmap, planners.Query("asked", *ends))
+        plans = planners.plan_beside_shortest(costmap, *ends)
+        paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     if not paths:
         show(json, {"status": "unreachable"}, "unreachable: no path leads to the goal")
         return
     with progress_bar("simulating", "drives") as progress:
         result = drive(grid, paths, robot, costs=costmap, progress=progress, **every)
-    with working("writing the results"):
-        written = reports.write_simulation(folder, result) if folder else []
-    show(json, result.summary(), reports.simulation_table(result), *written)
+    if output:
+        with working("writing the results"):
+            result.save(output, force=force)
+    show(json, result.summary(), result.report(), output)
 
 
 def _at_random(
@@ -186,10 +189,11 @@ def _at_random(
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
     from locplan.planners import random_queries
-    from locplan.simulation import _reports as reports, _routes as routes
+    from locplan.simulation import RoutesOnMaps, simulate_queries
 
-    pictures = reports.picture_names([grid.name for grid in grids])
-    folder = reports.QUERIES.into(output, *pictures, force=force) if output else None
+    if output:
+        pictures = RoutesOnMaps.pictures([grid.name for grid in grids])
+        RoutesOnMaps.files.into(output, *pictures, force=force)
     found = []
     for grid in grids:
         costmap = costmap_of(grid)
@@ -197,12 +201,12 @@ def _at_random(
             costmap, driven.random or 0, every["seed"], least_distance=driven.least
         )
         with progress_bar(f"simulating in {grid.name}", "drives") as progress:
-            found.append(
-                routes.simulate_queries(costmap, queries, robot, progress=progress, **every)
-            )
-    with working("writing the results"):
-        written = reports.write_routes(folder, found) if folder else []
-    show(json, reports.routes_summary(found), reports.routes_table(found), *written)
+            found.append(simulate_queries(costmap, queries, robot, progress=progress, **every))
+    result = RoutesOnMaps(tuple(found))
+    if output:
+        with working("writing the results"):
+            result.save(output, force=force)
+    show(json, result.summary(), result.report(), output)
 
 
 def _replay(
@@ -218,16 +222,18 @@ def _replay(
     """Run AMCL on a recorded drive, and tell its errors against the recorded poses."""
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.recordings import _replay as core, _replay_reports as reports
+    from locplan.recordings import Replay, replay
 
-    folder = reports.REPLAY.into(output, force=force) if output else None
+    if output:
+        Replay.files.into(output, force=force)
+    if runs:
+        every["runs"] = runs
     grid, recording = recorded.on_map(maps)
     robot = robot_options.on_drive(recording.lidar)
     robot_options.warn(robot)
     with progress_bar("replaying", "runs") as progress:
-        result = core.replay(
-            recording, grid, robot, runs=runs or core.RUNS, progress=progress, **every
-        )
-    with working("writing the results"):
-        written = reports.write_replay(folder, result) if folder else []
-    show(json, result.summary(), reports.replay_table(result), *written)
+        result = replay(recording, grid, robot, progress=progress, **every)
+    if output:
+        with working("writing the results"):
+            result.save(output, force=force)
+    show(json, result.summary(), result.report(), output)

@@ -78,14 +78,14 @@ def tune(
     from locplan._util.working import working
     from locplan.recordings import tune_on_drive
     from locplan.robots import read_parameters
-    from locplan.simulation.tuning import _files as files, _reports as reports
-    from locplan.simulation.tuning._tune import PATHS, tune as search
+    from locplan.simulation import Tuning, check_tunable, tune as search
 
     recorded.check()
-    folder = reports.TUNING.into(output, force=force) if output else None
+    if output:
+        Tuning.files.into(output, force=force)
     params = robot_options.nav2_file("amcl")
     if output:
-        files.check_parameters(params)
+        check_tunable(params)
     every: dict[str, Any] = {"drives": amount.drives, "seed": seed, "threads": threads}
     every["others"] = read_parameters(params).of("amcl")
     # The table tells what works badly, which other commands warn of.
@@ -97,10 +97,11 @@ def tune(
             result = tune_on_drive(recording, grid, robot, progress=progress, **every)
     else:
         robot, grid = robot_options.load(), load(map_file)
-        paths = amount.paths or PATHS
+        if amount.paths:
+            every["paths"] = amount.paths
         with progress_bar(f"tuning in {grid.name}", "") as progress:
-            result = search(grid, robot, paths=paths, progress=progress, **every)
-    with working("writing the results"):
-        written = reports.write_tuning(folder, result, params) if folder else []
-    about = {**result.summary(), "conclusion": reports.conclusion(result)}
-    show(json, about, reports.tuning_table(result), *written)
+            result = search(grid, robot, progress=progress, **every)
+    if output:
+        with working("writing the results"):
+            result.save(output, params, force=force)
+    show(json, {**result.summary(), "conclusion": result.conclusion}, result.report(), output)

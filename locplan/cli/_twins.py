@@ -20,6 +20,7 @@ from locplan.cli._groups import (
     option_group,
     results,
 )
+from locplan.cli._kinds import given_of
 from locplan.cli._options import Threads
 from locplan.cli._robot_options import RobotOptions
 from locplan.cli._values import load, refuse, show, two_numbers
@@ -85,11 +86,10 @@ def twins(
     from locplan._util.checks import whole
     from locplan._util.progress import progress_bar
     from locplan._util.working import working
-    from locplan.twins._find import SPACING
-    from locplan.twins._matching import GLOBAL_EFFECTIVE_BEAMS
-    from locplan.twins._twins import COUNT
 
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = given_of(compared)
+    if asked.spacing is not None:
+        options["spacing"] = asked.spacing
     if asked.at is not None:
         refuse("with --at", starts=asked.starts, spacing=asked.spacing)
         refuse("with --at", matches=asked.matches or None)
@@ -102,19 +102,16 @@ def twins(
     if output:
         core.Twins.files.into(output, force=force)
     grid = load(map_file)
-    beams = compared.global_effective_beams
     with progress_bar("looking for twins", "poses") as progress:
         found = core.find_twins(
             grid,
             robot,
-            spacing=SPACING if asked.spacing is None else asked.spacing,
-            global_effective_beams=GLOBAL_EFFECTIVE_BEAMS if beams is None else beams,
-            count_missing=compared.count_missing,
             threads=threads,
             progress=progress,
             **options,
         )
-    starts = [] if asked.at else found.best_starts(asked.starts or COUNT)
+    most = () if asked.starts is None else (asked.starts,)
+    starts = [] if asked.at else found.best_starts(*most)
     matches = None
     if asked.matches:
         seed = 1 if asked.seed is None else asked.seed

@@ -1,1 +1,8 @@
-from ._explore import Explorer as Explorer, explore as explore
+from ._drives import RecordedDrive as RecordedDrive
+from ._explore import (
+    Explorer as Explorer,
+    check_installed as check_installed,
+    explore as explore,
+    opened as opened,
+)
+from ._scene import Opening as Opening

@@ -14,9 +14,7 @@ from locplan._util.checks import printable, shown
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import OccupancyGrid
-from locplan.recordings import Recording, match_scans, read_drive
-from locplan.recordings._fit import FITS, NEAR, NEAR_CELLS
-from locplan.recordings._matches import LEAST_RETURNS
+from locplan.recordings import Recording, match_scans, read_drive, scans_unlike
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -25,8 +23,6 @@ if TYPE_CHECKING:
 
 MOST_POSES = 5000
 """Greatest number of poses that the page gets of a drive."""
-BLOCK = 512
-"""Number of scans that are compared with the map at once, which saves memory."""
 Numbers = NDArray[np.float64]
 
 
@@ -103,12 +99,7 @@ def shown_drive(
     # Of the whole recording nothing is copied where few scans are without a return.
     poses = recording.poses[kept]
     times = None if recording.times is None else recording.times[kept] - recording.times[kept[0]]
-    unlike = np.zeros(len(kept), np.bool_)
-    near = grid.closer_than(max(NEAR_CELLS * grid.resolution, NEAR))
-    for first in range(0, len(kept), BLOCK):
-        some = kept[first : first + BLOCK]
-        if np.isfinite(recording.ranges[some]).any():
-            unlike[first : first + BLOCK] = _unlike(recording[some], grid, near)
+    unlike = scans_unlike(recording, grid, kept)
     deviation = None
     if matched:
         deviation = np.full(len(kept), np.nan)
@@ -134,13 +125,27 @@ class RecordedDrive:
     def read(
         cls, file: str | os.PathLike[str], progress: ProgressCallback | None = None
     ) -> RecordedDrive:
-        """Read a recorded drive from a file, see `locplan.recordings.read_drive`."""
+        """Read a recorded drive from a file, see `locplan.recordings.read_drive`.
+
+        Parameters
+        ----------
+        file : path
+            The file.
+        progress : callable, optional
+            Called with (done, total) messages.
+        """
         recording = read_drive(file, progress=progress)
         return cls(printable(FilePath(file).name), recording)
 
     @classmethod
     def of(cls, drive: RecordedDrive | Recording | str | os.PathLike[str]) -> RecordedDrive:
-        """A drive of a recording, or of its file; a ConfigError of anything else."""
+        """A drive of a recording, or of its file; a ConfigError of anything else.
+
+        Parameters
+        ----------
+        drive : RecordedDrive, Recording or path
+            The drive.
+        """
         if isinstance(drive, RecordedDrive):
             return drive
         if isinstance(drive, Recording):
@@ -185,16 +190,3 @@ def match(session: Session, ask: Ask, work: Work) -> dict[str, object]:
         lambda made: 200 * MOST_POSES,
     )
     return {"map": grid.digest, "sd": found["sd"], "unlike": found["unlike"]}
-
-
-def _unlike(some: Recording, grid: OccupancyGrid, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether each scan is unlike the map whose cells near walls are given."""
-    ends = some.ends()
-    returned = np.isfinite(ends[..., 0])
-    row, col = grid.world_to_grid(*np.moveaxis(np.where(returned[..., None], ends, 0.0), -1, 0))
-    inside = returned & (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    cells = (np.where(inside, each, 0).astype(np.int64) for each in (row, col))
-    hits = (inside & near[tuple(cells)]).sum(axis=1)
-    count = returned.sum(axis=1)
-    unlike: NDArray[np.bool_] = (count >= LEAST_RETURNS) & (hits < FITS * count)
-    return unlike

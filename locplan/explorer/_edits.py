@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import number
+from locplan._util.windows import window_around
 from locplan.errors import ConfigError
 from locplan.explorer._session import Session
 from locplan.explorer._wire import Ask
-from locplan.landmarks import Box, Pole
-from locplan.landmarks._objects import filled_cells, on_grid, window_around
+from locplan.landmarks import Box, Pole, cells_under
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 
 if TYPE_CHECKING:
@@ -165,10 +165,8 @@ def drawn(grid: OccupancyGrid, strokes: Sequence[Stroke]) -> Patch | None:
     for stroke in strokes:
         if stroke.tool in ("pole", "box"):
             kind: Pole | Box = Pole(stroke.size[0]) if stroke.tool == "pole" else Box(*stroke.size)
-            pose = np.array([[*stroke.points[0], stroke.heading]])
-            row, col, turn = on_grid(grid, pose)[0].tolist()
-            where = filled_cells(kind.shape, row, col, turn, grid.resolution, grid.shape)
-            cells[where] = OCCUPIED
+            pose = np.array([*stroke.points[0], stroke.heading])
+            cells[cells_under(grid, kind, pose)] = OCCUPIED
         else:
             _draw_line(cells, grid, stroke)
     changed = cells != grid.cells

@@ -178,7 +178,31 @@ def opened(
     field: CovarianceField | None = None,
     framed: bool = False,
 ) -> Explorer:
-    """Serve a page, and begin to compute its field."""
+    """Serve a page, and begin to compute its field.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    opening : Opening
+        What the page begins with.
+    port : int, default 0
+        Port of the server, 0 to 65535; 0 takes any free one.
+    field : CovarianceField, optional
+        The map's field, if it is there already.
+    framed : bool, default False
+        True for a page that a notebook displays.
+
+    Returns
+    -------
+    Explorer
+        The page.
+
+    Raises
+    ------
+    LocplanError
+        If an argument is out of its range, the port is taken, or a library is missing.
+    """
     check_installed()
     from locplan.explorer._server import Server
     from locplan.explorer._session import Session

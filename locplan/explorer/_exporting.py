@@ -14,8 +14,7 @@ from locplan._util.checks import one_of
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer._view import View, given
-from locplan.export import ExportJob, formats
-from locplan.export._distros import distribution
+from locplan.export import ExportJob, distribution, formats
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work

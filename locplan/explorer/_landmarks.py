@@ -10,10 +10,14 @@ from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
 from locplan.explorer._view import View, given
-from locplan.landmarks import Box, Landmarks, place_landmarks
-from locplan.landmarks._landmarks import PAYS
-from locplan.landmarks._objects import parsed_object
-from locplan.landmarks._verification import Verification
+from locplan.landmarks import (
+    PAYING_SHARE,
+    Box,
+    Landmarks,
+    Verification,
+    parsed_object,
+    place_landmarks,
+)
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -53,7 +57,7 @@ class ProposedLandmarks:
         if made.paying < len(made):
             texts.append(
                 f"From number {made.paying + 1} on, each lowers the expected deviation by less"
-                f" than {PAYS:.0%}."
+                f" than {PAYING_SHARE:.0%}."
             )
         if made.regular:
             texts.append(f"Careful: {made.regular}, which a filter can mistake for a shift.")

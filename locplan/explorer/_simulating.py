@@ -10,24 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval, of_geometric_mean
+from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.explorer._view import STEPS, View, given, rounded
 from locplan.planners import AWARE, SHORTEST
-from locplan.simulation import Drives, choose, simulate as simulate_paths, verdict
-from locplan.simulation._scores import FLOOR
-from locplan.simulation.choice._choice import count_of, in_one_line
-from locplan.simulation.choice._choose import FEW_DRIVES
-from locplan.simulation.choice._verdict import is_one_way
+from locplan.simulation import (
+    Drives,
+    choose,
+    is_one_way,
+    simulate as simulate_paths,
+    verdict,
+)
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
     from locplan.explorer._session import Session
     from locplan.explorer._wire import Ask
 
+FEW_DRIVES = 8
+"""Number of drives of a candidate by default, as `locplan.choose` has it."""
 MOST_DRIVES = 100
 """Greatest number of drives of a candidate that the page can ask for."""
 PATH_SHOWN = "path shown"
@@ -80,8 +84,7 @@ class DrivenPath:
     def of(cls, name: str, label: str, path: Path, drives: Drives) -> DrivenPath:
         """A candidate from its drives."""
         profile = ErrorProfile.of(drives)
-        error = of_geometric_mean(np.sqrt(drives.mean_squares + FLOOR))
-        return cls(name, label, path, error, drives.lost_rate, profile)
+        return cls(name, label, path, drives.typical_rmse, drives.lost_rate, profile)
 
     def summary(self) -> dict[str, object]:
         """The candidate, fit for JSON."""
@@ -198,10 +201,10 @@ def _chosen(view: View, asked: Mapping[str, Any]) -> Simulated:
         DrivenPath.of(each.name, labels.get(each.name, each.name), each.path, each.drives)
         for each in choice.candidates
     )
-    text, done = in_one_line(choice), 0
+    text, done = choice.sentence, 0
     if choice.chosen is not None:
         done = len(choice.chosen.drives.errors)
-        text += f" ({count_of(choice)} in simulation with {choice.robot.title})"
+        text += f" ({choice.driven} in simulation with {choice.robot.title})"
     return Simulated(text, choice.chosen.name if choice.chosen else None, made, done)
 
 

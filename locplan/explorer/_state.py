@@ -24,7 +24,7 @@ ROBOTS = ("turtlebot3", "turtlebot4")
 
 def about(session: Session) -> dict[str, Any]:
     """The map, and what can be chosen and done."""
-    from locplan.export._distros import DISTRIBUTIONS
+    from locplan.export import DISTRIBUTIONS
 
     grid = session.original
     writes = session.folder is not None

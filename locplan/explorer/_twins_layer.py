@@ -10,8 +10,7 @@ import numpy as np
 from locplan.errors import ConfigError
 from locplan.explorer._textures import Texture
 from locplan.explorer._twins import ALIKE, database_of
-from locplan.twins import ScanDatabase, Twins, find_twins
-from locplan.twins._find import HEADINGS, SPACING
+from locplan.twins import PLACE_HEADINGS, PLACE_SPACING, ScanDatabase, Twins, find_twins
 
 if TYPE_CHECKING:
     from locplan.explorer._asks import Work
@@ -44,13 +43,13 @@ def affordable_spacing(area: float, compared: int, headings: int) -> float:
     """
     poses = SECONDS / (POSE_SECONDS + PLACE_SECONDS * compared)
     least = math.sqrt(area * headings / poses)
-    return max(SPACING, math.ceil(10 * least) / 10)
+    return max(PLACE_SPACING, math.ceil(10 * least) / 10)
 
 
 def spacing_of(database: ScanDatabase) -> float:
     """The usual distance of places [m], or a greater one where that would take too long."""
     every, cell = database.everywhere, database.grid.resolution
-    headings = 1 if database.lidar.sees_alike_in_all_headings else HEADINGS
+    headings = 1 if database.lidar.sees_alike_in_all_headings else PLACE_HEADINGS
     spacing = affordable_spacing(float(every.fits.sum()) * cell**2, len(every.positions), headings)
     return max(spacing, cell)
 

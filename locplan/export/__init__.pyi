@@ -1,6 +1,18 @@
 from ._area_files import save_degenerate_areas as save_degenerate_areas
 from ._areas import DegenerateArea as DegenerateArea, degenerate_areas as degenerate_areas
 from ._bags import bag as bag
+from ._batch import (
+    FieldJob as FieldJob,
+    FieldRun as FieldRun,
+    field_jobs as field_jobs,
+    field_runs_table as field_runs_table,
+    run_field_jobs as run_field_jobs,
+)
+from ._distros import (
+    DISTRIBUTIONS as DISTRIBUTIONS,
+    Distribution as Distribution,
+    distribution as distribution,
+)
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
 from ._geojson import route_graph as route_graph, to_geojson as to_geojson
 from ._layer import layer as layer
@@ -13,6 +25,12 @@ from ._nav2 import (
 )
 from ._nav2_routes import nav2_routes as nav2_routes
 from ._plain_files import field as field, path as path
+from ._plan_folders import (
+    FRONT_FILES as FRONT_FILES,
+    PLAN_FILES as PLAN_FILES,
+    write_front as write_front,
+    write_plans as write_plans,
+)
 from ._recommended import RecommendedWays as RecommendedWays, recommended_ways as recommended_ways
 from ._registry import (
     ExportJob as ExportJob,

@@ -18,12 +18,15 @@ from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
 
 @dataclass(frozen=True)
-class Job:
+class FieldJob:
     """A map, and the files of its field and its picture, if they are wanted."""
 
     map_file: Path
+    """The map's file."""
     output: Path | None = None
+    """File of the field; None for none."""
     picture: Path | None = None
+    """File of the picture; None for none."""
     pictures: ResultFolder | None = None
     """The folder of the picture, unless the user named the file."""
     force: bool = False
@@ -39,7 +42,13 @@ class Job:
             self.pictures.check(self.picture.name)
 
     def run(self, compute: Callable[[OccupancyGrid], CovarianceField]) -> CovarianceField:
-        """Load the map, compute its field, and write the files that are wanted."""
+        """Load the map, compute its field, and write the files that are asked for.
+
+        Parameters
+        ----------
+        compute : callable
+            Computes the field of a map.
+        """
         field = compute(load_map(self.map_file))
         if self.output:
             with working(f"writing {self.output.name}"):
@@ -60,17 +69,36 @@ class Job:
             plotting.save_figure(figure, picture)
 
 
-def jobs_for(
+def field_jobs(
     maps: Sequence[Path], output: Path | None, picture: Path | None, *, force: bool = False
-) -> list[Job]:
+) -> list[FieldJob]:
     """One job for each map file that is named or lies in a folder that is named.
 
     For a single map `output` is its field and `picture` its picture; for several they are
-    folders, with a file by the name of each map. With `force` files in the way are replaced.
+    folders, with a file by the name of each map.
+
+    Parameters
+    ----------
+    maps : sequence of Path
+        Map files, and folders of them.
+    output, picture : Path or None
+        Where fields and pictures go; None for none.
+    force : bool, default False
+        True replaces files in the way.
+
+    Returns
+    -------
+    list of FieldJob
+        The jobs, in the order of the maps.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be written, or two maps have one name.
     """
     files = find_maps(*maps)
     if len(files) == 1:
-        job = Job(files[0], output, picture, force=force)
+        job = FieldJob(files[0], output, picture, force=force)
         job.check()
         return [job]
     for folder, suffixes in ((output, [FIELD_SUFFIX]), (picture, PICTURES)):
@@ -85,7 +113,7 @@ def jobs_for(
     for folder in filter(None, (output, picture)):
         make_folder(folder)
     return [
-        Job(
+        FieldJob(
             file,
             output / f"{name_of(file)}{FIELD_SUFFIX}" if output else None,
             picture / f"{name_of(file)}.png" if picture else None,
@@ -97,7 +125,7 @@ def jobs_for(
 
 
 @dataclass(frozen=True)
-class Run:
+class FieldRun:
     """The result of a job."""
 
     file: Path
@@ -116,10 +144,23 @@ class Run:
         return {"file": str(self.file)} | about | done
 
 
-def run_all(
-    jobs: Sequence[Job], compute: Callable[[OccupancyGrid], CovarianceField]
-) -> Iterator[Run]:
-    """Run each job, and give its result or the reason why it failed."""
+def run_field_jobs(
+    jobs: Sequence[FieldJob], compute: Callable[[OccupancyGrid], CovarianceField]
+) -> Iterator[FieldRun]:
+    """Run each job, and give its result or the reason why it failed.
+
+    Parameters
+    ----------
+    jobs : sequence of FieldJob
+        The jobs.
+    compute : callable
+        Computes the field of a map.
+
+    Returns
+    -------
+    iterator of FieldRun
+        The result of each job, when it is there.
+    """
     for job in jobs:
         started = time.perf_counter()
         summary, reason = None, None
@@ -130,11 +171,17 @@ def run_all(
             reason = str(error)
             if str(job.map_file) not in reason:
                 reason = f"{job.map_file}: {reason}"
-        yield Run(job.map_file, summary, reason, time.perf_counter() - started)
+        yield FieldRun(job.map_file, summary, reason, time.perf_counter() - started)
 
 
-def batch_table(runs: Sequence[Run]) -> str:
-    """The summaries of many fields, one a row, and below them the reasons why some failed."""
+def field_runs_table(runs: Sequence[FieldRun]) -> str:
+    """The summaries of many fields, one a row, and below them the reasons why some failed.
+
+    Parameters
+    ----------
+    runs : sequence of FieldRun
+        The results.
+    """
     rows = []
     for run in runs:
         if run.summary is None:

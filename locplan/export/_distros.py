@@ -22,6 +22,7 @@ class Distribution:
     """A distribution of ROS 2, as far as exports depend on it."""
 
     name: str
+    """The name, such as jazzy."""
     slashes: bool = False
     """Whether planners' plugins are named with / for :: (nav2_smac_planner/smac_plugin_2d.xml and
     its like), up to iron."""
@@ -61,9 +62,21 @@ DISTRIBUTIONS = {
         Distribution("rolling"),
     )
 }
+"""Distributions that exports are made for, by name."""
 
 
 def distribution(name: str) -> Distribution:
-    """One of `DISTRIBUTIONS`; another name is a ConfigError."""
+    """A distribution of ROS 2 by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `DISTRIBUTIONS`.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
     one_of("distro", name, DISTRIBUTIONS)
     return DISTRIBUTIONS[name]

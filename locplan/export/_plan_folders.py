@@ -17,8 +17,10 @@ from locplan.planners import AWARE, SHORTEST, ParetoFront, Plan, front_summary, 
 if TYPE_CHECKING:
     from locplan.simulation import Verdict
 
-PLAN = Results("plan", ("plan.json", "plan.png", f"{SHORTEST}.csv", f"{AWARE}.csv"))
-FRONT = Results("pareto", ("front.json", "front.csv", "front.png", "knee.csv"))
+PLAN_FILES = Results("plan", ("plan.json", "plan.png", f"{SHORTEST}.csv", f"{AWARE}.csv"))
+"""Files of plans, which `write_plans` writes."""
+FRONT_FILES = Results("pareto", ("front.json", "front.csv", "front.png", "knee.csv"))
+"""Files of a Pareto front, which `write_front` writes."""
 
 
 def write_plans(
@@ -32,8 +34,27 @@ def write_plans(
     """Write plan.json, plan.png, and a CSV of positions [m] for each plan that has a path.
 
     Where the robot's heading matters, the CSV holds it, too [rad]. Where a planner improved its
-    path, history.png shows its best J over time. The picture tells the verdict as it is `said`,
-    or why there is none.
+    path, history.png shows its best J over time.
+
+    Parameters
+    ----------
+    results : ResultFolder
+        The folder, from ``PLAN_FILES.into(folder)``, which checks it before the work.
+    costs : Costmap
+        Costmap on which the paths were planned.
+    field : CovarianceField
+        The map's field.
+    plans : mapping of str to Plan
+        The plans by label.
+    verdict : Verdict or None
+        What is recommended; None if nothing was driven.
+    said : str
+        The verdict as the picture tells it, or why there is none.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be written.
     """
     from locplan import plotting
 
@@ -52,7 +73,22 @@ def write_plans(
 
 
 def write_front(results: ResultFolder, front: ParetoFront, field: CovarianceField) -> None:
-    """Write front.json, front.csv, front.png, and a CSV of the positions [m] at the knee."""
+    """Write front.json, front.csv, front.png, and a CSV of the positions [m] at the knee.
+
+    Parameters
+    ----------
+    results : ResultFolder
+        The folder, from ``FRONT_FILES.into(folder)``, which checks it before the work.
+    front : ParetoFront
+        The front.
+    field : CovarianceField
+        The map's field.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be written.
+    """
     from locplan import plotting
 
     with results.writing() as folder:

@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.random_streams import random_of
 from locplan._util.records import Table
 from locplan.costs import Path
 from locplan.landmarks._outcomes import Outcome, outcomes_table
 from locplan.maps import FREE, OccupancyGrid
 from locplan.robots import Robot
-from locplan.simulation import Drives, Simulator
-from locplan.simulation._drives import check_drives
-from locplan.simulation._simulate import drive_paths
-from locplan.simulation._simulator import random_of
+from locplan.simulation import Drives, Simulator, check_drives, drive_paths
 
 SURE = 0.3
 """Width of the lost drives' intervals up to which drives without a difference tell something."""
@@ -139,7 +137,7 @@ def driven_without(
     made: list[tuple[Drives, ...]] = []
     for own, number, part in zip(lacking, numbers, callbacks, strict=True):
         simulator = simulator_without(grid, own, robot, seed, threads)
-        made.append(tuple(drive_paths(simulator, routes, number, 0, part).values()))
+        made.append(tuple(drive_paths(simulator, routes, number, progress=part).values()))
     before, without, *rest = made
     singles, others_made = rest[: len(alone)], rest[len(alone) :]
     return FeatureDrives(

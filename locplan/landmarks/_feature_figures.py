@@ -18,7 +18,7 @@ from locplan.landmarks._features import MATTERS_M, Feature, KeyFeatures
 from locplan.landmarks._figures import MIN_ERROR, _plainly
 from locplan.maps import OccupancyGrid
 from locplan.plotting import DRAWN_CELLS, draw_cells, draw_ends, draw_map, draw_path, map_around
-from locplan.simulation._drives import LOST
+from locplan.simulation import LOST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

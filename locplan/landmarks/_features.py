@@ -19,9 +19,9 @@ from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.landmarks._feature_drives import FeatureDrives, driven_without
+from locplan.landmarks._outcomes import DRIVES
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
-from locplan.simulation._simulate import DRIVES
 
 MATTERS = 0.1
 """Share of the expected deviation by which it rises without a feature that matters."""

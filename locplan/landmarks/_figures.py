@@ -13,13 +13,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from numpy.typing import NDArray
 
 from locplan.landmarks._empty_figures import panels
-from locplan.landmarks._landmarks import PAYS, Landmarks
+from locplan.landmarks._landmarks import PAYING_SHARE, Landmarks
 from locplan.landmarks._objects import outline_of
 from locplan.landmarks._verification import Verification
 from locplan.maps import OccupancyGrid
 from locplan.plotting import draw_ends, draw_map, draw_path, map_around
-from locplan.simulation import Drives
-from locplan.simulation._drives import LOST
+from locplan.simulation import LOST, Drives
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -140,7 +139,7 @@ def _draw_gains(axes: Axes, made: Landmarks) -> None:
         axes.set_ylim(0, 1.05 * float(made.expected.max()) or 1.0)
     if 0 < made.paying < len(made):
         axes.axvline(made.paying, color="0.6", linewidth=0.8)
-        note = f"further ones: less\nthan {PAYS:.0%} each"
+        note = f"further ones: less\nthan {PAYING_SHARE:.0%} each"
         at = "data", "axes fraction"
         axes.annotate(note, (made.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -18,15 +18,15 @@ from locplan._util.tables import finite
 from locplan.landmarks._candidates import Rejected
 from locplan.landmarks._objectives import DEGENERACY, DEVIATION, Measure
 from locplan.landmarks._objects import outline_of, with_objects
+from locplan.landmarks._outcomes import DRIVES
 from locplan.landmarks._regular import Regularity, regularity
 from locplan.landmarks._rows import Shift
 from locplan.landmarks._search import Search, in_world
 from locplan.landmarks._setting import Setting
 from locplan.landmarks._verification import Verification, verified
 from locplan.maps import OccupancyGrid, save_map
-from locplan.simulation._simulate import DRIVES
 
-PAYS = 0.05
+PAYING_SHARE = 0.05
 """Share by which a landmark must lower what is expected to pay."""
 COLUMNS = (
     Column("number", title="landmark", digits=0),
@@ -187,7 +187,7 @@ class Landmarks(Result):
         Each one after lowers what is expected by less than 5 %.
         """
         steps = 1 - self.expected[1:] / np.maximum(self.expected[:-1], 1e-12)
-        paying = np.flatnonzero(steps >= PAYS)
+        paying = np.flatnonzero(steps >= PAYING_SHARE)
         return int(paying[-1]) + 1 if paying.size else 0
 
     @cached_property

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import Settings, keep_checked, number, positive, shown
+from locplan._util.windows import window_around
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 
@@ -128,6 +129,16 @@ def check_object(kind: object) -> None:
 def parsed_object(text: str) -> LandmarkObject:
     """The object in a text such as pole:0.2 or box:0.6,0.3.
 
+    Parameters
+    ----------
+    text : str
+        Kind and sizes [m], see above.
+
+    Returns
+    -------
+    Pole or Box
+        The object.
+
     Raises
     ------
     ConfigError
@@ -194,10 +205,27 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     check_grid(grid)
     check_object(kind)
     cells = grid.cells.copy()
-    for row, col, heading in on_grid(grid, checked_poses(poses)):
-        rows, cols = filled_cells(kind.shape, row, col, heading, grid.resolution, grid.shape)
-        cells[rows, cols] = OCCUPIED
+    for pose in checked_poses(poses):
+        cells[cells_under(grid, kind, pose)] = OCCUPIED
     return dataclasses.replace(grid, cells=cells)
+
+
+def cells_under(
+    grid: OccupancyGrid, kind: LandmarkObject, pose: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the cells of a map that an object fills, as `with_objects` says.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    kind : Pole or Box
+        The object.
+    pose : (3,) array
+        Its centre in the world, and its heading [m, m, rad].
+    """
+    row, col, heading = on_grid(grid, pose[None])[0].tolist()
+    return filled_cells(kind.shape, row, col, heading, grid.resolution, grid.shape)
 
 
 def checked_poses(poses: Iterable[Any], name: str = "a landmark") -> NDArray[np.float64]:
@@ -247,17 +275,6 @@ def filled_cells(
         filled[at_row[inside] - rows.start, at_col[inside] - cols.start] = True
     found_rows, found_cols = np.nonzero(filled)
     return found_rows + rows.start, found_cols + cols.start
-
-
-def window_around(
-    row: float, col: float, reach: float, map_shape: tuple[int, int]
-) -> tuple[slice, slice]:
-    """Rows and columns of a map within `reach` of a position [cells]."""
-    ends = [
-        slice(*(min(max(int(v), 0), size) for v in (math.floor(at - reach), at + reach + 1)))
-        for at, size in zip((row, col), map_shape, strict=True)
-    ]
-    return ends[0], ends[1]
 
 
 def outline_of(kind: LandmarkObject, pose: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,6 +12,8 @@ from locplan._util.intervals import Interval, of_rms, wilson
 from locplan._util.records import Column, Table
 from locplan.simulation import Drives
 
+DRIVES = 100
+"""Number of drives along each route by default."""
 CLEAR = 0.1
 """Least share by which an error is clearly less than another."""
 COLUMNS = (

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.landmarks._objects import Shape, window_around
+from locplan._util.windows import window_around
+from locplan.landmarks._objects import Shape
 from locplan.maps import OccupancyGrid
 
 AROUND = 3.0

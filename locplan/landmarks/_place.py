@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import number, one_of, positive, whole
 from locplan._util.machine import check_threads
+from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError
@@ -46,7 +47,6 @@ from locplan.landmarks._surroundings import (
 )
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
-from locplan.simulation._motion import Poses
 
 MARGIN = 0.2
 """Default distance that the robot keeps from landmarks besides its radius [m]."""

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Poses
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Lidar
-from locplan.simulation._motion import Poses
 
 MIN_STEP = 0.5
 """Least spacing of the poses [m]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from locplan._util.tables import wrapped
-from locplan.landmarks._landmarks import PAYS, Landmarks
+from locplan.landmarks._landmarks import PAYING_SHARE, Landmarks
 from locplan.landmarks._verification import Verification
 
 
@@ -49,9 +49,9 @@ def _number_that_pays(made: Landmarks, verification: Verification | None) -> lis
         return []
     if made.paying == 0:
         known = "whether they help is what the drives say" if verification else "drive them to know"
-        return [f"each lowers it by less than {PAYS:.0%}: {known}"]
+        return [f"each lowers it by less than {PAYING_SHARE:.0%}: {known}"]
     return [
-        f"from number {made.paying + 1} on each lowers it by less than {PAYS:.0%}:"
+        f"from number {made.paying + 1} on each lowers it by less than {PAYING_SHARE:.0%}:"
         f" {made.paying} may do; drive them to know"
     ]
 

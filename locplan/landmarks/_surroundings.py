@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.machine import check_memory
+from locplan._util.poses import Poses
 from locplan.costs import Path
 from locplan.errors import LocplanError
 from locplan.field import surface_normals
 from locplan.landmarks._objects import Shape
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Robot
-from locplan.simulation._arguments import compared_beams, reach_of
-from locplan.simulation._motion import Poses, poses_along
+from locplan.simulation import poses_along
 
 SIGMA = 2.0
 """Standard deviation of what a beam tells, in times of the filter's own sigma_hit [1].
@@ -116,7 +116,7 @@ def rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any:
     from locplan._kernels.landmarks import Rays
 
     lidar, amcl = robot.known_lidar, robot.filter
-    reach = reach_of(lidar, amcl)
+    reach = amcl.reach(lidar)
     narrow = 2 * min(shape.half_length, shape.half_width)
     round_ = min(max(MIN_RAYS, RAYS_ACROSS * 2 * math.pi * reach / narrow), MAX_RAYS)
     width = math.radians(lidar.field_of_view_deg)
@@ -181,9 +181,9 @@ def told_by(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
     from locplan._kernels.way_covariances import Told
 
     lidar, amcl = robot.known_lidar, robot.filter
-    share = len(compared_beams(lidar.angles, amcl)) / rays
+    share = math.ceil(lidar.beams / amcl.beam_step(lidar.beams)) / rays
     sigma = SIGMA * max(amcl.sigma_hit, resolution)
-    likelihood = amcl.z_hit + amcl.z_rand / reach_of(lidar, amcl)
+    likelihood = amcl.z_hit + amcl.z_rand / amcl.reach(lidar)
     if amcl.laser_model_type == "likelihood_field_prob":
         return Told(looks * share * amcl.z_hit / likelihood / sigma**2, 0.0)
     curvature = 3 * likelihood**2 * amcl.z_hit / sigma**2

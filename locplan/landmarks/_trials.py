@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.random_streams import random_of
 from locplan.landmarks._landmarks import Landmarks, Trial
 from locplan.landmarks._objectives import MeanDegeneracy, Objective, anchors_of
 from locplan.landmarks._rows import without_rows
 from locplan.landmarks._search import Search
 from locplan.landmarks._verification import drive_on
 from locplan.simulation import Drives
-from locplan.simulation._simulator import random_of
 
 TRIALS = 4
 """Default number of placements that are driven."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.random_streams import random_of
 from locplan._util.records import Table
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError
@@ -20,10 +21,7 @@ from locplan.landmarks._search import Search
 from locplan.landmarks._setting import Setting
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
-from locplan.simulation import Drives, Simulator
-from locplan.simulation._drives import check_drives
-from locplan.simulation._simulate import drive_paths
-from locplan.simulation._simulator import random_of
+from locplan.simulation import Drives, Simulator, check_drives, drive_paths
 
 FEW_LOST = 0.02
 """Share of lost drives up to which none counts as lost to begin with."""
@@ -176,7 +174,7 @@ def drive_on(
         seed=seed,
         threads=threads,
     )
-    return list(drive_paths(simulator, paths_on(setting, grid), drives, 0, progress).values())
+    return list(drive_paths(simulator, paths_on(setting, grid), drives, progress=progress).values())
 
 
 def paths_on(setting: Setting, grid: OccupancyGrid) -> Mapping[str, Path]:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
+from locplan._util.ranking import Rank, Resamples, rank
 from locplan.field import position_axes
 from locplan.recordings._blocks import draws_of, with_ends
-from locplan.simulation._ranking import Rank, Resamples, rank
 
 Numbers = NDArray[np.float64]
 ELONGATED = 3.0

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from locplan._util.checks import instance
+from locplan._util.checks import file_path, instance
+from locplan._util.notebook import called
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
@@ -56,6 +59,37 @@ class DriveCalibration:
     def __repr__(self) -> str:
         level = f"k {self.field.noise_level.value:.3g}, " if self.field else ""
         return f"DriveCalibration({level}{self.recording!r})"
+
+    def report(self) -> str:
+        """Text for people: what was fitted, with units and intervals."""
+        return str(called("locplan.recordings._calibration_reports:drive_calibration_table", self))
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
+        """Write the settings as `locplan.field.save_config` does, with those of simulated robots.
+
+        If the noise level was fitted, a picture of the fit stands beside them.
+
+        Parameters
+        ----------
+        path : path
+            The file, which ends in .json.
+        force : bool, default False
+            True replaces files that are no calibration.
+
+        Returns
+        -------
+        list of Path
+            The file, and its picture.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written, or is in the way.
+        """
+        write = "locplan.recordings._calibration_reports:write_drive_calibration"
+        target = file_path("a calibration's file", path)
+        written: list[Path] = called(write, target, self, force=force)
+        return written
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""

@@ -13,8 +13,7 @@ from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.field import save_config
 from locplan.recordings._calibration import ALPHAS, DriveCalibration
-from locplan.simulation._calibration import NOT_IN_METRES
-from locplan.simulation._calibration_reports import check_calibration
+from locplan.simulation import check_calibration
 
 ZERO = 2e-5
 """Value below which 0 is shown."""
@@ -53,7 +52,7 @@ def drive_calibration_table(found: DriveCalibration) -> str:
     rows += [["note", note, ""] for note in found.notes]
     lines = [table(["", "value", "95 %"], rows)]
     if found.field and not found.field.in_metres:
-        lines.append(f"NOT IN METRES: {NOT_IN_METRES}")
+        lines.append(found.field.warning)
     return "\n".join(lines)
 
 

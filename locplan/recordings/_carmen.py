@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import GREATEST
+from locplan._util.poses import Numbers, wrapped
 from locplan._util.reading import numbered_lines
 from locplan.errors import RecordingError
 from locplan.recordings._carmen_odometry import odometry_at
 from locplan.recordings._contents import Source
-from locplan.recordings._geometry import Numbers, wrapped
 from locplan.recordings._options import Options
 from locplan.recordings._recording import Recording
 from locplan.recordings._scans import MAX_RANGE, ScanRows

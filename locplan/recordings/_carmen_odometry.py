@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.recordings._geometry import Numbers, after_way, way_between, wrapped
+from locplan._util.poses import Numbers, after_way, way_between, wrapped
 
 Indices = NDArray[np.int64]
 SAME = 1e-5

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan.recordings._frames import Track, in_plane
-from locplan.recordings._geometry import Numbers, after_way, way_between, wrapped
 
 CARRIED = 1.0
 """Way over which odometry carries a pose to a scan [m]."""

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from locplan._util.checks import instance
 from locplan._util.notebook import Pictured
 from locplan._util.progress import ProgressCallback
+from locplan._util.records import Reported
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.errors import RecordingError
 from locplan.field import (
@@ -42,8 +44,12 @@ LEAST_SCANS = 10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DriveEvaluation(Pictured):
+class DriveEvaluation(Pictured, Reported):
     """Measured and predicted deviations along a recorded drive."""
+
+    _reported_by: ClassVar[str] = "locplan.recordings._reports:drive_table"
+    _written_by: ClassVar[str] = "locplan.recordings._reports:write_drive"
+    files: ClassVar[Results] = Results("drive", ("drive.png", "drive.json", "scans.csv"))
 
     _drawn_by: ClassVar[str] = "locplan.recordings._figures:drive_figure"
 
@@ -188,7 +194,13 @@ def evaluate_drive(
 
 
 def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
-    """All estimators by name, with a recording's lidar."""
+    """All estimators by name, with a recording's lidar.
+
+    Parameters
+    ----------
+    lidar : Lidar
+        The lidar.
+    """
     return {
         "sad": Sad(),
         "fisher": Fisher(lidar),

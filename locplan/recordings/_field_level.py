@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from locplan._util.intervals import Interval
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.field import FieldConfig
 from locplan.maps import OccupancyGrid
 from locplan.recordings._blocks import blocks_along, intervals
 from locplan.recordings._evaluation import evaluate_drive
-from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
-from locplan.simulation._calibration import (
-    MIN_VARIANCE,
-    Calibration,
-    check_determined,
-    factor_of,
-    fit_level,
-    judged,
-    rms_of,
-)
+from locplan.simulation import Calibration, calibrate_moments
 
 RESAMPLES = 100
 
@@ -55,26 +48,18 @@ def calibrated_field(
         recording, grid, estimators={name: plain}, threads=threads, progress=progress
     )
     some = found.compared
-    small = MIN_VARIANCE * np.eye(2)
-    moments = found.matches.covariance[some][:, :2, :2] + small
     added = estimator.q(estimator.lattice(grid.resolution))[:2, :2] * estimator.adds_q
-    bare = found.predicted[name][some][:, :2, :2] - added
-    q, measured = np.tile(added + small, (len(bare), 1, 1)), rms_of(moments)
+    blocks = blocks_along(recording.poses)[some]
 
-    def level_of(weights: Numbers) -> Numbers:
-        return np.log([fit_level(bare, q, measured, weights)[0]])
+    def interval_of(level_of: Callable[[Numbers], float]) -> Interval:
+        (log_level,) = intervals(lambda weights: np.log([level_of(weights)]), blocks, RESAMPLES)
+        return Interval(*np.exp(log_level).tolist())
 
-    (log_level,) = intervals(level_of, blocks_along(recording.poses)[some], RESAMPLES)
-    level = Interval(*np.exp(log_level).tolist())
-    check_determined(level.value)
-    return judged(
-        dataclasses.replace(config, estimator=dataclasses.replace(estimator, noise_level=level[0])),
-        level,
-        bare,
-        q,
-        moments,
-        factor_of(rms_of(estimator.noise_level * bare + q), measured),
-        fitted_tau=False,
+    return calibrate_moments(
+        config,
+        found.predicted[name][some][:, :2, :2] - added,
+        added,
+        found.matches.covariance[some][:, :2, :2],
+        interval_of,
         maps=[grid.name],
-        error="match",
     )

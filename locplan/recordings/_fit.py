@@ -10,17 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import instance
+from locplan._util.poses import Numbers, ends_in_map, moved, wrapped
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.recordings._fit_search import everywhere, nearby
-from locplan.recordings._geometry import Numbers, ends_in_map, moved, wrapped
+from locplan.recordings._matches import LEAST_RETURNS
 from locplan.recordings._recording import Recording
 
 NEAR_CELLS, NEAR = 2.0, 0.1
 """Distance from a wall within which a beam ends at it: two cells, but at least 0.1 m. A cell's
 worth is lost by the map's and the end's own rounding, another one by the wall's thickness in a map
 of many scans; and 0.1 m is three deviations of a lidar's noise."""
+BLOCK = 512
+"""Number of scans that are compared with the map at once, which saves memory."""
 SCANS, BEAMS = 100, 60
 """Greatest numbers of scans, and of beams of each, that are compared, evenly spaced."""
 FITS = 0.6
@@ -197,3 +200,47 @@ def _mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: 
         if share >= max(FITS, best + BETTER):
             return words
     return ""
+
+
+def scans_unlike(
+    recording: Recording, grid: OccupancyGrid, scans: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Tell which scans of a recorded drive are unlike a map.
+
+    They are those of which fewer than 60 % of the returns end within two cells of a wall, at least
+    0.1 m. One with fewer than 10 returns is not judged.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map; the poses are in its world frame.
+    scans : (n,) array of int
+        Indices of the scans.
+
+    Returns
+    -------
+    (n,) array of bool
+        True for each of these scans that is unlike the map.
+    """
+    unlike = np.zeros(len(scans), np.bool_)
+    near = grid.closer_than(max(NEAR_CELLS * grid.resolution, NEAR))
+    for first in range(0, len(scans), BLOCK):
+        some = scans[first : first + BLOCK]
+        if np.isfinite(recording.ranges[some]).any():
+            unlike[first : first + BLOCK] = _unlike(recording[some], grid, near)
+    return unlike
+
+
+def _unlike(some: Recording, grid: OccupancyGrid, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether each scan is unlike the map whose cells near walls are given."""
+    ends = some.ends()
+    returned = np.isfinite(ends[..., 0])
+    row, col = grid.world_to_grid(*np.moveaxis(np.where(returned[..., None], ends, 0.0), -1, 0))
+    inside = returned & (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
+    cells = (np.where(inside, each, 0).astype(np.int64) for each in (row, col))
+    hits = (inside & near[tuple(cells)]).sum(axis=1)
+    count = returned.sum(axis=1)
+    unlike: NDArray[np.bool_] = (count >= LEAST_RETURNS) & (hits < FITS * count)
+    return unlike

@@ -8,9 +8,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.maps import OccupancyGrid
-from locplan.recordings._geometry import Numbers
 
 FINEST = 0.2
 """Least edge of the cells of the search at all turns [m]."""

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from locplan._util.checks import FARTHEST
-from locplan.recordings._geometry import Numbers
+from locplan._util.poses import Numbers
 
 MAX_GAP = 1.0
 """Greatest time between two samples of a moving pose that are interpolated [s]."""

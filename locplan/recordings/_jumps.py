@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.recordings._geometry import Numbers, way_between, wrapped
+from locplan._util.poses import Numbers, way_between, wrapped
 
 LEAST = (0.5, 0.5)
 """Distance [m] and turn [rad] by which both differ from scan to scan in a jump..."""

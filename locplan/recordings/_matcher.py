@@ -9,11 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import ends_in_map
 from locplan.field import Scan
 from locplan.maps import OccupancyGrid
-from locplan.recordings._geometry import ends_in_map
+from locplan.robots import Lidar
 
 Numbers = NDArray[np.float64]
+EFFECTIVE_BEAMS = 15.0
+"""Number of independent beams that tell as much as a whole scan."""
 
 
 class Posteriors(NamedTuple):
@@ -30,12 +33,32 @@ class Posteriors(NamedTuple):
 
 
 class Matcher:
-    """The likelihood field of a map, made once for many scans."""
+    """The likelihood field of a map, made once for many scans.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    settings : Scan
+        The search window, and how a beam's end is scored.
+    """
 
     def __init__(self, grid: OccupancyGrid, settings: Scan) -> None:
-        """Keep the map, and the search window and the likelihood of beams."""
         self.grid, self.settings = grid, settings
         self.window = settings.lattice(grid.resolution)
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid, lidar: Lidar) -> Matcher:
+        """Matcher with the default settings for a lidar, see `match_scans`.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        lidar : Lidar
+            The lidar, with its mount on the robot.
+        """
+        return cls(grid, Scan(lidar, effective_beams=EFFECTIVE_BEAMS))
 
     @cached_property
     def prepared(self) -> Any:

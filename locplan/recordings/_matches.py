@@ -23,8 +23,6 @@ from locplan.recordings._matcher import Matcher
 from locplan.recordings._recording import Recording
 
 Numbers = NDArray[np.float64]
-EFFECTIVE_BEAMS = 15.0
-"""Number of independent beams that tell as much as a whole scan."""
 BATCH = 64
 """Number of scans that a thread matches at a time."""
 LEAST_RETURNS = 10
@@ -116,8 +114,8 @@ def match_scans(
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
     workers = check_threads(threads)
-    settings = settings or Scan(recording.lidar, effective_beams=EFFECTIVE_BEAMS)
-    matcher = Matcher(grid, settings)
+    matcher = Matcher(grid, settings) if settings else Matcher.of(grid, recording.lidar)
+    settings = matcher.settings
     count, beams = len(recording), settings.beams_compared
     row, col = grid.world_to_grid(*recording.poses[:, :2].T)
     cells = np.column_stack([np.floor(row), np.floor(col)])

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from locplan._kernels.particles import STILL
 from locplan._util.intervals import Interval
+from locplan._util.poses import Numbers, way_between, wrapped
 from locplan.recordings._blocks import blocks_along, intervals
-from locplan.recordings._geometry import Numbers, way_between, wrapped
 from locplan.recordings._jumps import without_jumps
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import updates_of

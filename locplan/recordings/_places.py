@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Numbers
 from locplan.errors import RecordingError
 from locplan.recordings._bag_files import ODOMETRY, POSE, POSE_WITH_COVARIANCE
 from locplan.recordings._carried import carried_poses
 from locplan.recordings._frames import FrameTree, Track, in_plane, upward
-from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options
 
 ODOM = "odom"

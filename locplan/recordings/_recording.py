@@ -10,17 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import FARTHEST, instance, keep, number, printable, shown, whole
-from locplan.errors import RecordingError
-from locplan.recordings._contents import Contents, Source
-from locplan.recordings._geometry import (
+from locplan._util.poses import (
     Numbers,
     ends_in_map,
-    ends_on_robot,
-    has_return,
     moved,
     way_length,
     wrapped,
 )
+from locplan.errors import RecordingError
+from locplan.recordings._contents import Contents, Source
 from locplan.recordings._summary import DriveSummary
 from locplan.recordings._tables import load, save
 from locplan.robots import Lidar
@@ -81,14 +79,14 @@ class Recording:
                 f" of the lidar, not {ranges.shape}"
             )
         parts = [ranges[n : n + BLOCK] for n in range(0, len(ranges), BLOCK)]
-        if not any(has_return(part, self.lidar).any() for part in parts):
+        if not any(self.lidar.has_return(part).any() for part in parts):
             raise RecordingError(
                 f"no beam of {len(ranges)} scans ends within {self.lidar.least_range:g} to"
                 f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
             )
-        if not all((has_return(part, self.lidar) | (part == np.inf)).all() for part in parts):
+        if not all((self.lidar.has_return(part) | (part == np.inf)).all() for part in parts):
             none = np.float32(np.inf)
-            cleaned = [np.where(has_return(part, self.lidar), part, none) for part in parts]
+            cleaned = [np.where(self.lidar.has_return(part), part, none) for part in parts]
             ranges = _frozen(np.concatenate(cleaned))
         keep(self, ranges=ranges, poses=poses)
         if self.times is not None:
@@ -214,7 +212,7 @@ class Recording:
 
     def ends_on_robot(self) -> Numbers:
         """Ends of the beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
-        return ends_on_robot(self.ranges, self.lidar)
+        return self.lidar.ends_on_robot(self.ranges)
 
     def ends(self) -> Numbers:
         """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""

@@ -16,17 +16,19 @@ from locplan._util.checks import instance, whole
 from locplan._util.intervals import Interval
 from locplan._util.machine import check_memory, check_threads
 from locplan._util.notebook import Pictured
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
+from locplan._util.random_streams import random_of
+from locplan._util.records import Reported
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._blocks import blocks_along, mean_interval
-from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.robots import Robot
 from locplan.simulation import Drives
-from locplan.simulation._simulator import random_of
 
 RUNS = 20
 """Number of runs."""
@@ -88,8 +90,12 @@ class Consistency:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Replay(Pictured):
+class Replay(Pictured, Reported):
     """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
+
+    _reported_by: ClassVar[str] = "locplan.recordings._replay_reports:replay_table"
+    _written_by: ClassVar[str] = "locplan.recordings._replay_reports:write_replay"
+    files: ClassVar[Results] = Results("replay", ("replay.png", "replay.json", "errors.csv"))
 
     _drawn_by: ClassVar[str] = "locplan.recordings._replay_figures:replay_figure"
 

@@ -13,7 +13,7 @@ from locplan.costs import Path
 from locplan.plotting import Picture, draw_inset, draw_map, map_around, map_size
 from locplan.recordings._figures import title_of
 from locplan.recordings._replay import Replay
-from locplan.simulation._drives import LOST
+from locplan.simulation import LOST
 
 RECORDED, ESTIMATED, FILTER = "black", "#0072b2", "#d55e00"
 MOST_RUNS = 20

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from locplan._util.results import ResultFolder, Results
-from locplan._util.tables import table
+from locplan._util.formats import in_degrees, in_metres, in_percent, with_unit
+from locplan._util.results import ResultFolder
+from locplan._util.tables import table, write_json, write_rows
 from locplan.recordings._replay import WITHIN, Replay
-from locplan.simulation._drives import PROFILE
-from locplan.simulation._formats import in_degrees, in_metres, in_percent, with_unit
-from locplan.simulation._writing import write_json, write_rows
+from locplan.simulation import PROFILE_COLUMNS
 
-REPLAY = Results("replay", ("replay.png", "replay.json", "errors.csv"))
 WIDTH = 100
 """Width of running text [characters]."""
 
@@ -61,9 +59,9 @@ def write_replay(results: ResultFolder, replay: Replay) -> list[Path]:
     from locplan.recordings import _replay_figures
 
     with results.writing() as folder:
-        picture, about, errors = (folder / name for name in REPLAY.names)
+        picture, about, errors = (folder / name for name in Replay.files.names)
         save_figure(_replay_figures.replay_figure(replay), picture)
         write_json(about, replay.summary())
         rows = np.column_stack([replay.drives.profile(), replay.filter_std])
-        write_rows(errors, [*PROFILE, "filter_std_m"], rows.tolist())
-    return [results.folder / name for name in REPLAY.names]
+        write_rows(errors, [*PROFILE_COLUMNS, "filter_std_m"], rows.tolist())
+    return [results.folder / name for name in Replay.files.names]

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from locplan._util.results import ResultFolder, Results
-from locplan._util.tables import table
+from locplan._util.results import ResultFolder
+from locplan._util.tables import table, write_json, write_rows
 from locplan.field import position_axes
 from locplan.recordings._evaluation import DriveEvaluation
 from locplan.recordings._verdict import agreement_texts
-from locplan.simulation._writing import write_json, write_rows
 
-DRIVE = Results("drive", ("drive.png", "drive.json", "scans.csv"))
 WIDTH = 100
 """Width of running text [characters]."""
 COLUMNS = (
@@ -77,8 +75,8 @@ def write_drive(results: ResultFolder, found: DriveEvaluation) -> list[Path]:
         values += [own, towards]
         columns += [f"{name}_major_std_m", f"{name}_major_axis_rad"]
     with results.writing() as folder:
-        picture, about, scans = (folder / name for name in DRIVE.names)
+        picture, about, scans = (folder / name for name in DriveEvaluation.files.names)
         save_figure(_figures.drive_figure(found), picture)
         write_json(about, found.summary())
         write_rows(scans, columns, np.column_stack(values).astype(float).tolist())
-    return [results.folder / name for name in DRIVE.names]
+    return [results.folder / name for name in DriveEvaluation.files.names]

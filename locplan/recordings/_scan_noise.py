@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
 from locplan._util.machine import check_threads
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.recordings._blocks import blocks_along, intervals
-from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
-from locplan.robots import Lidar
-from locplan.simulation._arguments import FARTHEST, NEAREST
+from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Lidar
 
 MOST_SCANS = 300
 """Number of scans, spread over the drive, that are compared with the map."""
@@ -177,8 +176,11 @@ class _Scans:
             short.sum(axis=1).astype(float),
             (np.maximum(walls - bound, 0) / reach).sum(axis=1),
             residual.shape[1],
-            np.clip((walls - bound - NEAREST) / (FARTHEST - NEAREST), 0, 1).mean(axis=1),
-            spacing * np.array([_in_runs(each) for each in short & (measured < FARTHEST)], float),
+            np.clip(
+                (walls - bound - NEAREST_OBJECT) / (FARTHEST_OBJECT - NEAREST_OBJECT), 0, 1
+            ).mean(axis=1),
+            spacing
+            * np.array([_in_runs(each) for each in short & (measured < FARTHEST_OBJECT)], float),
         )
 
     def statistics(self, weights: Numbers) -> Numbers:

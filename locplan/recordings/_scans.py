@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.errors import RecordingError
-from locplan.recordings._geometry import has_return
 from locplan.robots import Lidar
 
 MAX_BEAMS = 100_000
@@ -85,7 +84,7 @@ class ScanRows:
         else:
             self.resampled += 1
             row[:] = self._resampled(first, step, values)
-        row[~has_return(row, self._lidar)] = np.inf
+        row[~self._lidar.has_return(row)] = np.inf
         self._count += 1
 
     def finish(self, kept: Sequence[int]) -> NDArray[np.float32]:

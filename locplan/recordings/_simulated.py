@@ -11,8 +11,7 @@ from locplan.maps import OccupancyGrid
 from locplan.recordings._contents import Source
 from locplan.recordings._recording import Recording
 from locplan.robots import Robot
-from locplan.simulation import Simulator
-from locplan.simulation._motion import SPACING, poses_along
+from locplan.simulation import POSE_SPACING, Simulator, poses_along
 
 PAUSE = 0.01
 """Time beside that of the way from scan to scan, so that turns on the spot take some [s]."""
@@ -68,7 +67,7 @@ def record_drive(
     from locplan._kernels.measured import measured_ends
 
     instance("path", path, Path)
-    every = max(1, round(positive("spacing", spacing, "m") / SPACING))
+    every = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
     positive("speed", speed, "m/s")
     simulator = Simulator(grid, robot, seed=seed, threads=1)
     lidar = simulator.robot.known_lidar

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from locplan._util.poses import wrapped
 from locplan._util.tables import finite, table
 from locplan.recordings._contents import Contents
-from locplan.recordings._geometry import wrapped
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, shown
 from locplan._util.files import replacing
+from locplan._util.poses import Numbers
 from locplan._util.reading import opened, parsed_json
 from locplan.errors import LocplanError, RecordingError
 from locplan.recordings._contents import MAX_ARRAY_BYTES, Contents, Source
 from locplan.recordings._csv import read_csv, write_csv
-from locplan.recordings._geometry import Numbers
 from locplan.recordings._options import Options, with_options
 from locplan.robots import Lidar
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Numbers, way_length, wrapped
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid
-from locplan.recordings._geometry import Numbers, way_length, wrapped
 from locplan.recordings._recording import Recording
 from locplan.robots import Amcl, Robot
-from locplan.simulation._arguments import Arguments, arguments_of, beam_step
+from locplan.simulation import DriveArguments, drive_arguments
 
 REPLAY = 14
 """Stream of random numbers of replays."""
@@ -87,15 +87,15 @@ class Tracks:
         cos, sin = math.cos(yaw), math.sin(yaw)
         self._turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
-    def arguments(self, robot: Robot, scores: NDArray[np.float32] | None = None) -> Arguments:
+    def arguments(self, robot: Robot, scores: NDArray[np.float32] | None = None) -> DriveArguments:
         """The arguments of the kernels; of the disturbances those of the start are read."""
         robot = replace(robot, lidar=self.recording.lidar)
-        return arguments_of(self.grid, robot, scores=scores)
+        return drive_arguments(self.grid, robot, scores=scores)
 
     def ends(self, amcl: Amcl) -> Numbers:
         """Ends of the beams that AMCL compares, (n, beams, 2) [cells]; NaN without a return."""
         recording = self.recording
-        beams = slice(None, None, beam_step(recording.lidar.beams, amcl))
+        beams = slice(None, None, amcl.beam_step(recording.lidar.beams))
         ranges, lidar = recording.ranges[:, beams], recording.lidar
         least, most = max(lidar.least_range, amcl.laser_min_range), amcl.laser_max_range
         used = (ranges >= least) & (ranges < (most if most > 0 else math.inf))
@@ -106,7 +106,11 @@ class Tracks:
         return np.asarray((ends + mount) / self.grid.resolution)
 
     def track(
-        self, random: np.random.Generator, ends: Numbers, arguments: Arguments, part: slice = ALL
+        self,
+        random: np.random.Generator,
+        ends: Numbers,
+        arguments: DriveArguments,
+        part: slice = ALL,
     ) -> tuple[Numbers, Numbers]:
         """Errors (n, 3) and covariances (n, 3, 3) of one run on a part of the drive, in the world.
 

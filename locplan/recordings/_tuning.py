@@ -12,23 +12,27 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import instance, whole
 from locplan._util.machine import check_threads
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
+from locplan._util.random_streams import random_of
 from locplan.errors import RecordingError
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._geometry import Numbers
 from locplan.recordings._recording import Recording
 from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Tuning
-from locplan.simulation._drives import check_drives
-from locplan.simulation._simulator import random_of
-from locplan.simulation.tuning._bench import LONGEST, AnyBench
-from locplan.simulation.tuning._lint import BeamsLeft
-from locplan.simulation.tuning._space import Level
-from locplan.simulation.tuning._tune import DRIVES, JUDGE, MIN_PATHS, SEARCH, searched
+from locplan.simulation import (
+    BeamsLeft,
+    DisturbanceLevel,
+    Tuning,
+    TuningBench,
+    check_drives,
+    search_settings,
+)
 
-RECORDED = Level("recorded", 1.0, 1.0)
+DRIVES = 8
+"""Number of replays of each stretch."""
+RECORDED = DisturbanceLevel("recorded", 1.0, 1.0)
 """The only level of a recorded drive."""
 LEAST_LENGTH = 30.0
 """Length of a drive below which nothing is tuned on it [m]."""
@@ -36,7 +40,7 @@ LEAST_SCANS = 3
 """Number of scans that a stretch must have."""
 
 
-class RecordedBench(AnyBench):
+class RecordedBench(TuningBench):
     """Replays of settings on some stretches of a recorded drive.
 
     Parameters
@@ -151,17 +155,16 @@ def tune_on_drive(
     robot = dataclasses.replace(equipped(robot), lidar=recording.lidar)
     tracks = Tracks(recording, grid)
     stretches = _stretches(recording)
-    halves = {SEARCH: stretches[::2], JUDGE: stretches[1::2]}
-    paths = len(halves[JUDGE])  # never more than those of the search
+    halves = stretches[::2], stretches[1::2]
+    paths = len(halves[1])  # never more than those of the search
     ends = tracks.ends(robot.filter)
     left = BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
 
-    def bench_of(stream: int) -> RecordedBench:
-        own_seed = int(random_of(seed, stream).integers(2**31))
-        some = halves[stream][:paths]
+    def bench_of(own_seed: int, judging: bool) -> RecordedBench:
+        some = halves[judging][:paths]
         return RecordedBench(tracks, some, robot, drives, seed=own_seed, threads=workers)
 
-    return searched(
+    return search_settings(
         bench_of,
         robot,
         paths,
@@ -185,7 +188,7 @@ def _stretches(recording: Recording) -> list[slice]:
     way: Numbers = np.concatenate(
         [[0.0], np.cumsum(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T))]
     )
-    count = max(2 * MIN_PATHS, int(np.ceil(way[-1] / LONGEST)))
+    count = max(2 * TuningBench.fewest_paths, int(np.ceil(way[-1] / TuningBench.longest)))
     edges = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1))
     edges[-1] = len(way)
     if np.diff(edges).min() < LEAST_SCANS:

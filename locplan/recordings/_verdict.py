@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.formats import plain, short
+from locplan._util.ranking import Rank
 from locplan.recordings._agreement import Agreement
 from locplan.recordings._matches import Matches
-from locplan.simulation._formats import plain, short
-from locplan.simulation._ranking import Rank
 
 Mask = NDArray[np.bool_]
 

@@ -4,7 +4,12 @@ from ._amcl import (
     OMNIDIRECTIONAL as OMNIDIRECTIONAL,
     Amcl as Amcl,
 )
-from ._disturbances import Disturbances as Disturbances, Odometry as Odometry
+from ._disturbances import (
+    FARTHEST_OBJECT as FARTHEST_OBJECT,
+    NEAREST_OBJECT as NEAREST_OBJECT,
+    Disturbances as Disturbances,
+    Odometry as Odometry,
+)
 from ._footprint import Footprint as Footprint
 from ._kinematics import Inflation as Inflation, Kinematics as Kinematics
 from ._lidar import MAX_BEAMS as MAX_BEAMS, Lidar as Lidar

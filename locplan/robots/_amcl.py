@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from locplan._util.checks import (
     Settings,
@@ -16,6 +17,9 @@ from locplan._util.checks import (
     whole,
 )
 from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan.robots._lidar import Lidar
 
 MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
 DIFFERENTIAL: Final = "nav2_amcl::DifferentialMotionModel"
@@ -136,3 +140,28 @@ class Amcl(Settings):
         more = len(own) - TITLE_NAMES
         listed = ", ".join(own[:TITLE_NAMES])
         return f"AMCL's {listed}{f' and {more} more' if more > 0 else ''}"
+
+    def reach(self, lidar: Lidar) -> float:
+        """Range beyond which a beam counts as without a return [m].
+
+        Parameters
+        ----------
+        lidar : Lidar
+            The robot's lidar, whose range counts where it is shorter than `laser_max_range`.
+        """
+        most = self.laser_max_range
+        return min(lidar.range, most) if most > 0 else lidar.range
+
+    def beam_step(self, beams: int) -> int:
+        """Number n such that every n-th of a scan's beams is compared.
+
+        The two sensor models thin beams out in different ways.
+
+        Parameters
+        ----------
+        beams : int
+            Number of beams of a scan.
+        """
+        if self.laser_model_type == "likelihood_field_prob":
+            return math.ceil(beams / self.max_beams)
+        return max(1, (beams - 1) // (self.max_beams - 1))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from locplan._util.checks import Settings, keep_checked, number, whole
 
+NEAREST_OBJECT, FARTHEST_OBJECT = 0.5, 2.0
+"""Least and greatest distance of an object that occludes the lidar [m]."""
 MAX_WORLDS = 1000
 """Greatest number of worlds that differ from the map."""
 

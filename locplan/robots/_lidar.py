@@ -231,3 +231,29 @@ class Lidar(Settings):
         Where a feature lies between two beams is neglected.
         """
         return self.sees_all_round and self.mount_x == self.mount_y == 0.0
+
+    def has_return(self, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Mask of the beams with a return: within the lidar's range, and above 0.
+
+        Parameters
+        ----------
+        ranges : array
+            Distances along beams, of any shape [m].
+        """
+        with np.errstate(invalid="ignore"):
+            least = np.float32(self.least_range)
+            within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(self.range))
+        return np.asarray(within)
+
+    def ends_on_robot(self, ranges: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none.
+
+        Parameters
+        ----------
+        ranges : (n, beams) array
+            Distances along all the beams [m], in the order of `angles`.
+        """
+        bearings = self.mount_yaw + self.angles
+        known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
+        ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+        return np.asarray(ends + np.array([self.mount_x, self.mount_y]))

@@ -1,23 +1,56 @@
+from ._arguments import DriveArguments as DriveArguments, drive_arguments as drive_arguments
 from ._calibration import Calibration as Calibration, calibrate as calibrate
-from ._drives import Drives as Drives, rmse_ratio as rmse_ratio
-from ._evaluation import Evaluation as Evaluation, evaluate as evaluate
+from ._calibration_reports import check_calibration as check_calibration
+from ._compiling import drives_prepared_beside as drives_prepared_beside
+from ._drives import (
+    LOST as LOST,
+    PROFILE_COLUMNS as PROFILE_COLUMNS,
+    Drives as Drives,
+    check_drives as check_drives,
+    rmse_ratio as rmse_ratio,
+)
+from ._evaluation import (
+    LARGEST_DISC as LARGEST_DISC,
+    Evaluation as Evaluation,
+    evaluate as evaluate,
+)
 from ._figures import (
     calibration_figure as calibration_figure,
     evaluation_figure as evaluation_figure,
     queries_figure as queries_figure,
     simulation_figure as simulation_figure,
 )
-from ._places import Places as Places, choose_points as choose_points, measure as measure
-from ._routes import Routes as Routes, simulate_queries as simulate_queries
-from ._simulate import Simulation as Simulation, simulate as simulate
+from ._moments import calibrate_moments as calibrate_moments
+from ._motion import POSE_SPACING as POSE_SPACING, poses_along as poses_along
+from ._places import (
+    Places as Places,
+    choose_points as choose_points,
+    measure as measure,
+    measure_maps as measure_maps,
+)
+from ._routes import (
+    Routes as Routes,
+    RoutesOnMaps as RoutesOnMaps,
+    simulate_queries as simulate_queries,
+)
+from ._simulate import Simulation as Simulation, drive_paths as drive_paths, simulate as simulate
 from ._simulator import Simulator as Simulator
 from .choice._choice import Candidate as Candidate, Choice as Choice
 from .choice._choices import Choices as Choices, MapChoice as MapChoice
-from .choice._choose import choose as choose
+from .choice._choose import (
+    check_candidates as check_candidates,
+    check_choice as check_choice,
+    choose as choose,
+    costmap_near_candidates as costmap_near_candidates,
+)
 from .choice._choose_many import choose_many as choose_many
 from .choice._figures import choice_figure as choice_figure
 from .choice._planner import SimulatedChoice as SimulatedChoice
-from .choice._verdict import Verdict as Verdict, verdict as verdict
+from .choice._verdict import Verdict as Verdict, is_one_way as is_one_way, verdict as verdict
+from .tuning._bench import TuningBench as TuningBench
 from .tuning._figures import tuning_figure as tuning_figure
+from .tuning._files import check_tunable as check_tunable
+from .tuning._lint import BeamsLeft as BeamsLeft, filter_warnings as filter_warnings
 from .tuning._results import Tuning as Tuning
-from .tuning._tune import tune as tune
+from .tuning._space import DisturbanceLevel as DisturbanceLevel
+from .tuning._tune import search_settings as search_settings, tune as tune

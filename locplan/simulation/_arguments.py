@@ -9,16 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.robots import OMNIDIRECTIONAL, Amcl, Lidar, Robot
+from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, OMNIDIRECTIONAL, Amcl, Robot
 
-NEAREST, FARTHEST = 0.5, 2.0
-"""Least and greatest distance of an object that occludes the lidar [m]."""
 BAND = 256
 """Number of rows of a map that are processed at once."""
 
 
-class Arguments(NamedTuple):
-    """Arguments in the order in which `locplan._kernels.drives.drive` takes them."""
+class DriveArguments(NamedTuple):
+    """Arguments of the kernels of drives, in the order in which they take them."""
 
     scores: Any
     """`particles.BeamScores` of the map."""
@@ -34,15 +32,28 @@ class Arguments(NamedTuple):
     """`particles.Filter`: AMCL's parameters."""
 
 
-def arguments_of(
+def drive_arguments(
     grid: OccupancyGrid,
     robot: Robot,
     *,
     scores: NDArray[np.float32] | None = None,
-) -> Arguments:
-    """Arguments for a map and a robot.
+) -> DriveArguments:
+    """Arguments of the kernels of drives for a map and a robot.
 
-    `scores` are what `beam_scores` makes of the map, the filter and the lidar, if that is known.
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    robot : Robot
+        The robot, with its lidar.
+    scores : (H + 2, W + 2) array of float32, optional
+        What a beam that ends in each cell adds to a particle, for this map, filter and lidar; by
+        default it is computed.
+
+    Returns
+    -------
+    DriveArguments
+        The arguments in the kernels' order.
     """
     from locplan._kernels.drives import Odometry
     from locplan._kernels.lidar import Lidar as Beams
@@ -52,9 +63,9 @@ def arguments_of(
 
     lidar, amcl = robot.known_lidar, robot.filter
     odometry, disturbances = robot.odometry, robot.disturbances
-    reach = reach_of(lidar, amcl)
+    reach = amcl.reach(lidar)
     values = beam_scores(grid, amcl, reach) if scores is None else scores
-    return Arguments(
+    return DriveArguments(
         BeamScores(
             values=values.ravel(),
             rows=values.shape[0],
@@ -64,7 +75,7 @@ def arguments_of(
             shift=1.5 if amcl.half_cell else 1.0,
         ),
         Beams(
-            angles=compared_beams(lidar.angles, amcl),
+            angles=np.ascontiguousarray(lidar.angles[:: amcl.beam_step(lidar.beams)]),
             forward=lidar.mount_x,
             left=lidar.mount_y,
             yaw=lidar.mount_yaw,
@@ -76,8 +87,8 @@ def arguments_of(
             outliers=disturbances.outliers,
             occlusion=disturbances.occlusion,
             width=math.radians(disturbances.occlusion_deg),
-            nearest=NEAREST,
-            farthest=FARTHEST,
+            nearest=NEAREST_OBJECT,
+            farthest=FARTHEST_OBJECT,
         ),
         Odometry(
             distance_drift=odometry.distance_drift,
@@ -93,24 +104,6 @@ def arguments_of(
             omnidirectional=amcl.robot_model_type == OMNIDIRECTIONAL,
         ),
     )
-
-
-def reach_of(lidar: Lidar, amcl: Amcl) -> float:
-    """Range beyond which a beam counts as without a return [m]."""
-    most = amcl.laser_max_range
-    return min(lidar.range, most) if most > 0 else lidar.range
-
-
-def compared_beams(angles: NDArray[np.float64], amcl: Amcl) -> NDArray[np.float64]:
-    """Beams of a scan that AMCL compares; its two sensor models thin them out in different ways."""
-    return np.ascontiguousarray(angles[:: beam_step(len(angles), amcl)])
-
-
-def beam_step(beams: int, amcl: Amcl) -> int:
-    """Number n such that AMCL compares every n-th of a scan's beams."""
-    if amcl.laser_model_type == "likelihood_field_prob":
-        return math.ceil(beams / amcl.max_beams)
-    return max(1, (beams - 1) // (amcl.max_beams - 1))
 
 
 def beam_scores(grid: OccupancyGrid, amcl: Amcl, reach: float) -> NDArray[np.float32]:

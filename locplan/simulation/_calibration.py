@@ -4,34 +4,41 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import shown
+from locplan._util.checks import file_path, shown
 from locplan._util.intervals import Interval
+from locplan._util.notebook import called
 from locplan._util.progress import ProgressCallback
+from locplan._util.ranking import spearman
 from locplan._util.tables import finite
-from locplan.errors import CalibrationError, ConfigError
+from locplan.errors import ConfigError
 from locplan.field import Estimator, Exponential, FieldConfig, Sad, config_of, covariances_at
+from locplan.robots import Robot
+from locplan.simulation._noise_level import (
+    MIN_VARIANCE,
+    check_determined,
+    factor_of,
+    fit_level,
+    rms_of,
+)
 from locplan.simulation._places import ErrorKind, Places
-from locplan.simulation._ranking import spearman
 
 Array = NDArray[np.float64]
 TAUS = tuple(np.geomspace(0.03, 3.0, 13).tolist())
 """Values of tau that are tried [m^2]."""
-LEVELS = 1e-6, 1e4
-"""Least and greatest noise level that are tried."""
 MIN_PLACES = 10
 """Least number of places that a calibration needs."""
 RESAMPLES = 200
 NOT_IN_METRES = "Σ follows these errors less than one value for all places would"
 """Why deviations are not in metres although there is a noise level that fits best."""
-MIN_VARIANCE = 1e-12
-"""Variance that is added so that no covariance is singular [m^2]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,6 +104,47 @@ class Calibration:
     def verdict(self) -> dict[str, object]:
         """Whether deviations are in metres, and if not the reason, fit for JSON."""
         return {"in_metres": True} if self.in_metres else {"in_metres": False, "why": NOT_IN_METRES}
+
+    @property
+    def warning(self) -> str:
+        """What people are warned of where deviations are not in metres; else empty."""
+        return "" if self.in_metres else f"NOT IN METRES: {NOT_IN_METRES}"
+
+    def report(self) -> str:
+        """Text for people: what was fitted, and how well it fits."""
+        return str(called("locplan.simulation._calibration_reports:calibration_table", self))
+
+    def save(
+        self, path: str | os.PathLike[str], robot: Robot, *, force: bool = False
+    ) -> list[FilePath]:
+        """Write the settings as `locplan.save_config` does, and a picture beside them.
+
+        The file says whether deviations are in metres, so that `locplan.load_config` can warn, and
+        holds the robot that was simulated, for `Robot.load`.
+
+        Parameters
+        ----------
+        path : path
+            The file, which ends in .json.
+        robot : Robot
+            The robot that was simulated.
+        force : bool, default False
+            True replaces files that are no calibration.
+
+        Returns
+        -------
+        list of Path
+            The file and its picture.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written, or is in the way.
+        """
+        write = "locplan.simulation._calibration_reports:write_calibration"
+        target = file_path("a calibration's file", path)
+        written: list[FilePath] = called(write, target, self, robot, force=force)
+        return written
 
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
@@ -175,10 +223,10 @@ def calibrate(
     before = _bare(places, config, threads)
     fits = []
     for n, tau in enumerate(TAUS if fit_tau else (None,)):
-        trial = config if tau is None else _changed(config, weights=Exponential(tau))
+        trial = config if tau is None else changed(config, weights=Exponential(tau))
         bare = before if tau is None else _bare(places, trial, threads)
         level, loss = fit_level(bare, q, measured)
-        fits.append((loss, n, _changed(trial, noise_level=level), bare))
+        fits.append((loss, n, changed(trial, noise_level=level), bare))
         if progress:
             progress(n + 1, len(TAUS) if fit_tau else 1)
     _, _, fitted, bare = min(fits, key=lambda fit: fit[:2])
@@ -231,7 +279,7 @@ def judged(
     )
 
 
-def _changed(config: FieldConfig, **settings: object) -> FieldConfig:
+def changed(config: FieldConfig, **settings: object) -> FieldConfig:
     """Copy of a config with some settings of its estimator changed."""
     estimator: Any = config.estimator
     return dataclasses.replace(config, estimator=dataclasses.replace(estimator, **settings))
@@ -253,7 +301,7 @@ def _errors(places: Sequence[Places], error: ErrorKind) -> Array:
 def _bare(places: Sequence[Places], config: FieldConfig, threads: int | None) -> Array:
     """Positional covariances with k = 1 and without Q, (n, 2, 2) [m^2]."""
     # Places lie on the lattice of the default stride.
-    plain = dataclasses.replace(_changed(config, noise_level=1.0), stride=FieldConfig.stride)
+    plain = dataclasses.replace(changed(config, noise_level=1.0), stride=FieldConfig.stride)
     found = [
         covariances_at(each.grid, plain, each.points, threads=threads)[:, :2, :2]
         - _added_q(each, config)
@@ -275,35 +323,9 @@ def _added_q(places: Places, config: FieldConfig) -> Array:
     return q[:2, :2] * estimator.adds_q
 
 
-def rms_of(covariance: Array) -> Array:
-    """Rms deviation of positions, (n,) [m]."""
-    return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
-
-
 def _consistency(covariance: Array, errors: Array) -> float:
     """Mean of e' inv(Sigma) e / 2 over the errors of all places."""
     return float(np.einsum("nij,nji->n", np.linalg.inv(covariance), errors).mean() / 2)
-
-
-def fit_level(
-    bare: Array, q: Array, measured: Array, weights: Array | None = None
-) -> tuple[float, float]:
-    """Noise level of least loss, and the loss: the mean squared difference of logarithms."""
-    from scipy.optimize import minimize_scalar
-
-    variance, added = np.trace(bare, axis1=1, axis2=2), np.trace(q, axis1=1, axis2=2)
-
-    def loss(log_level: float) -> float:
-        predicted = np.sqrt(math.exp(log_level) * variance + added)
-        return float(np.average(np.log(predicted / measured) ** 2, weights=weights))
-
-    low, high = map(math.log, LEVELS)
-    coarse = np.linspace(low, high, 60)
-    nearest = coarse[int(np.argmin([loss(each) for each in coarse]))]
-    step = coarse[1] - coarse[0]
-    bounds = max(low, nearest - step), min(high, nearest + step)
-    found = minimize_scalar(loss, bounds=bounds, method="bounded")
-    return math.exp(found.x), float(found.fun)
 
 
 def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]:
@@ -314,23 +336,3 @@ def _bootstrapped(bare: Array, q: Array, measured: Array) -> tuple[float, float]
         [fit_level(bare[n], q[n], measured[n])[0] for n in draws], (0.025, 0.975)
     )
     return float(low), float(high)
-
-
-def check_determined(level: float) -> None:
-    """Raise a CalibrationError if a noise level lies at the ends of those tried."""
-    low, high = LEVELS
-    if level < 2 * low:
-        raise CalibrationError(
-            "the errors do not determine k: they are below what Q adds, or Sigma says nothing of"
-            " them; calibrate with quantisation false, or on other maps"
-        )
-    if level > high / 2:
-        raise CalibrationError(
-            f"the errors do not determine k: it would be above {high:g}; calibrate on other maps,"
-            " or another estimator"
-        )
-
-
-def factor_of(predicted: Array, measured: Array) -> float:
-    """Factor by which predicted and measured deviations (n,) typically differ."""
-    return float(np.exp(np.sqrt(np.mean(np.log(predicted / measured) ** 2))))

@@ -11,7 +11,7 @@ from locplan._util.tables import table
 from locplan.errors import LocplanError
 from locplan.field import save_config
 from locplan.robots import Robot
-from locplan.simulation._calibration import NOT_IN_METRES, Calibration
+from locplan.simulation._calibration import Calibration
 
 
 def calibration_table(calibration: Calibration) -> str:
@@ -41,7 +41,7 @@ def calibration_table(calibration: Calibration) -> str:
     verdict = (
         "Σ follows the errors, within the factor above"
         if calibration.in_metres
-        else f"NOT IN METRES: {NOT_IN_METRES}"
+        else calibration.warning
     )
     return f"{table([], rows)}\n{verdict}"
 
@@ -77,6 +77,18 @@ def write_calibration(
 
 def check_calibration(target: Path, *, force: bool = False) -> Path:
     """The picture beside a calibration, if both can be written; to be called before long work.
+
+    Parameters
+    ----------
+    target : Path
+        The file of the calibration, which ends in .json.
+    force : bool, default False
+        True lets files be replaced that are no calibration.
+
+    Returns
+    -------
+    Path
+        The picture.
 
     Raises
     ------

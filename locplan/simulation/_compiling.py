@@ -28,7 +28,19 @@ class DriveKernels:
 
 
 def drives_prepared_beside(*, needed: bool = True) -> AbstractContextManager[Callable[[], None]]:
-    """Let another process compile these kernels meanwhile; see `prepared_beside`."""
+    """Let another process compile the kernels of drives meanwhile.
+
+    Parameters
+    ----------
+    needed : bool, default True
+        False compiles nothing, where there is nothing else to do meanwhile.
+
+    Returns
+    -------
+    context manager
+        It gives a function that waits until the kernels are compiled; see
+        `locplan.planners.prepared_beside`.
+    """
     return prepared_beside(DriveKernels(), needed=needed, compiled=_compiled)
 
 

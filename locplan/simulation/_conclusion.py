@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from locplan._util.formats import in_metres, short
 from locplan._util.intervals import Interval
 from locplan.simulation._drives import LOST
-from locplan.simulation._formats import in_metres, short
 
 FEW_PLACES = 20
 """Number of places below which nothing is concluded."""

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import whole
-from locplan._util.intervals import Interval, of_median, of_rms, wilson
+from locplan._util.intervals import Interval, of_geometric_mean, of_median, of_rms, wilson
 from locplan._util.tables import finite
+from locplan.simulation._scores import FLOOR
 
 MAX_DRIVES = 100_000
 """Greatest number of drives along a path, or to a place."""
@@ -18,15 +19,23 @@ LOST = 1.0
 """Position error above which, at any time of a drive, the robot counts as lost [m]."""
 
 
-def check_drives(drives: int) -> None:
-    """Raise a ConfigError unless a path can be driven so often."""
-    whole("drives", drives, 2, MAX_DRIVES)
+def check_drives(drives: int, *, or_none: bool = False) -> None:
+    """Check that a path can be driven so often; to be called before long work.
 
+    Parameters
+    ----------
+    drives : int
+        Number of drives along a path, 2 to 100,000.
+    or_none : bool, default False
+        True allows 0, too, which leaves the drives out.
 
-def check_drives_or_none(drives: int) -> None:
-    """Raise a ConfigError unless a path can be driven so often, or 0 says that it is not driven."""
-    if drives:
-        whole("drives (0 leaves them out)", drives, 2, MAX_DRIVES)
+    Raises
+    ------
+    ConfigError
+        If the number is out of its range.
+    """
+    if drives or not or_none:
+        whole("drives (0 leaves them out)" if or_none else "drives", drives, 2, MAX_DRIVES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,6 +80,11 @@ class Drives:
         The drives that were lost make most of it; see `kept_rmse`.
         """
         return of_rms(self.mean_squares)
+
+    @property
+    def typical_rmse(self) -> Interval:
+        """RMSE of a typical drive [m], at least 1 mm: the geometric mean over the drives."""
+        return of_geometric_mean(np.sqrt(self.mean_squares + FLOOR))
 
     @property
     def kept_rmse(self) -> Interval:
@@ -120,7 +134,7 @@ class Drives:
         return finite(about)
 
     def profile(self) -> NDArray[np.float64]:
-        """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
+        """Poses and errors along the way, (n, 9), in the columns of `PROFILE_COLUMNS`."""
         error = self.position_error
         low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
         heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
@@ -128,7 +142,7 @@ class Drives:
         return np.column_stack(columns)
 
 
-PROFILE = (
+PROFILE_COLUMNS = (
     "distance_m",
     "x_m",
     "y_m",

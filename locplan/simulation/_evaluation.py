@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import get_args
+from typing import ClassVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.ranking import Rank, Resamples, rank
+from locplan._util.records import Reported
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
 from locplan.simulation._conclusion import FAILED_MATCH, Ranked, Sizes, conclusion
-from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, places_of
+from locplan.simulation._places import DRIVES, PLACES, SCANS, ErrorKind, Places, measure_maps
 from locplan.simulation._predictors import PLANNED, Predictor, configs, predictions
-from locplan.simulation._ranking import Rank, Resamples, rank
 
 KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
 KIND_LABELS: dict[ErrorKind, str] = {
@@ -53,8 +55,14 @@ def sizes_of(places: Places) -> dict[str, NDArray[np.float64]]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Evaluation:
+class Evaluation(Reported):
     """Errors at places of some maps, and the values of each predictor there."""
+
+    _reported_by: ClassVar[str] = "locplan.simulation._reports:evaluation_table"
+    _written_by: ClassVar[str] = "locplan.simulation._reports:write_evaluation"
+    files: ClassVar[Results] = Results(
+        "evaluation", ("evaluation.png", "evaluation.json", "places.csv")
+    )
 
     places: Sequence[Places]
     """Places and errors of each map."""
@@ -292,7 +300,7 @@ def evaluate(
     fields = configs(robot.known_lidar, disc)
     effort = len(grids) * places * (drives + 1)
     callbacks = parts(progress, [effort, *[max(1, effort // 50)] * len(grids)])
-    measured = places_of(
+    measured = measure_maps(
         grids,
         robot=robot,
         places=places,

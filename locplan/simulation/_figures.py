@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from locplan._util.formats import in_metres, short
 from locplan._util.intervals import Interval
 from locplan.plotting import (
     PATH_STYLES,
@@ -32,7 +33,6 @@ from locplan.robots import Robot
 from locplan.simulation._calibration import Calibration
 from locplan.simulation._drives import LOST, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, Evaluation
-from locplan.simulation._formats import in_metres, short
 from locplan.simulation._predictors import Predictor
 from locplan.simulation._routes import Routes
 from locplan.simulation._simulate import Simulation

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Poses
 from locplan.costs import Costmap, Path, divided_poses
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan_field
 
-SPACING = 0.05
+POSE_SPACING = 0.05
 """Greatest distance between two poses [m]."""
 AHEAD = 0.3
 """Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
@@ -19,12 +20,21 @@ TURN = 0.1
 BAND = 0.5
 """Difference in length below which two paths count as equally long [m]."""
 
-Poses = NDArray[np.float64]
-"""Array of poses (x, y, heading) in the world, (n, 3) [m, m, rad]."""
-
 
 def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
-    """Poses every `SPACING` along a path, in its own headings or facing the point `AHEAD`.
+    """Poses every 0.05 m along a path, in its own headings or facing the point 0.3 m ahead.
+
+    Parameters
+    ----------
+    path : Path
+        The path in the world.
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (n, 3) array
+        Poses x, y, heading in the world [m, m, rad], closer where the robot turns.
 
     Raises
     ------
@@ -33,7 +43,7 @@ def poses_along(path: Path, grid: OccupancyGrid) -> Poses:
     """
     if path.length <= 0:
         raise LocplanError("has no length; a path to drive must lead somewhere")
-    fine = path.resampled(SPACING, even=True)
+    fine = path.resampled(POSE_SPACING, even=True)
     rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
     free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
@@ -80,7 +90,7 @@ def approaches(
         path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))
         assert path is not None
         drives.append(
-            _facing_ahead(path, np.linspace(0.0, path.length, round(length / SPACING) + 1))
+            _facing_ahead(path, np.linspace(0.0, path.length, round(length / POSE_SPACING) + 1))
         )
     return drives
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.random_streams import random_of
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
 from locplan.field import FieldConfig, well_spaced
@@ -18,7 +19,7 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
 from locplan.simulation._drives import LOST, MAX_DRIVES
 from locplan.simulation._motion import approaches
-from locplan.simulation._simulator import APPROACH, POINTS, Simulator, random_of
+from locplan.simulation._simulator import APPROACH, POINTS, Simulator
 
 APART = 1.0
 """Least distance between places [m]."""
@@ -222,7 +223,7 @@ def measure(
     )
 
 
-def places_of(
+def measure_maps(
     grids: Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
@@ -233,7 +234,35 @@ def places_of(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> list[Places]:
-    """Choose places on each map, and measure there; see `locplan.simulation.evaluate`."""
+    """Choose places on each map, and measure the errors there.
+
+    Parameters
+    ----------
+    grids : sequence of OccupancyGrid
+        The maps.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round.
+    places : int, default 100
+        Greatest number of random places on each map, at least 2, which are at least 1 m apart.
+    drives, scans : int, default 16
+        Number of drives to each place, and of single scans at each, 0 to 100,000.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) drives and places of all maps.
+
+    Returns
+    -------
+    list of Places
+        The places of each map, with their errors.
+
+    Raises
+    ------
+    ConfigError
+        If there is no map, a number is out of its range, or a robot has no room on a map.
+    """
     if not grids:
         raise ConfigError("there must be at least one map")
     for name, value in (("drives", drives), ("scans", scans)):

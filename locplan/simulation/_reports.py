@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-from locplan._util.results import ResultFolder, Results
-from locplan._util.tables import table
-from locplan.simulation._drives import PROFILE, contrasts
+from locplan._util.formats import digits_of, in_degrees, in_percent, plain, short, with_unit
+from locplan._util.results import ResultFolder
+from locplan._util.tables import table, write_json, write_rows
+from locplan.simulation._drives import PROFILE_COLUMNS, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, SIZES, Evaluation
-from locplan.simulation._formats import digits_of, in_degrees, in_percent, plain, short, with_unit
-from locplan.simulation._routes import COLUMNS, Routes
+from locplan.simulation._routes import COLUMNS, Routes, RoutesOnMaps
 from locplan.simulation._simulate import Simulation
-from locplan.simulation._writing import file_name, write_json, write_rows
-
-SIMULATION = Results("simulation", ("simulation.png", "simulation.json", "errors.csv"))
-QUERIES = Results("queries", ("queries.json", "queries.csv"))
-EVALUATION = Results("evaluation", ("evaluation.png", "evaluation.json", "places.csv"))
 
 WIDTH = 100
 """Width of running text [characters]."""
@@ -48,7 +42,7 @@ def simulation_table(simulation: Simulation) -> str:
     )
 
 
-def routes_table(every: Sequence[Routes]) -> str:
+def routes_table(every: Iterable[Routes]) -> str:
     """Table of both paths of many queries, one row per map."""
     rows = [
         [
@@ -131,15 +125,15 @@ def write_simulation(results: ResultFolder, simulation: Simulation) -> list[Path
     from locplan.simulation import _figures
 
     with results.writing() as folder:
-        picture, about, errors = (folder / name for name in SIMULATION.names)
+        picture, about, errors = (folder / name for name in Simulation.files.names)
         save_figure(_figures.simulation_figure(simulation), picture)
         write_json(about, simulation.summary())
         rows = ([name, *row] for name, each in simulation.drives.items() for row in each.profile())
-        write_rows(errors, ["path", *PROFILE], rows)
-    return [results.folder / name for name in SIMULATION.names]
+        write_rows(errors, ["path", *PROFILE_COLUMNS], rows)
+    return [results.folder / name for name in Simulation.files.names]
 
 
-def write_routes(results: ResultFolder, every: Sequence[Routes]) -> list[Path]:
+def write_routes(results: ResultFolder, every: RoutesOnMaps) -> list[Path]:
     """Write queries.json, queries.csv, and a picture of each map.
 
     Raises
@@ -150,20 +144,15 @@ def write_routes(results: ResultFolder, every: Sequence[Routes]) -> list[Path]:
     from locplan.plotting import save_figure
     from locplan.simulation import _figures
 
-    pictures = picture_names([routes.grid.name for routes in every])
+    pictures = every.pictures([routes.grid.name for routes in every])
     with results.writing() as folder:
-        about, table_file = (folder / name for name in QUERIES.names)
-        write_json(about, routes_summary(every))
+        about, table_file = (folder / name for name in RoutesOnMaps.files.names)
+        write_json(about, every.summary())
         rows = ([routes.grid.name, *row] for routes in every for row in routes.rows())
         write_rows(table_file, ["map", *COLUMNS], rows)
         for name, routes in zip(pictures, every, strict=True):
             save_figure(_figures.queries_figure(routes), folder / name)
-    return [results.folder / name for name in (*QUERIES.names, *pictures)]
-
-
-def picture_names(maps: Sequence[str]) -> list[str]:
-    """Names of the pictures of queries on maps of these names."""
-    return [f"{number:02}-{file_name(name or 'map')}.png" for number, name in enumerate(maps, 1)]
+    return [results.folder / name for name in (*RoutesOnMaps.files.names, *pictures)]
 
 
 def write_evaluation(results: ResultFolder, evaluation: Evaluation) -> list[Path]:
@@ -178,14 +167,9 @@ def write_evaluation(results: ResultFolder, evaluation: Evaluation) -> list[Path
     from locplan.simulation import _figures
 
     with results.writing() as folder:
-        picture, about, places = (folder / name for name in EVALUATION.names)
+        picture, about, places = (folder / name for name in Evaluation.files.names)
         save_figure(_figures.evaluation_figure(evaluation), picture)
         write_json(about, evaluation.summary())
         rows = ([name, *row] for name, values in evaluation.rows() for row in values)
         write_rows(places, ["map", *evaluation.columns], rows)
-    return [results.folder / name for name in EVALUATION.names]
-
-
-def routes_summary(every: Sequence[Routes]) -> dict[str, Any]:
-    """Summary of all maps' queries, fit for JSON."""
-    return {"maps": [routes.summary() for routes in every]}
+    return [results.folder / name for name in Evaluation.files.names]

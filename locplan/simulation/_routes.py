@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.tables import finite
+from locplan._util.records import Reported
+from locplan._util.results import Results
+from locplan._util.tables import file_name, finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
 from locplan.field import equipped
@@ -174,6 +177,41 @@ class Routes:
         return finite(about)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class RoutesOnMaps(Reported):
+    """Drives along both paths of queries on several maps."""
+
+    _reported_by: ClassVar[str] = "locplan.simulation._reports:routes_table"
+    _written_by: ClassVar[str] = "locplan.simulation._reports:write_routes"
+    files: ClassVar[Results] = Results("queries", ("queries.json", "queries.csv"))
+
+    maps: tuple[Routes, ...]
+    """The drives on each map."""
+
+    def __iter__(self) -> Iterator[Routes]:
+        return iter(self.maps)
+
+    def __repr__(self) -> str:
+        return f"RoutesOnMaps({len(self.maps)} maps)"
+
+    @staticmethod
+    def pictures(maps: Sequence[str]) -> list[str]:
+        """Names of the pictures that `save` writes besides `files`.
+
+        Parameters
+        ----------
+        maps : sequence of str
+            Names of the maps.
+        """
+        return [
+            f"{number:02}-{file_name(name or 'map')}.png" for number, name in enumerate(maps, 1)
+        ]
+
+    def summary(self) -> dict[str, object]:
+        """Summary of all maps' queries, fit for JSON."""
+        return {"maps": [routes.summary() for routes in self.maps]}
+
+
 def simulate_queries(
     costs: Costmap,
     queries: Sequence[Query],
@@ -221,7 +259,7 @@ def simulate_queries(
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
     callbacks = parts(progress, [2 * drives] * len(found))
     routes = [
-        _route(query, drive_paths(simulator, paths, drives, n, part))
+        _route(query, drive_paths(simulator, paths, drives, stream=n, progress=part))
         for n, ((query, paths), part) in enumerate(zip(found.items(), callbacks, strict=True))
     ]
     about = {

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan._util.progress import ProgressCallback, parts
+from locplan._util.records import Reported
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError, LocplanError
@@ -23,8 +26,14 @@ DRIVES = 100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Simulation:
+class Simulation(Reported):
     """Drives along some paths on one map."""
+
+    _reported_by: ClassVar[str] = "locplan.simulation._reports:simulation_table"
+    _written_by: ClassVar[str] = "locplan.simulation._reports:write_simulation"
+    files: ClassVar[Results] = Results(
+        "simulation", ("simulation.png", "simulation.json", "errors.csv")
+    )
 
     grid: OccupancyGrid
     """The map."""
@@ -121,7 +130,7 @@ def simulate(
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
     }
-    driven = drive_paths(simulator, routes, drives, 0, progress)
+    driven = drive_paths(simulator, routes, drives, progress=progress)
     return Simulation(grid, routes, driven, simulator.robot, seed, costs)
 
 
@@ -129,10 +138,33 @@ def drive_paths(
     simulator: Simulator,
     paths: Mapping[str, Path],
     drives: int,
-    stream: int,
-    progress: ProgressCallback | None,
+    *,
+    stream: int = 0,
+    progress: ProgressCallback | None = None,
 ) -> dict[str, Drives]:
-    """Drives of each path, the n-th of all with the same random numbers."""
+    """Drive each path several times, the n-th time of all with the same random numbers.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The map and the robot.
+    paths : mapping of str to Path
+        The paths by name.
+    drives : int
+        Number of drives along each path, at least 1.
+    stream, progress
+        See `Simulator.drive`.
+
+    Returns
+    -------
+    dict of str to Drives
+        The drives of each path by its name.
+
+    Raises
+    ------
+    LocplanError
+        If a path leaves the free cells.
+    """
     lines = {}
     for name, path in paths.items():
         try:

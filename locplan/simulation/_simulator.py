@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.machine import check_memory, check_threads
+from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
+from locplan._util.random_streams import random_of
 from locplan.field import equipped
 from locplan.maps import OCCUPIED, OccupancyGrid, check_grid
 from locplan.maps.environments import with_boundary_noise
 from locplan.robots import Robot
-from locplan.simulation._arguments import Arguments, arguments_of
+from locplan.simulation._arguments import DriveArguments, drive_arguments
 from locplan.simulation._drives import Drives
-from locplan.simulation._motion import Poses
 
 MATCH_WINDOW = 2.0
 """Half width of the window in which single scans are matched [m]."""
@@ -288,9 +289,9 @@ class Simulator:
         return int(random_of(self.seed, WORLD, world).integers(2**63))
 
     @cached_property
-    def arguments(self) -> Arguments:
+    def arguments(self) -> DriveArguments:
         """Arguments of the kernels for the map and the robot."""
-        return arguments_of(self.grid, self.robot)
+        return drive_arguments(self.grid, self.robot)
 
     def _in_threads(
         self,
@@ -313,11 +314,6 @@ class Simulator:
         finally:
             pool.shutdown(cancel_futures=True)
         return count
-
-
-def random_of(seed: int, *stream: int) -> np.random.Generator:
-    """Random numbers that are independent of those of any other stream."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream))
 
 
 def _turned(errors: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:

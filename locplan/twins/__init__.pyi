@@ -1,6 +1,10 @@
 from ._columns import LAYERS as LAYERS, Twin as Twin
 from ._figures import twins_figure as twins_figure
-from ._find import find_twins as find_twins
+from ._find import (
+    PLACE_HEADINGS as PLACE_HEADINGS,
+    PLACE_SPACING as PLACE_SPACING,
+    find_twins as find_twins,
+)
 from ._locate import locate as locate
 from ._located_drive import LocatedDrive as LocatedDrive, locate_drive as locate_drive
 from ._location import Location as Location, Mode as Mode

@@ -27,9 +27,9 @@ from locplan.twins._symmetries import find_symmetries
 from locplan.twins._twins import Twins
 
 Numbers = NDArray[np.float64]
-SPACING = 0.8
+PLACE_SPACING = 0.8
 """Default distance between neighbouring places [m]."""
-HEADINGS = 8
+PLACE_HEADINGS = 8
 """Number of headings at each place where what the lidar sees depends on the heading."""
 
 
@@ -38,7 +38,7 @@ def find_twins(
     robot: Robot | None = None,
     *,
     places: Iterable[Sequence[float]] | None = None,
-    spacing: float = SPACING,
+    spacing: float = PLACE_SPACING,
     global_effective_beams: float = GLOBAL_EFFECTIVE_BEAMS,
     count_missing: bool = False,
     database: ScanDatabase | None = None,
@@ -123,7 +123,7 @@ def find_twins(
         seen = _seen_everywhere(grid, matching, cells, database)
         row, col = grid.world_to_grid(xy[:, 0], xy[:, 1])
         positions = np.column_stack([col, row])
-    count = 1 if lidar.sees_alike_in_all_headings else HEADINGS
+    count = 1 if lidar.sees_alike_in_all_headings else PLACE_HEADINGS
     headings = np.arange(count, dtype=np.float64) * (2 * math.pi / count)
     homes = np.column_stack(
         [np.repeat(positions, count, axis=0), np.tile(headings, len(positions))]

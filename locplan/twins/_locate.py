@@ -13,7 +13,6 @@ from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings import Recording
-from locplan.recordings._geometry import ends_on_robot, has_return
 from locplan.robots import Lidar
 from locplan.twins._database import Database
 from locplan.twins._location import Location, Mode
@@ -152,7 +151,7 @@ def located(
     compared = places.matching.compared(ranges[None])[0]
     starts = shortlisted(places, compared)
     found = refined(places, compared, starts)
-    on_robot = ends_on_robot(ranges[None].astype(np.float32), lidar)
+    on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
     ends = beams_that_count(database, on_robot)
     if found.returns < LEAST_RETURNS or ends.shape[1] < LEAST_RETURNS:
         raise NotLocatedError(
@@ -245,7 +244,7 @@ def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Numbers,
             f"the range of beam {int(np.argmax(np.isnan(ranges)))} is NaN; give inf where there is"
             " no return"
         )
-    returns = has_return(ranges.astype(np.float32), lidar)
+    returns = lidar.has_return(ranges.astype(np.float32))
     if not returns.any():
         raise ConfigError(
             f"no beam of the scan ends within {lidar.least_range:g} to {lidar.range:g} m; are the"

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, whole
 from locplan._util.machine import check_threads
+from locplan._util.poses import wrapped
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
@@ -21,7 +22,6 @@ from locplan.costs import Path
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings import Recording
-from locplan.recordings._geometry import wrapped
 from locplan.twins._locate import (
     COUNT,
     WITHIN,

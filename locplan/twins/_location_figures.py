@@ -13,10 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from numpy.typing import ArrayLike, NDArray
 
+from locplan._util.poses import ends_in_map
 from locplan.costs import Path
 from locplan.field import position_axes
 from locplan.plotting import Picture, draw_inset, draw_map, map_size, zoomed_to
-from locplan.recordings._geometry import ends_in_map, ends_on_robot
 from locplan.twins._located_drive import LocatedDrive
 from locplan.twins._location import Location, Mode
 
@@ -51,7 +51,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     """
     grid, best = location.grid, location.best
     width, height = map_size(grid)
-    on_robot = ends_on_robot(location.ranges[None].astype(np.float32), location.lidar)
+    on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
     ends = ends_in_map(on_robot, np.array([best.pose]))[0]
     away = np.hypot(*(ends - np.array(best.pose[:2])).T)
     reach = max(LEAST_ZOOM, 1.1 * float(np.nanquantile(away, 0.95)))

@@ -12,10 +12,8 @@ from locplan._util.checks import instance, keep_checked, number
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.field import Scan
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._matcher import Matcher
-from locplan.recordings._matches import EFFECTIVE_BEAMS
+from locplan.recordings import Matcher
 from locplan.robots import Lidar
 from locplan.twins._database import Database, _of_lidar, make_database
 from locplan.twins._matching import TURNS, Matching
@@ -97,8 +95,7 @@ class ScanDatabase:
     @cached_property
     def matcher(self) -> Matcher:
         """What gives the covariance of a match, as `locplan.recordings.match_scans` does."""
-        settings = Scan(self.lidar, effective_beams=EFFECTIVE_BEAMS)
-        return Matcher(self.grid, settings)
+        return Matcher.of(self.grid, self.lidar)
 
     @cached_property
     def nats_a_loss(self) -> float:

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from explorer_page import FLAGS, STATIC, Seen, browser_file
 
-from locplan.explorer._explore import opened
-from locplan.explorer._scene import Opening
+from locplan.explorer import Opening, opened
 from locplan.field import FieldConfig, Fisher, covariance_field
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.maps.environments import make

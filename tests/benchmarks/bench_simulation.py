@@ -14,8 +14,7 @@ from locplan import Path
 from locplan._kernels import particles
 from locplan.maps import environments
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Simulator
-from locplan.simulation._motion import poses_along
+from locplan.simulation import Simulator, poses_along
 
 FIXED = Amcl(min_particles=500, max_particles=500)
 DRIVES = 1000

@@ -9,9 +9,10 @@ import numpy as np
 from locplan._kernels.shortlist import shortlist
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Lidar
+from locplan.twins import Matching
 from locplan.twins._database import CAP, make_database, places_every
 from locplan.twins._looks import look_around
-from locplan.twins._matching import TURNS, Matching
+from locplan.twins._matching import TURNS
 
 SIZE = 1000
 PLACES = 100

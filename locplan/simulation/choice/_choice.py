@@ -11,6 +11,8 @@ import numpy as np
 
 from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.notebook import Pictured
+from locplan._util.records import Reported
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, PathMetrics, about_costs
 from locplan.planners import Position
@@ -57,8 +59,14 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Choice(Pictured):
+class Choice(Pictured, Reported):
     """Candidate paths with their simulated drives, and the one to take."""
+
+    _reported_by: ClassVar[str] = "locplan.simulation.choice._reports:choice_table"
+    _written_by: ClassVar[str] = "locplan.simulation.choice._reports:write_choice"
+    files: ClassVar[Results] = Results(
+        "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
+    )
 
     _drawn_by: ClassVar[str] = "locplan.simulation.choice._figures:choice_figure"
 
@@ -144,6 +152,19 @@ class Choice(Pictured):
         return reason + SLIGHT * slight
 
     @property
+    def sentence(self) -> str:
+        """Name of the chosen candidate, and the reason."""
+        if self.chosen is None or self.chosen is self.shortest:
+            return self.why
+        return f"{self.chosen.name}: {self.why}"
+
+    @property
+    def driven(self) -> str:
+        """Number of drives of each candidate in words."""
+        done = len(self.candidates[0].drives.errors)
+        return f"{done} drives each" if done == self.drives else f"{done} of {self.drives} drives"
+
+    @property
     def nearly(self) -> Candidate | None:
         """Shortest candidate that is clearly better than the shortest path, too, and whose error
         is at most a ninth above that of the chosen one; None if that is the chosen one itself."""
@@ -203,19 +224,6 @@ class Choice(Pictured):
             "robot": self.robot.summary(),
         }
         return finite(about)
-
-
-def in_one_line(choice: Choice) -> str:
-    """Name of the chosen candidate, and the reason."""
-    if choice.chosen is None or choice.chosen is choice.shortest:
-        return choice.why
-    return f"{choice.chosen.name}: {choice.why}"
-
-
-def count_of(choice: Choice) -> str:
-    """Number of drives of each candidate in words."""
-    done = len(choice.candidates[0].drives.errors)
-    return f"{done} drives each" if done == choice.drives else f"{done} of {choice.drives} drives"
 
 
 def gain(shortest: Candidate, chosen: Candidate, minimise: Minimise) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import number, one_of, positive
+from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap, Path, check_costs, path_metrics
 from locplan.errors import ConfigError, LocplanError
@@ -25,7 +26,7 @@ from locplan.planners import (
 )
 from locplan.robots import Robot
 from locplan.simulation._drives import Drives, check_drives
-from locplan.simulation._motion import Poses, poses_along
+from locplan.simulation._motion import poses_along
 from locplan.simulation._scores import (
     MINIMISED,
     Minimise,
@@ -128,7 +129,7 @@ def choose(
     ('way around 2', '0% of drives lost instead of 62%, for 9.6 m more')
     """
     check_grid(grid)
-    check_request(longest, minimise, price, drives, time_limit)
+    check_choice(longest, minimise, price, drives, time_limit)
     if costs is not None:
         check_costs(costs)
     robot = equipped(robot, costs.settings.config if costs and costs.settings else None)
@@ -193,10 +194,29 @@ def costmap_near_candidates(
     costmap_of: Callable[[CovarianceField], Costmap],
     shown: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> Costmap:
-    """Costmap of a field that is fine near the alternatives, see `planned_near_paths`.
+    """Costmap of a field that is fine near the alternatives of a choice.
 
-    `ends` are start and goal; `field_of` gives the field at some lattice points; `shown` gives a
-    context in which the alternatives are planned, such as a sign of life.
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig
+        Settings of the field.
+    ends : (start, goal)
+        Positions x, y in the world [m].
+    longest : float
+        Greatest length of an alternative, in lengths of the shortest path.
+    field_of : callable
+        Gives the field at the lattice points of a mask.
+    costmap_of : callable
+        Gives the costmap of such a field.
+    shown : callable, default nullcontext
+        Gives a context in which the alternatives are planned, such as a sign of life.
+
+    Returns
+    -------
+    Costmap
+        The costmap on which the alternatives were planned last.
     """
 
     def planned(field: CovarianceField) -> tuple[Costmap, dict[str, Path]]:
@@ -210,14 +230,25 @@ def costmap_near_candidates(
     return costs
 
 
-def check_request(
+def check_choice(
     longest: float,
     minimise: Minimise,
     price: float | None,
     drives: int,
     time_limit: float | None = None,
 ) -> None:
-    """Raise a ConfigError unless these are settings of a choice; before long work."""
+    """Check the settings of a choice; to be called before long work.
+
+    Parameters
+    ----------
+    longest, minimise, price, drives, time_limit
+        See `choose`.
+
+    Raises
+    ------
+    ConfigError
+        If one is out of its range.
+    """
     check_drives(drives)
     number("longest", longest, 1.0)
     one_of("minimise", minimise, MINIMISED)
@@ -232,6 +263,30 @@ def check_way(costs: Costmap, start: Position, goal: Position) -> tuple[Position
     if begin == end:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
     return begin, end
+
+
+def check_candidates(
+    costs: Costmap, start: Position, goal: Position, candidates: Candidates = ()
+) -> None:
+    """Check the way of a choice and the user's own candidates; to be called before long work.
+
+    Parameters
+    ----------
+    costs : Costmap
+        A costmap of the map, which may be blank.
+    start, goal : (x, y)
+        Positions in the world [m].
+    candidates : sequence or mapping by name, default ()
+        See `choose`.
+
+    Raises
+    ------
+    LocplanError
+        If the robot cannot stand at an end, or a candidate does not join the two, or leaves the
+        free cells.
+    """
+    check_way(costs, start, goal)
+    lines_along(own_paths(costs, start, goal, candidates), costs.grid)
 
 
 def lines_along(paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Poses]:

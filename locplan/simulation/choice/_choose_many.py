@@ -21,7 +21,7 @@ from locplan.robots import Robot
 from locplan.simulation._scores import Minimise
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._choices import Choices, MapChoice
-from locplan.simulation.choice._choose import FEW_DRIVES, check_request, check_way, choose
+from locplan.simulation.choice._choose import FEW_DRIVES, check_choice, check_way, choose
 
 LEAST_DISTANCE = 10.0
 """Least straight distance between start and goal of random queries [m]."""
@@ -106,7 +106,7 @@ def choose_many(
     ['way around 2', 'way around 3']
     """
     check_threads(threads)
-    check_request(longest, minimise, price, drives)
+    check_choice(longest, minimise, price, drives)
     check_random(queries if is_whole(queries) else 1, query_seed, least_distance)
     asked: dict[str, Any] = {
         "robot": robot,

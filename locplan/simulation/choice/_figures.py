@@ -12,6 +12,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from locplan._util.formats import in_metres
 from locplan.costs import Path
 from locplan.plotting import (
     Picture,
@@ -25,8 +26,7 @@ from locplan.plotting import (
     map_size,
 )
 from locplan.simulation._drives import LOST
-from locplan.simulation._formats import in_metres
-from locplan.simulation.choice._choice import Choice, count_of, in_one_line
+from locplan.simulation.choice._choice import Choice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,9 +97,9 @@ def _titles(choice: Choice) -> list[str]:
     name = choice.costs.grid.name or "map"
     if choice.chosen is None:
         return [f"{name}: {choice.why}"]
-    settings = f"with {choice.robot.title}", count_of(choice)
+    settings = f"with {choice.robot.title}", choice.driven
     return [
-        f"{name}: {in_one_line(choice)}",
+        f"{name}: {choice.sentence}",
         "; ".join(filter(None, settings)),
         "below: mean error of the position, where 80 % of drives are, and (grey) the shortest's",
     ]

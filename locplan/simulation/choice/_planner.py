@@ -13,7 +13,7 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import LONGEST_ALTERNATIVE, AnyAngle, Found, Position
 from locplan.robots import Robot
 from locplan.simulation._scores import Minimise
-from locplan.simulation.choice._choose import FEW_DRIVES, check_request, choose
+from locplan.simulation.choice._choose import FEW_DRIVES, check_choice, choose
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class SimulatedChoice:
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
-        check_request(self.longest, self.minimise, self.price, self.drives)
+        check_choice(self.longest, self.minimise, self.price, self.drives)
         if self.seed is not None:
             whole("seed", self.seed, 0)
         if self.robot is not None:

@@ -9,25 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
+from locplan._util.formats import digits_of
 from locplan._util.intervals import Interval
-from locplan._util.results import ResultFolder, Results
-from locplan._util.tables import table
-from locplan.simulation._drives import PROFILE
-from locplan.simulation._formats import digits_of
-from locplan.simulation._writing import file_name, write_json, write_rows
+from locplan._util.results import ResultFolder
+from locplan._util.tables import file_name, table, write_json, write_rows
+from locplan.simulation._drives import PROFILE_COLUMNS
 from locplan.simulation.choice._choice import (
     MANY_LOST,
     UNTUNED,
     Candidate,
     Choice,
     at_length,
-    count_of,
-    in_one_line,
 )
 
-CHOICE = Results(
-    "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
-)
 COLUMNS = (
     "candidate",
     "file",
@@ -71,12 +65,12 @@ def choice_table(choice: Choice) -> str:
         "lost: > 1 m at any time",
     ]
     lines = [
-        in_one_line(choice),
+        choice.sentence,
         *([_about_nearly(choice, choice.nearly)] if choice.nearly else []),
         *([f"{price:g} m of detour count as much as half the error"] if price else []),
         *([UNTUNED] if choice.chosen.drives.lost_rate.value >= MANY_LOST else []),
         *([LEFT_OUT + ", ".join(choice.left_out)] if choice.left_out else []),
-        f"with {choice.robot.title}; {count_of(choice)}",
+        f"with {choice.robot.title}; {choice.driven}",
     ]
     said = ["; ".join(heads), *lines]
     wrapped = [part for line in said for part in textwrap.wrap(line, min(width, WIDE))]
@@ -127,7 +121,7 @@ def write_choice(results: ResultFolder, choice: Choice) -> list[Path]:
 
     names = {each.name: _file_of(n, each.name) for n, each in enumerate(choice.candidates, 1)}
     with results.writing() as folder:
-        about, picture, candidates, chosen, errors = (folder / name for name in CHOICE.names)
+        about, picture, candidates, chosen, errors = (folder / name for name in Choice.files.names)
         write_json(about, choice.summary())
         save_figure(_figures.choice_figure(choice), picture)
         every, front = choice.candidates, choice.front
@@ -138,7 +132,7 @@ def write_choice(results: ResultFolder, choice: Choice) -> list[Path]:
         for each in every:
             each.path.save(folder / names[each.name])
         profiles = ([each.name, *at] for each in every for at in each.drives.profile())
-        write_rows(errors, ["path", *PROFILE], profiles)
+        write_rows(errors, ["path", *PROFILE_COLUMNS], profiles)
         written = sorted(file.name for file in folder.iterdir())
     return [results.folder / name for name in written]
 

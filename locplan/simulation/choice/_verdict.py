@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import shown
+from locplan._util.formats import digits_of
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
@@ -18,7 +19,6 @@ from locplan.field import equipped
 from locplan.planners import AWARE, SHORTEST, Plan
 from locplan.robots import Amcl, Robot
 from locplan.simulation._drives import Drives, check_drives
-from locplan.simulation._formats import digits_of
 from locplan.simulation._motion import poses_along
 from locplan.simulation._scores import (
     CLEARLY,
@@ -184,7 +184,13 @@ def verdict(
 
 
 def is_one_way(path: Path, other: Path) -> bool:
-    """Return whether no point of either path lies more than `ALIKE` from the other."""
+    """Return whether no point of either path lies more than 0.25 m from the other.
+
+    Parameters
+    ----------
+    path, other : Path
+        The paths; headings that differ by 0.25 rad count as much, if both have some.
+    """
     from scipy.spatial import cKDTree
 
     one, two = _points(path), _points(other)

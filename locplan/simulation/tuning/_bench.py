@@ -7,24 +7,26 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import FARTHEST
+from locplan._util.poses import Poses
 from locplan._util.progress import ProgressCallback
+from locplan._util.random_streams import random_of
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Lidar, Robot
-from locplan.simulation._arguments import Arguments, arguments_of, beam_scores, reach_of
+from locplan.simulation._arguments import DriveArguments, beam_scores, drive_arguments
 from locplan.simulation._drives import LOST
-from locplan.simulation._motion import Poses, poses_along
+from locplan.simulation._motion import poses_along
 from locplan.simulation._scores import FLOOR
-from locplan.simulation._simulator import DRIVE, Simulator, random_of
-from locplan.simulation.tuning._space import LEVELS, Level
+from locplan.simulation._simulator import DRIVE, Simulator
+from locplan.simulation.tuning._space import LEVELS, DisturbanceLevel
 
 APART = (8.0, 4.0, 2.0)
 """Least distance from start to goal [m]; the first that the map is large enough for."""
@@ -82,14 +84,14 @@ class Driven:
     """Position error [m] at every eighth pose, by level, path and drive."""
 
 
-class AnyBench(ABC):
+class TuningBench(ABC):
     """Drives of settings at some levels of disturbance; what was driven once is remembered.
 
     Parameters
     ----------
     grid, lidar : OccupancyGrid, Lidar
         The map and the robot's lidar.
-    levels : sequence of Level
+    levels : sequence of DisturbanceLevel
         The levels of disturbance; most settings are worst at the last one.
     lines : sequence of (n, 3) arrays
         The poses along each path, in the map's own axes [m, m, rad].
@@ -101,11 +103,16 @@ class AnyBench(ABC):
         Number of threads.
     """
 
+    longest: ClassVar[float] = LONGEST
+    """Greatest length of a path that settings are driven along [m]."""
+    fewest_paths: ClassVar[int] = 5
+    """Least number of paths, for intervals."""
+
     def __init__(
         self,
         grid: OccupancyGrid,
         lidar: Lidar,
-        levels: Sequence[Level],
+        levels: Sequence[DisturbanceLevel],
         lines: Sequence[Poses],
         drives: int,
         *,
@@ -121,15 +128,35 @@ class AnyBench(ABC):
 
     @abstractmethod
     def arguments(self, amcl: Amcl) -> list[Any]:
-        """What `errors` needs of a setting at each level; it is made once for all drives."""
+        """What `errors` needs of a setting at each level; it is made once for all drives.
+
+        Parameters
+        ----------
+        amcl : Amcl
+            The setting.
+        """
 
     @abstractmethod
     def errors(self, level: int, path: int, drive: int, arguments: Any) -> NDArray[np.float64]:
-        """Errors (n, 3) of one drive along a path [m, m, rad]."""
+        """Errors (n, 3) of one drive along a path [m, m, rad].
+
+        Parameters
+        ----------
+        level, path, drive : int
+            Indices of the level, the path and the drive.
+        arguments : object
+            What `arguments` gave for the level.
+        """
 
     def scores(self, amcl: Amcl) -> NDArray[np.float32]:
-        """Scores of beams on the map, which many settings share; see `beam_scores`."""
-        reach = reach_of(self.lidar, amcl)
+        """Scores of beams on the map, which many settings share, for `drive_arguments`.
+
+        Parameters
+        ----------
+        amcl : Amcl
+            The setting.
+        """
+        reach = amcl.reach(self.lidar)
         names = ("laser_model_type", "laser_likelihood_max_dist", "sigma_hit", "z_hit", "z_rand")
         key = (reach, *(getattr(amcl, name) for name in names))
         if key not in self._scores:
@@ -148,7 +175,16 @@ class AnyBench(ABC):
     ) -> None:
         """Drive each setting along the first of the paths, so often each, at some levels or all.
 
-        `progress` is called with (done, total) drives.
+        Parameters
+        ----------
+        settings : sequence of Amcl
+            The settings.
+        paths, drives : int
+            Number of paths, and of drives along each.
+        levels : sequence of int, optional
+            Indices of the levels; all by default.
+        progress : callable, optional
+            Called with (done, total) drives.
         """
         pending = []
         left_out = [n for n in range(len(self.levels)) if levels is not None and n not in levels]
@@ -180,12 +216,25 @@ class AnyBench(ABC):
         """Mean over drives of the logarithm of the root mean square error, (levels,).
 
         It is NaN at levels that were not driven.
+
+        Parameters
+        ----------
+        amcl : Amcl
+            The setting.
+        paths, drives : int
+            Number of the paths, and of the drives along each, that count.
         """
         squares = self.driven[amcl].squares[:, :paths, :drives]
         return np.asarray(0.5 * np.log(squares + FLOOR).mean(axis=(1, 2)))
 
     def updates(self, amcl: Amcl) -> int:
-        """Updates of the filter in one drive along every path, without errors of odometry."""
+        """Updates of the filter in one drive along every path, without errors of odometry.
+
+        Parameters
+        ----------
+        amcl : Amcl
+            The setting.
+        """
         return sum(updates_along(line, amcl) for line in self.lines)
 
     def _tasks(
@@ -218,7 +267,7 @@ class AnyBench(ABC):
         return len(drives)
 
 
-class Bench(AnyBench):
+class Bench(TuningBench):
     """Drives of settings in simulated worlds, at all levels of disturbance.
 
     Parameters
@@ -258,18 +307,18 @@ class Bench(AnyBench):
         super().__init__(grid, first.robot.known_lidar, LEVELS, lines, drives, **own)
         self.lengths = np.array([path.length for path in paths])
 
-    def arguments(self, amcl: Amcl) -> list[Arguments]:
+    def arguments(self, amcl: Amcl) -> list[DriveArguments]:
         """Arguments of the kernel at each level."""
         for each in self.simulators:
             _ = each.worlds  # made once, not by every thread
         scores = self.scores(amcl)
         return [
-            arguments_of(each.grid, replace(each.robot, filter=amcl), scores=scores)
+            drive_arguments(each.grid, replace(each.robot, filter=amcl), scores=scores)
             for each in self.simulators
         ]
 
     def errors(
-        self, level: int, path: int, drive: int, arguments: Arguments
+        self, level: int, path: int, drive: int, arguments: DriveArguments
     ) -> NDArray[np.float64]:
         """Errors of one drive, in the map's own axes."""
         from locplan._kernels import drives as kernel

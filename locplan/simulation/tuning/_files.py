@@ -43,10 +43,18 @@ OTHERS: dict[str, float | str | bool] = {
 """Parameters that are not simulated, with the values that Nav2 has for them."""
 
 
-def check_parameters(params: Path | None) -> None:
-    """Raise a LocplanError unless tuned settings can be written into a file's copy.
+def check_tunable(params: Path | None) -> None:
+    """Check that tuned settings can be written into a file's copy; to be called before long work.
 
-    It is called before long work.
+    Parameters
+    ----------
+    params : Path or None
+        The user's parameter file.
+
+    Raises
+    ------
+    LocplanError
+        If they cannot.
     """
     if params is not None:
         axes = axes_of(_read(params))

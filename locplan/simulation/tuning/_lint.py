@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan._util.checks import is_number
+from locplan._util.random_streams import random_of
 from locplan.costs import ROBOT_RADIUS
 from locplan.robots import Amcl, Lidar
-from locplan.simulation._simulator import BEAMS, Simulator, random_of
+from locplan.simulation._simulator import BEAMS, Simulator
 
 UNLIMITED = 100.0
 """Nav2's default of `laser_max_range`, which stands for no limit [m]."""
@@ -46,7 +47,9 @@ class BeamsLeft:
         ]
 
 
-def lint(amcl: Amcl, lidar: Lidar, others: Mapping[str, object] | None = None) -> list[str]:
+def filter_warnings(
+    amcl: Amcl, lidar: Lidar, others: Mapping[str, object] | None = None
+) -> list[str]:
     """Return warnings about a filter's parameters, one line each.
 
     Parameters

@@ -6,17 +6,13 @@ import json
 from pathlib import Path
 from string import ascii_uppercase
 
-import numpy as np
-
 from locplan import __version__
+from locplan._util.formats import two_digits
 from locplan._util.intervals import Interval
-from locplan._util.results import ResultFolder, Results
+from locplan._util.results import ResultFolder
 from locplan._util.tables import table
 from locplan.simulation.tuning._files import check_written, tuned_file
 from locplan.simulation.tuning._results import Judged, Tuning
-from locplan.simulation.tuning._space import described
-
-TUNING = Results("tuning", ("nav2_params.yaml", "tuning.json", "tuning.png"))
 
 
 def tuning_table(tuning: Tuning) -> str:
@@ -43,7 +39,7 @@ def tuning_table(tuning: Tuning) -> str:
         *_gains(tuning),
         f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
         *(f"warning: {each}" for each in tuning.lints),
-        conclusion(tuning),
+        tuning.conclusion,
     ]
     return "\n".join(lines)
 
@@ -64,36 +60,6 @@ def _explained(tuning: Tuning) -> list[str]:
         " each, on which nothing was",
         "chosen; RMSE to A's over all levels [95 %]; ms: CPU time, with that of the simulated scan",
     ]
-
-
-def conclusion(tuning: Tuning) -> str:
-    """The result of tuning in one sentence."""
-    own, found = tuning.judged[0], tuning.found
-    if found is own:
-        return f"nothing found is better than {own.name}: keep them"
-    changes = described(tuning.own, found.amcl)
-    if not found.better:
-        return (
-            f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
-            f" has {_interval(found.ratio)} times their RMSE)"
-        )
-    middle = len(own.levels) // 2  # the one that was asked for
-    before, after = own.levels[middle], found.levels[middle]
-    levels = [each.level.name for each in found.levels if each.ratio.high < 1]
-    where = (
-        "better on stretches of the drive that it was not chosen on"
-        if tuning.drive
-        else "better at every level of disturbance"
-        if found.better_everywhere
-        else f"clearly better at the levels {' and '.join(levels)} of disturbance"
-        if levels
-        else "better over all levels of disturbance together"
-    )
-    return (
-        f"{changes}: RMSE {before.rmse.value:.2g} -> {_metres(after.rmse.value)}, lost"
-        f" {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
-        f" {found.cpu_per_metre / own.cpu_per_metre:.1f} times the CPU"
-    )
 
 
 def write_tuning(results: ResultFolder, tuning: Tuning, params: Path | None = None) -> list[Path]:
@@ -117,13 +83,13 @@ def write_tuning(results: ResultFolder, tuning: Tuning, params: Path | None = No
     from locplan.simulation.tuning._figures import tuning_figure
 
     with results.writing() as folder:
-        parameters, about, picture = (folder / name for name in TUNING.names)
+        parameters, about, picture = (folder / name for name in Tuning.files.names)
         parameters.write_bytes(tuned_file(tuning, params))
         check_written(parameters, tuning.winner, params)
-        text = {"locplan": __version__, "conclusion": conclusion(tuning), **tuning.summary()}
+        text = {"locplan": __version__, "conclusion": tuning.conclusion, **tuning.summary()}
         about.write_text(json.dumps(text, indent=2) + "\n", encoding="utf-8")
         save_figure(tuning_figure(tuning), picture)
-    return [results.folder / name for name in TUNING.names]
+    return [results.folder / name for name in Tuning.files.names]
 
 
 def _gains(tuning: Tuning) -> list[str]:
@@ -150,13 +116,8 @@ def _metres(value: float) -> str:
     return f"{value:.2g} m"
 
 
-def _interval(interval: Interval) -> str:
-    value, low, high = interval
-    return f"{value:.2f}" + ("" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]")
-
-
 def _short(interval: Interval) -> str:
     """Text of an interval without its leading zeros."""
     return " ".join(
-        part.removeprefix("0") for part in _interval(interval).replace("[0", "[").split()
+        part.removeprefix("0") for part in two_digits(interval).replace("[0", "[").split()
     )

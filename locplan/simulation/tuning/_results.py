@@ -6,18 +6,22 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from locplan._util.formats import two_digits
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, wilson
+from locplan._util.records import Reported
+from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
-from locplan.simulation.tuning._bench import AnyBench
+from locplan.simulation.tuning._bench import TuningBench
 from locplan.simulation.tuning._lint import BeamsLeft
 from locplan.simulation.tuning._space import (
     Axis,
-    Level,
+    DisturbanceLevel,
     Value,
     changed_axes,
     changed_values,
@@ -32,7 +36,7 @@ OWN, NAV2 = "your settings", "Nav2's defaults"
 class AtLevel:
     """Errors of one setting at one level of disturbance; intervals are over the paths."""
 
-    level: Level
+    level: DisturbanceLevel
     """The level, as factors on the disturbances that were asked for."""
     m: float
     """Mean over the drives of 0.5 ln(mean square position error [m^2] + 1e-6)."""
@@ -112,8 +116,12 @@ class Judged:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tuning:
+class Tuning(Reported):
     """Settings of AMCL that were tuned on one map, and the evidence for them."""
+
+    _reported_by: ClassVar[str] = "locplan.simulation.tuning._reports:tuning_table"
+    _written_by: ClassVar[str] = "locplan.simulation.tuning._reports:write_tuning"
+    files: ClassVar[Results] = Results("tuning", ("nav2_params.yaml", "tuning.json", "tuning.png"))
 
     grid: OccupancyGrid
     """The map."""
@@ -153,7 +161,7 @@ class Tuning:
         return self.robot.filter
 
     @property
-    def levels(self) -> tuple[Level, ...]:
+    def levels(self) -> tuple[DisturbanceLevel, ...]:
         """The levels of disturbance; a recorded drive has one, its own."""
         return tuple(each.level for each in self.judged[0].levels)
 
@@ -171,6 +179,36 @@ class Tuning:
     def changes(self) -> dict[str, Value]:
         """Parameters to change, by their names; empty if nothing is clearly better."""
         return changed_values(self.own, self.winner)
+
+    @property
+    def conclusion(self) -> str:
+        """The result in one sentence."""
+        own, found = self.judged[0], self.found
+        if found is own:
+            return f"nothing found is better than {own.name}: keep them"
+        changes = described(self.own, found.amcl)
+        if not found.better:
+            return (
+                f"nothing is clearly better than {own.name}: keep them (the best found, {changes},"
+                f" has {two_digits(found.ratio)} times their RMSE)"
+            )
+        middle = len(own.levels) // 2  # the one that was asked for
+        before, after = own.levels[middle], found.levels[middle]
+        levels = [each.level.name for each in found.levels if each.ratio.high < 1]
+        where = (
+            "better on stretches of the drive that it was not chosen on"
+            if self.drive
+            else "better at every level of disturbance"
+            if found.better_everywhere
+            else f"clearly better at the levels {' and '.join(levels)} of disturbance"
+            if levels
+            else "better over all levels of disturbance together"
+        )
+        return (
+            f"{changes}: RMSE {before.rmse.value:.2g} -> {after.rmse.value:.2g} m, lost"
+            f" {100 * before.lost.value:.0f} -> {after.lost.value:.0%}; {where};"
+            f" {found.cpu_per_metre / own.cpu_per_metre:.1f} times the CPU"
+        )
 
     def changed_axes(self) -> list[Axis]:
         """What the search changed."""
@@ -206,7 +244,7 @@ class Tuning:
         return finite(about)
 
 
-def judged(bench: AnyBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
+def judged(bench: TuningBench, name: str, amcl: Amcl, own: Amcl) -> Judged:
     """Errors of a setting, all of whose drives the bench has, beside the user's own."""
     driven, others = bench.driven[amcl], bench.driven[own]
     ratios = np.sqrt(driven.squares.mean(axis=2) / others.squares.mean(axis=2))

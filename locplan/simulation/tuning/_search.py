@@ -10,7 +10,7 @@ import numpy as np
 
 from locplan._util.progress import ProgressCallback
 from locplan.robots import Amcl
-from locplan.simulation.tuning._bench import AnyBench
+from locplan.simulation.tuning._bench import TuningBench
 from locplan.simulation.tuning._space import changed_axes
 
 RUNGS = ((4, 4, 24), (2, 2, 5))
@@ -51,7 +51,7 @@ class Search:
         Numbers of the last rung.
     """
 
-    def __init__(self, bench: AnyBench, own: Amcl, paths: int, drives: int) -> None:
+    def __init__(self, bench: TuningBench, own: Amcl, paths: int, drives: int) -> None:
         self.bench, self.own = bench, own
         # Nearly every setting is worst there; other levels are driven where they can matter.
         self.strongest = [len(bench.levels) - 1]

@@ -75,17 +75,24 @@ AXES = (
 
 
 @dataclass(frozen=True)
-class Level:
+class DisturbanceLevel:
     """A level of disturbance, relative to the one that was asked for."""
 
     name: str
+    """The name, such as x3."""
     odometry: float
     """Factor on the drift and the bias of odometry."""
     clutter: float
     """Factor on the shares of outliers, of occluded scans and of cells that differ."""
 
     def of(self, robot: Robot) -> Robot:
-        """The robot at this level."""
+        """The robot at this level.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot, with the odometry and the disturbances that were asked for.
+        """
         odometry = dataclasses.asdict(robot.odometry)
         changes = {name: value * self.odometry for name, value in odometry.items()}
         for name in ("boundary_noise", "outliers", "occlusion"):
@@ -94,7 +101,11 @@ class Level:
         return robot.changed(changes)
 
 
-LEVELS = (Level("x1/3", 1 / 3, 0.5), Level("x1", 1.0, 1.0), Level("x3", 3.0, 2.0))
+LEVELS = (
+    DisturbanceLevel("x1/3", 1 / 3, 0.5),
+    DisturbanceLevel("x1", 1.0, 1.0),
+    DisturbanceLevel("x3", 3.0, 2.0),
+)
 """The levels of disturbance; their names are those of the factor on odometry's errors."""
 
 

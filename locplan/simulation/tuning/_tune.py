@@ -8,22 +8,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from locplan._util.checks import whole
 from locplan._util.machine import check_memory
 from locplan._util.progress import ProgressCallback
+from locplan._util.random_streams import random_of
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
 from locplan.simulation._drives import check_drives
-from locplan.simulation._simulator import Simulator, random_of
-from locplan.simulation.tuning._bench import AnyBench, Bench, random_paths
+from locplan.simulation._simulator import Simulator
+from locplan.simulation.tuning._bench import Bench, TuningBench, random_paths
 from locplan.simulation.tuning._files import PRODUCT
-from locplan.simulation.tuning._lint import BeamsLeft, beams_left, lint
+from locplan.simulation.tuning._lint import BeamsLeft, beams_left, filter_warnings
 from locplan.simulation.tuning._results import NAV2, OWN, Tuning, judged
 from locplan.simulation.tuning._search import Search
 from locplan.simulation.tuning._space import LEVELS, candidates, described, nav2_defaults
 
 PATHS, DRIVES = 20, 8
 """Number of random paths, and of drives along each at each level of disturbance."""
-MIN_PATHS, MAX_PATHS = 5, 1000
-"""Least number of paths, for intervals, and greatest number."""
+MAX_PATHS = 1000
+"""Greatest number of paths."""
 SEARCH, JUDGE, DRAW = 11, 12, 13
 """Streams of random numbers, from which the seeds of both sets of drives are drawn."""
 
@@ -91,7 +92,7 @@ def tune(
     ('your settings', 20)
     """
     check_grid(grid)
-    whole("paths", paths, MIN_PATHS, MAX_PATHS)
+    whole("paths", paths, TuningBench.fewest_paths, MAX_PATHS)
     check_drives(drives)
     about = Simulator(grid, robot=robot, seed=seed, threads=threads)
     size = 5 * grid.cells.size * len(LEVELS) * about.robot.disturbances.worlds
@@ -101,8 +102,7 @@ def tune(
     costs = Costmap.blank(grid, robot_radius=about.robot.radius)
     left = beams_left(about, robot_radius=about.robot.radius)
 
-    def bench_of(stream: int) -> Bench:
-        own_seed = int(random_of(seed, stream).integers(2**31))
+    def bench_of(own_seed: int, judging: bool) -> Bench:
         lines = random_paths(costs, paths, own_seed)
         return Bench(
             grid,
@@ -113,7 +113,7 @@ def tune(
             threads=threads,
         )
 
-    return searched(
+    return search_settings(
         bench_of,
         about.robot,
         paths,
@@ -125,8 +125,8 @@ def tune(
     )
 
 
-def searched(
-    bench_of: Callable[[int], AnyBench],
+def search_settings(
+    bench_of: Callable[[int, bool], TuningBench],
     robot: Robot,
     paths: int,
     drives: int,
@@ -138,10 +138,41 @@ def searched(
     drive: str = "",
     notes: Sequence[str] = (),
 ) -> Tuning:
-    """Search on one bench and judge on another, which `bench_of` makes of `SEARCH` and `JUDGE`."""
+    """Search settings on one bench, and judge what was found on another.
+
+    Parameters
+    ----------
+    bench_of : callable
+        Makes a bench of a seed, and of whether settings are judged on it.
+    robot : Robot
+        The robot, with the user's own settings of the filter.
+    paths, drives : int
+        Number of paths of each bench, and of drives along each.
+    left : BeamsLeft
+        Number of the beams compared that return.
+    others : mapping of str to object or None
+        Further parameters in the user's file, for the warnings.
+    seed : int
+        Seed of all random numbers, >= 0.
+    progress : callable or None
+        Called with (done, total) in thousandths of the work.
+    drive : str, default ""
+        Name of the recorded drive, if the paths are its stretches.
+    notes : sequence of str, default ()
+        What limits the result, beside the warnings.
+
+    Returns
+    -------
+    Tuning
+        The settings to use, and the evidence for them.
+    """
+
+    def bench(stream: int) -> TuningBench:
+        own_seed = int(random_of(seed, stream).integers(2**31))
+        return bench_of(own_seed, stream == JUDGE)
+
     steps, own = _steps(progress), robot.filter
-    bench = bench_of(SEARCH)
-    search = Search(bench, own, paths, drives)
+    search = Search(bench(SEARCH), own, paths, drives)
     found = search.run(candidates(own, random_of(seed, DRAW)), steps)
     defaults = nav2_defaults(own)
     names = {own: OWN, defaults: NAV2}  # the latter's name if they are the same
@@ -151,8 +182,8 @@ def searched(
     changes_model = found.kept.laser_model_type == PRODUCT != own.laser_model_type
     if changes_model and (others or {}).get("do_beamskip"):
         notes = (*notes, SKIPS)
-    del bench, search
-    judge = bench_of(JUDGE)
+    del search
+    judge = bench(JUDGE)
     judge.drive([*order], paths, drives, progress=next(steps))
     return Tuning(
         judge.grid,
@@ -161,7 +192,7 @@ def searched(
         tuple(judged(judge, names[each], each, own) for each in order),
         found.without,
         left,
-        (*notes, *lint(own, judge.lidar, others), *left.warnings()),
+        (*notes, *filter_warnings(own, judge.lidar, others), *left.warnings()),
         found.rungs,
         paths,
         drives,

@@ -1,4 +1,4 @@
-"""Beams, poses and rigid moves as plain arrays."""
+"""Poses, rigid moves and ends of beams as plain arrays."""
 
 from __future__ import annotations
 
@@ -8,25 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan.robots import Lidar
-
 Numbers = NDArray[np.float64]
-
-
-def has_return(ranges: NDArray[np.float32], lidar: Lidar) -> NDArray[np.bool_]:
-    """Mask of the beams with a return: within the lidar's range, and above 0."""
-    with np.errstate(invalid="ignore"):
-        least = np.float32(lidar.least_range)
-        within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(lidar.range))
-    return np.asarray(within)
-
-
-def ends_on_robot(ranges: NDArray[np.float32], lidar: Lidar) -> Numbers:
-    """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
-    bearings = lidar.mount_yaw + lidar.angles
-    known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
-    ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
-    return np.asarray(ends + np.array([lidar.mount_x, lidar.mount_y]))
+Poses = NDArray[np.float64]
+"""Array of poses (x, y, heading) in the world, (n, 3) [m, m, rad]."""
 
 
 def ends_in_map(ends: Numbers, poses: Numbers) -> Numbers:

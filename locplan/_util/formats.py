@@ -38,6 +38,12 @@ def short(interval: Interval) -> str:
     return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
 
 
+def two_digits(interval: Interval) -> str:
+    """Text of a ratio, such as 0.25 [0.12, 0.40]."""
+    value, low, high = interval
+    return f"{value:.2f}" + ("" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]")
+
+
 def with_unit(interval: Interval, unit: str) -> str:
     """Text of a quantity, such as 0.25 m [0.12, 0.40]; a dash if it is not known."""
     value, low, high = interval
