@@ -21,7 +21,7 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, names, ompl as sampling, plan
 from locplan.planners._spaces import SPACES
 from locplan.planners.ompl._kinds import KINDS
-from locplan.planners.ompl._logs import logged
+from locplan.planners.ompl._settings import logged
 from locplan.planners.ompl._stopping import Limits
 
 ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]

@@ -6,7 +6,6 @@ from ._alternatives import (
 from ._any_angle import AnyAngle as AnyAngle, any_angle_path as any_angle_path
 from ._budget import BudgetPlanner as BudgetPlanner
 from ._cost_to_go import CostToGo as CostToGo, plan_field as plan_field
-from ._function import FunctionPlanner as FunctionPlanner, Guarded as Guarded
 from ._grid import (
     AStar as AStar,
     Bordered as Bordered,
@@ -16,6 +15,7 @@ from ._grid import (
     connected_parts as connected_parts,
 )
 from ._map_info import MapInfo as MapInfo, describe_map as describe_map
+from ._named_rows import Station as Station, read_stations as read_stations
 from ._near_paths import planned_near_paths as planned_near_paths
 from ._pareto import ParetoFront as ParetoFront, pareto_front as pareto_front
 from ._plan import (
@@ -48,6 +48,8 @@ from ._registry import (
 )
 from ._request import (
     AnyPlanner as AnyPlanner,
+    FunctionPlanner as FunctionPlanner,
+    Guarded as Guarded,
     innermost as innermost,
     options_of as options_of,
     own_planner as own_planner,
@@ -56,7 +58,6 @@ from ._request import (
     with_options as with_options,
 )
 from ._result import Plan as Plan
-from ._stations import Station as Station, read_stations as read_stations
 from ._suggestions import (
     NamedPlace as NamedPlace,
     PlacePair as PlacePair,

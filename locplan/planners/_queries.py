@@ -16,9 +16,15 @@ from locplan._util.checks import file_path, is_whole, number, shown, whole
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._grid import connected_parts
-from locplan.planners._named_rows import finite_number, header_of, named_rows
+from locplan.planners._named_rows import (
+    STATION,
+    Station,
+    finite_number,
+    header_of,
+    named_rows,
+    read_stations,
+)
 from locplan.planners._protocol import Position
-from locplan.planners._stations import STATION, Station, read_stations
 
 COLUMNS = ("name", "start_x", "start_y", "goal_x", "goal_y")
 """The columns of a file of queries, which come first."""

@@ -16,8 +16,7 @@ from locplan.costs import Costmap
 from locplan.field import FieldConfig, covariance_field
 from locplan.maps import FREE, OccupancyGrid, environments, load_map
 from locplan.planners import ompl as sampling, plan
-from locplan.planners.ompl._logs import logged
-from locplan.planners.ompl._settings import planner_of
+from locplan.planners.ompl._settings import logged, planner_of
 
 WEIGHT = 3.0
 SECONDS = 5.0

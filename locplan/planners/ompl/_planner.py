@@ -172,8 +172,7 @@ def _by_tree(
     """The poses (n, 3) that the path's motions join, or None."""
     from locplan.planners.ompl._bindings import base, util
     from locplan.planners.ompl._leading import LeadingGoal
-    from locplan.planners.ompl._logs import logged
-    from locplan.planners.ompl._settings import planner_of
+    from locplan.planners.ompl._settings import logged, planner_of
     from locplan.planners.ompl._setup import poses_of, problem_definition, space_information
 
     with logged():

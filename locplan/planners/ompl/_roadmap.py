@@ -23,9 +23,8 @@ from locplan.planners._protocol import Found, Position
 from locplan.planners._result import Plan, finished
 from locplan.planners._spaces import CURVED
 from locplan.planners.ompl._bindings import base, util
-from locplan.planners.ompl._logs import logged
 from locplan.planners.ompl._motions import Motions
-from locplan.planners.ompl._settings import check_settings, planner_of
+from locplan.planners.ompl._settings import check_settings, logged, planner_of
 from locplan.planners.ompl._setup import pose_reader, space_information
 from locplan.planners.ompl._stopping import SEED, Limits
 
