@@ -14,7 +14,6 @@ from matplotlib.patches import Wedge
 
 from locplan.field import CovarianceField, position_axes, sampled_covariances, scalar
 from locplan.maps import OCCUPIED, OccupancyGrid
-from locplan.plotting._captions import HARMLESS, weak_spots
 from locplan.plotting._cells import draw_cells, field_cells, shrunk, values_of
 from locplan.plotting._maps import (
     draw_field,
@@ -24,7 +23,7 @@ from locplan.plotting._maps import (
     map_axes,
     map_size,
 )
-from locplan.plotting._picture import Picture
+from locplan.plotting._picture import HARMLESS, Picture, weak_spots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

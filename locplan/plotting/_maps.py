@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
-from locplan.plotting._captions import HARMLESS
 from locplan.plotting._cells import draw_cells, field_cells, shrunk
-from locplan.plotting._picture import Picture
+from locplan.plotting._picture import HARMLESS, Picture
 from locplan.plotting._ticks import label_plainly
 
 if TYPE_CHECKING:

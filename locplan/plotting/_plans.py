@@ -15,7 +15,6 @@ from matplotlib.lines import Line2D
 from locplan.costs import DEGENERATE, Costmap, Path, costs_caption, profile
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.plotting._captions import HARMLESS, request, weak_spots
 from locplan.plotting._cells import block, draw_cells, shrunk, values_of
 from locplan.plotting._maps import (
     END_STYLE,
@@ -31,7 +30,7 @@ from locplan.plotting._maps import (
     map_size,
     outline,
 )
-from locplan.plotting._picture import Picture
+from locplan.plotting._picture import HARMLESS, Picture, request, weak_spots
 from locplan.plotting._ticks import make_logarithmic
 from locplan.plotting._views import cut, draw_inset, zoomed_to
 
