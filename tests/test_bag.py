@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from locplan.costs import Path
 from locplan.errors import LocplanError
 from locplan.export import bag
-from locplan.export._cdr import schema
+from locplan.export._bags import schema
 from locplan.field import (
     CovarianceField,
     FieldConfig,

@@ -45,7 +45,7 @@ HOMES = {
         "robots._parameters",
         "robots._parameter_edits",
         "robots._robot",
-        "export._servers",
+        "export._distros",
         "export._value_maps",
     ),
     "mcap": ("export._bags",),

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import locplan
 from locplan import export
-from locplan.export._servers import LAUNCH
+from locplan.export._distros import LAUNCH
 from locplan.field import FieldConfig, Sad, Scan, load_or_compute
 from locplan.maps import OccupancyGrid, load_map
 from locplan.robots import Lidar

@@ -16,7 +16,7 @@ from ._distros import (
 from ._figures import routes_figure as routes_figure, values_figure as values_figure
 from ._geojson import route_graph as route_graph, to_geojson as to_geojson
 from ._layer import layer as layer
-from ._lif import lif as lif, to_lif as to_lif
+from ._lif import lif as lif, to_lif as to_lif, with_stations as with_stations
 from ._nav2 import (
     keepout_mask as keepout_mask,
     nav2_keepout as nav2_keepout,
@@ -40,6 +40,5 @@ from ._registry import (
 )
 from ._roadmap import roadmap as roadmap
 from ._route_graphs import RouteGraph as RouteGraph
-from ._stations import with_stations as with_stations
 from ._travel_costs import Conversion as Conversion
 from ._value_maps import percent as percent, ros_map as ros_map

@@ -13,11 +13,10 @@ import numpy as np
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
-from locplan.export._distros import distribution
+from locplan.export._distros import SERVERS, Server, distribution, lines_on_serving, write_servers
 from locplan.export._folders import about_map, export_folder
 from locplan.export._roadmap import roadmap
 from locplan.export._route_graphs import RouteGraph
-from locplan.export._servers import SERVERS, Server, lines_on_serving, write_servers
 from locplan.export._value_maps import PREVIEW, without_yaw
 
 GRAPH = "graph.geojson"

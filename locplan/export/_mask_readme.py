@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from locplan.costs import Costmap
+from locplan.export._distros import BRINGUP, LAUNCH, SERVERS
 from locplan.export._folders import about_map
 from locplan.export._robots import SPEED_TOPIC, Robot
-from locplan.export._servers import BRINGUP, LAUNCH, SERVERS
 from locplan.export._travel_costs import NO_LIMIT, Conversion
 
 

@@ -18,6 +18,11 @@ from locplan._util.checks import shown
 from locplan.costs import Costmap, about_costs, costs_caption
 from locplan.errors import ConfigError
 from locplan.export import _value_maps as value_maps
+from locplan.export._distros import (
+    Server,
+    write_servers,
+    write_yaml,
+)
 from locplan.export._folders import export_folder
 from locplan.export._mask_readme import (
     mask_readme,
@@ -33,11 +38,6 @@ from locplan.export._parameters import (
     with_planner,
 )
 from locplan.export._robots import Robot
-from locplan.export._servers import (
-    Server,
-    write_servers,
-    write_yaml,
-)
 from locplan.export._travel_costs import Conversion, planner_named, values_for
 from locplan.robots import Nav2Parameters
 

@@ -12,12 +12,11 @@ from pathlib import Path as FilePath
 from locplan._util.tables import csv_cell
 from locplan.costs import Costmap, Path, about_costs
 from locplan.export._bags import bag
-from locplan.export._distros import distribution
+from locplan.export._distros import SERVERS, distribution, lines_on_serving
 from locplan.export._folders import about_map, export_folder
 from locplan.export._geojson import GRAPH, to_geojson, write_route_server
 from locplan.export._messages import topics_of
 from locplan.export._recommended import RecommendedWays, recommended_ways
-from locplan.export._servers import SERVERS, lines_on_serving
 from locplan.export._value_maps import PREVIEW, where_unturned, without_yaw
 from locplan.maps import OccupancyGrid
 
