@@ -26,7 +26,7 @@ from locplan.field import (
     Scan,
     SearchWindow,
 )
-from locplan.field._at_points import covariances_along, covariances_at
+from locplan.field._reading import covariances_along, covariances_at
 from locplan.field._tiles import field_shapes
 from locplan.maps import environments
 from locplan.robots import Amcl, Lidar, Robot

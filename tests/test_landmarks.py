@@ -23,7 +23,7 @@ from locplan._kernels import (
 )
 from locplan._kernels.rays import empty_squares
 from locplan.field import FieldConfig, Fused, scalar
-from locplan.field._at_points import covariances_along
+from locplan.field._reading import covariances_along
 from locplan.field._surfaces import surface_normals
 from locplan.landmarks import (
     Verification,

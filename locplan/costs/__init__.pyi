@@ -1,8 +1,11 @@
 from ._about import about_costs as about_costs, costs_caption as costs_caption
 from ._check import check_costs as check_costs
 from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap
-from ._degeneracy import CostSettings as CostSettings, check_criterion as check_criterion
-from ._density import check_weight as check_weight
+from ._degeneracy import (
+    CostSettings as CostSettings,
+    check_criterion as check_criterion,
+    check_weight as check_weight,
+)
 from ._lidars import (
     LidarShare as LidarShare,
     compare_lidars as compare_lidars,

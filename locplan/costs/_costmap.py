@@ -14,12 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, one_of
 from locplan._util.notebook import Pictured
-from locplan.costs._degeneracy import LAWS, CostSettings, HeadingLayers, degeneracy
-from locplan.costs._density import (
+from locplan.costs._degeneracy import (
+    LAWS,
     MAX_DENSITY,
+    CostSettings,
+    HeadingLayers,
     blocked_near,
     check_weight,
     checked_density,
+    degeneracy,
     density_of,
     sealed,
 )

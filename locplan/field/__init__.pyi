@@ -1,8 +1,4 @@
 from . import templates as templates
-from ._at_points import (
-    covariances_along as covariances_along,
-    covariances_at as covariances_at,
-)
 from ._cache import (
     CacheEntry as CacheEntry,
     cache_folder as cache_folder,
@@ -37,6 +33,10 @@ from ._lattice import (
     points_near as points_near,
     read_known_at as read_known_at,
     well_spaced as well_spaced,
+)
+from ._reading import (
+    covariances_along as covariances_along,
+    covariances_at as covariances_at,
 )
 from ._registry import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
 from ._samples import sampled_covariances as sampled_covariances, values_at as values_at
