@@ -23,8 +23,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._kernels.prefetch import prefetch
 from locplan._kernels.scale import Scale, scale_of
+from locplan._kernels.simd import prefetch
 
 MAX_BUCKETS = 1 << 16
 """Greatest number of buckets; cells that are to come later wait in the last one."""

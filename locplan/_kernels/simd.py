@@ -3,6 +3,7 @@
 numba's loop vectoriser does not arrange a sparse list of template words with vertical offsets in
 the lanes. These few intrinsics carry an LLVM vector as a numba value, so that the loop around
 them stays plain Python; LLVM lowers `ctpop` to what the processor has (AVX-512, AVX2, NEON).
+So does its hint that memory will be read soon, `prefetch`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
+_READ, _KEEP, _DATA = 0, 3, 1
+"""Arguments of LLVM's `prefetch`: for reading, kept in all caches, data and not code."""
 LANES = 8
 _VECTOR = ir.VectorType(ir.IntType(64), LANES)
 
@@ -233,3 +236,19 @@ def lanes_at_most(typingctx: Any, values: Any, index: Any, limit: Any) -> Any:
         return builder.zext(builder.bitcast(chosen, ir.IntType(SHORTS)), ir.IntType(64))
 
     return types.uint64(values, types.intp, types.uint32), codegen
+
+
+@intrinsic
+def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
+    """Ask for the line of memory that holds ``array[index]``; any index does no harm."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        function_type = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte], function_type)
+        address = builder.bitcast(builder.gep(data, [args[1]]), byte)
+        builder.call(function, [address, *map(word, (_READ, _KEEP, _DATA))])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), codegen
