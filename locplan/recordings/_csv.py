@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,41 +44,13 @@ def read_csv(path: Path, options: Options) -> Contents:
     """
     options.refuse_those_for_logs("a .csv file")
     lines = ((number, line.strip()) for number, line in numbered_lines(path))
-    values: dict[str, str] = {}
-    number, names = 0, list[str]()
-    for number, line in lines:
-        if line.lower().startswith(LIDAR):
-            values |= _settings(line[len(LIDAR) :], number)
-        elif line and not line.startswith("#"):
-            names = [each.strip().strip('"') for each in line.split(",")]
-            break
-    if not names:
-        raise RecordingError(
-            f"is empty; it needs a line of column names: time_s,{','.join(POSE)},range_0_m,..."
-        )
+    values, names, number = _header(lines)
     with_time, with_odometry = _columns(names, number)
     first = with_time + 3 + 3 * with_odometry
     beams = len(names) - first
-    most = MAX_ARRAY_BYTES // row_bytes(beams)
-    places, rows, texts = list[Numbers](), list[NDArray[np.float32]](), 0
-    for number, line in lines:
-        if line and not line.startswith("#"):
-            if texts % options.every == 0:
-                if len(rows) == most:
-                    raise RecordingError(
-                        f"line {number}: over {most:,} scans of {beams} beams take too much memory;"
-                        " read every n-th (every=), or split it"
-                    )
-                row = _row(line, len(names), first, number)
-                places.append(row[:first])
-                with np.errstate(over="ignore"):
-                    rows.append(row[first:].astype(np.float32))
-            elif line.count(",") + 1 != len(names):
-                _row(line, len(names), first, number)
-            texts += 1
-    if not rows:
+    table, ranges = _rows(lines, len(names), first, options.every)
+    if not len(table):
         raise RecordingError(f"has no scan below its column names, line {number}")
-    table = np.array(places)
     notes, times = list[str](), table[:, 0] if with_time else None
     if times is not None and not (np.diff(times) > 0).all():
         times = None
@@ -85,7 +58,7 @@ def read_csv(path: Path, options: Options) -> Contents:
     poses = table[:, with_time : with_time + 3]
     odometry = table[:, with_time + 3 : first] if with_odometry else None
     return Contents(
-        np.array(rows),
+        ranges,
         _lidar(values, beams, options),
         poses,
         times,
@@ -121,6 +94,43 @@ def write_csv(drive: Contents, target: Path) -> None:
             cells += [f"{value:.6f}" for value in place[len(cells) :]]
             cells += [f"{value:.4f}" if math.isfinite(value) else "" for value in ranges]
             file.write(",".join(cells) + "\n")
+
+
+def _header(lines: Iterator[tuple[int, str]]) -> tuple[dict[str, str], list[str], int]:
+    """The lidar's settings, the names of the columns, and the number of the line with these."""
+    values: dict[str, str] = {}
+    for number, line in lines:
+        if line.lower().startswith(LIDAR):
+            values |= _settings(line[len(LIDAR) :], number)
+        elif line and not line.startswith("#"):
+            return values, [each.strip().strip('"') for each in line.split(",")], number
+    raise RecordingError(
+        f"is empty; it needs a line of column names: time_s,{','.join(POSE)},range_0_m,..."
+    )
+
+
+def _rows(
+    lines: Iterator[tuple[int, str]], columns: int, first: int, every: int
+) -> tuple[Numbers, NDArray[np.float32]]:
+    """Every n-th row: what comes before the column `first`, and the ranges from there on."""
+    beams = columns - first
+    most = MAX_ARRAY_BYTES // row_bytes(beams)
+    places, rows = list[Numbers](), list[NDArray[np.float32]]()
+    filled = ((number, line) for number, line in lines if line and not line.startswith("#"))
+    for count, (number, line) in enumerate(filled):
+        if count % every == 0:
+            if len(rows) == most:
+                raise RecordingError(
+                    f"line {number}: over {most:,} scans of {beams} beams take too much memory;"
+                    " read every n-th (every=), or split it"
+                )
+            row = _row(line, columns, first, number)
+            places.append(row[:first])
+            with np.errstate(over="ignore"):
+                rows.append(row[first:].astype(np.float32))
+        elif line.count(",") + 1 != columns:
+            _row(line, columns, first, number)  # which says what is wrong with it
+    return np.array(places), np.array(rows)
 
 
 def _columns(names: list[str], line: int) -> tuple[bool, bool]:
