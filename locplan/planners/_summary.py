@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -66,27 +66,46 @@ def plans_table(plans: Mapping[str, Plan], field: CovarianceField) -> str:
     field : CovarianceField
         The field of their costmap.
     """
-    states = [
-        "solved, any path" if plan.status == "solved" and not plan.minimises else plan.status
-        for plan in plans.values()
-    ]
-    rows = [["status", *states]]
-    for label, name, unit, spec in _METRICS:
-        unit = unit.replace("m² rad", field.e_unit)
-        values = [getattr(plan.metrics, name, None) for plan in plans.values()]
-        texts = ["–" if value is None else f"{value:{spec}} {unit}" for value in values]
-        rows.append([label, *texts])
-    along = [_position_std(plan, field) for plan in plans.values()]
-    shown, factor = SCALARS["position_std"].unit, SCALARS["position_std"].factor
-    for number, label in enumerate(("mean position std", "max position std")):
-        texts = ["–" if each is None else f"{factor * each[number]:.3g} {shown}" for each in along]
-        rows.append([label, *texts])
-    expanded = [plan.expanded for plan in plans.values()]
-    if any(count is not None for count in expanded):
-        texts = ["–" if count is None else f"{count:,}" for count in expanded]
-        rows.append(["expanded cells", *texts])
+    given = list(plans.values())
+    rows = [["status", *map(_status, given)]]
+    rows += _metric_rows(given, field.e_unit)
+    rows += _deviation_rows(given, field)
+    if any(plan.expanded is not None for plan in given):
+        rows.append(["expanded cells", *(_text(plan.expanded, ",") for plan in given)])
     notes = [f"{label}: {plan.note}" for label, plan in plans.items() if plan.note]
     return "\n".join([table(["", *plans], rows), *notes])
+
+
+def _status(plan: Plan) -> str:
+    """Text of a plan's status; a path that minimises nothing is said to be any path."""
+    return "solved, any path" if plan.status == "solved" and not plan.minimises else plan.status
+
+
+def _text(value: float | None, spec: str, unit: str = "") -> str:
+    """Text of a number; a dash where it is not known."""
+    return "–" if value is None else f"{value:{spec}}{unit}"
+
+
+def _metric_rows(plans: Sequence[Plan], e_unit: str) -> list[list[str]]:
+    """The metrics of plans, a row each."""
+    rows = []
+    for label, name, unit, spec in _METRICS:
+        unit = " " + unit.replace("m² rad", e_unit)
+        rows.append(
+            [label, *(_text(getattr(plan.metrics, name, None), spec, unit) for plan in plans)]
+        )
+    return rows
+
+
+def _deviation_rows(plans: Sequence[Plan], field: CovarianceField) -> list[list[str]]:
+    """The mean and the greatest deviation of the position along each path."""
+    along = [_position_std(plan, field) for plan in plans]
+    shown = SCALARS["position_std"]
+    rows = []
+    for number, label in enumerate(("mean position std", "max position std")):
+        values = [None if each is None else shown.factor * each[number] for each in along]
+        rows.append([label, *(_text(value, ".3g", f" {shown.unit}") for value in values)])
+    return rows
 
 
 def _position_std(plan: Plan, field: CovarianceField) -> tuple[float, float] | None:
