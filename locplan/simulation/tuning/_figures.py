@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from locplan.plotting import Picture, make_logarithmic
@@ -39,11 +40,23 @@ def tuning_figure(tuning: Tuning) -> Figure:
     heights = [3.4, below][: len(rows)]
     panels: Any = figure.subplot_mosaic(rows, height_ratios=heights)
     errors, lost = panels["errors"], panels["lost"]
+    _draw_judged(errors, lost, tuning)
+    if gains:
+        _draw_gains(panels["changes"], tuning, gains)
+    handles, labels = errors.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    title = textwrap.fill(_title(tuning), int(LETTERS * WIDTH), break_on_hyphens=False)
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def _draw_judged(errors: Axes, lost: Axes, tuning: Tuning) -> None:
+    """The error and the share of lost drives at each level, beside each other by setting."""
     at = np.arange(len(tuning.levels))
     count = len(tuning.judged)
     for n, each in enumerate(tuning.judged):
         aside = at + 0.14 * (n - (count - 1) / 2)
-        style = {"color": COLOURS[n % len(COLOURS)], "marker": MARKERS[n % len(MARKERS)]}
+        colour, marker = COLOURS[n % len(COLOURS)], MARKERS[n % len(MARKERS)]
         cpu = "" if n == 0 else f", CPU x{_cpu(tuning, n):.2g}"
         label = _broken(f"{each.name}{cpu}")
         for axes, intervals, factor in (
@@ -51,38 +64,35 @@ def tuning_figure(tuning: Tuning) -> Figure:
             (lost, [level.lost for level in each.levels], 100.0),
         ):
             value, low, high = factor * np.array(intervals).T
-            axes.plot(aside, value, linewidth=0.8, alpha=0.5, color=style["color"])
+            axes.plot(aside, value, linewidth=0.8, alpha=0.5, color=colour)
             below, above = np.nan_to_num(value - low), np.nan_to_num(high - value)
             bars = np.maximum([below, above], 0)
-            axes.errorbar(aside, value, bars, fmt="none", ecolor=style["color"], elinewidth=1.5)
-            axes.plot(aside, value, linestyle="none", label=label, **style)
+            axes.errorbar(aside, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
+            axes.plot(aside, value, marker, color=colour, label=label)
     for axes in (errors, lost):
         axes.set_xticks(at, [level.name for level in tuning.levels])
         if not tuning.drive:
             axes.set_xlabel("odometry's errors, relative to those asked")
         axes.grid(axis="y", color="0.92")
         axes.margins(x=0.1)
-    make_logarithmic(errors.yaxis)
-    errors.set_ylabel("RMSE of the position [m]")
-    lost.set_ylabel(f"lost {'replays' if tuning.drive else 'drives'} [%]")
-    lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
-    if gains:
-        _draw_gains(panels["changes"], tuning, gains)
-    handles, labels = errors.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
-    what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
-    runs = "replays" if tuning.drive else "drives"
-    parts = "stretches" if tuning.drive else "paths"
+    parts, runs = ("stretches", "replays") if tuning.drive else ("paths", "drives")
     errors.set_title(f"geometric mean over the {parts}, 95 %", fontsize="medium")
     lost.set_title(f"share of all {runs}, 95 %", fontsize="medium")
+    make_logarithmic(errors.yaxis)
+    errors.set_ylabel("RMSE of the position [m]")
+    lost.set_ylabel(f"lost {runs} [%]")
+    lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
+
+
+def _title(tuning: Tuning) -> str:
+    """What was driven, and whether anything is better than the user's own settings."""
+    what = f"stretches of {tuning.drive}" if tuning.drive else "random paths"
+    runs = "replays" if tuning.drive else "drives"
     verdict = "" if tuning.changes else f"; nothing is clearly better than {tuning.judged[0].name}"
-    title = (
+    return (
         f"{tuning.grid.name or 'map'}, {tuning.robot.known_lidar.title}: {tuning.paths} {what},"
         f" {tuning.drives} {runs} each, that nothing was chosen on{verdict}"
     )
-    most = int(LETTERS * WIDTH)
-    figure.suptitle(textwrap.fill(title, most, break_on_hyphens=False), fontsize="medium")
-    return figure
 
 
 def _draw_gains(axes: Any, tuning: Tuning, gains: Sequence[tuple[str, float]]) -> None:
