@@ -210,21 +210,8 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
 
 def _parsed(text: str) -> PlannerSpec:
     name, _, rest = text.partition(":")
-    options: dict[str, Any] = {}
     parts = [part.strip() for part in rest.split(",") if part.strip()]
-    for part in parts:
-        key, equals, value = (word.strip() for word in part.partition("="))
-        if not (key and equals and value):
-            raise ConfigError(
-                f"planner {shown(text)}: {shown(part)} must be NAME=VALUE, such as time_limit=2"
-            )
-        owner, _, setting = key.rpartition(".")
-        home = options.setdefault("settings", {}) if owner == "settings" else options
-        if not isinstance(home, dict) or (key == "settings" and not owner):
-            raise ConfigError(
-                f"planner {shown(text)}: write settings one by one, as settings.range=2"
-            )
-        home[setting if owner == "settings" else key] = _value(value)
+    options = _options(text, parts)
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
     label = f"{name.strip()}:{squeezed}" if parts else name.strip()
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
@@ -238,6 +225,25 @@ def _parsed(text: str) -> PlannerSpec:
     except LocplanError as error:
         raise ConfigError(f"planner {shown(label)}: {error}") from None
     return PlannerSpec(label, planner)
+
+
+def _options(text: str, parts: Sequence[str]) -> dict[str, Any]:
+    """The options of a planner, written as NAME=VALUE or as settings.NAME=VALUE."""
+    options: dict[str, Any] = {}
+    for part in parts:
+        key, equals, value = (word.strip() for word in part.partition("="))
+        if not (key and equals and value):
+            raise ConfigError(
+                f"planner {shown(text)}: {shown(part)} must be NAME=VALUE, such as time_limit=2"
+            )
+        owner, _, setting = key.rpartition(".")
+        home = options.setdefault("settings", {}) if owner == "settings" else options
+        if not isinstance(home, dict) or (key == "settings" and not owner):
+            raise ConfigError(
+                f"planner {shown(text)}: write settings one by one, as settings.range=2"
+            )
+        home[setting if owner == "settings" else key] = _value(value)
+    return options
 
 
 def _plain(option: Any) -> Any:
