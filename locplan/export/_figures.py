@@ -1,20 +1,25 @@
-"""Figures of exports: the values of a mask, and a route graph."""
+"""Figures of exports: the values of a mask, route graphs, and layers with their legends."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, costs_caption
 from locplan.export._route_graphs import RouteGraph
+from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting import (
     FIELD_COLOURS,
@@ -22,10 +27,13 @@ from locplan.plotting import (
     Picture,
     draw_cells,
     draw_map,
+    field_norm,
+    label_plainly,
     map_axes,
     map_size,
 )
 
+_ROWS = 256
 EDGE_COLOURS = ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256)))
 """Colours of edges, the costly ones dark; all of them can be told from white."""
 WIDTH = 0.07
@@ -119,3 +127,64 @@ def _shrunk(grid: OccupancyGrid, values: NDArray[Any]) -> tuple[OccupancyGrid, N
     )
     cells, resolution = blocks.min(axis=(1, 3)), grid.resolution * step
     return dataclasses.replace(grid, cells=cells, resolution=resolution), merged.max(axis=(1, 3))
+
+
+def norm_of(field: CovarianceField, name: str, values: NDArray[np.float64]) -> Normalize:
+    """The scale of plots, in the unit of the values (H, W)."""
+    factor = field.quantity(name).factor
+    ends = np.array(field.anchors(name))
+    if np.isfinite(values).any():
+        ends = np.array([np.nanmin(values), np.nanmax(values)])
+    low, high = _ends(field_norm(field, name, factor * ends))
+    return LogNorm(low / factor, high / factor)
+
+
+def write_coloured(file: Path, values: NDArray[np.float64], norm: Normalize) -> None:
+    """Write values (H, W) as coloured cells, the highest row first, transparent where NaN."""
+    from PIL import Image
+
+    colours = np.zeros((*values.shape, 4), np.uint8)
+    for first in range(0, len(values), _ROWS):
+        some = values[::-1][first : first + _ROWS]
+        known = np.isfinite(some)
+        colours[first : first + _ROWS][known] = FIELD_COLOURS(
+            np.asarray(norm(some[known])), bytes=True
+        )
+    Image.fromarray(colours, "RGBA").save(file, "png", compress_level=3)
+
+
+def legend_figure(
+    field: CovarianceField, norms: Mapping[str, Normalize], units: Mapping[str, str]
+) -> Figure:
+    """A figure of the colours of some scalars: people's units above each bar, the files' below.
+
+    Parameters
+    ----------
+    field : CovarianceField
+    norms : mapping of str to Normalize
+        The scale of each scalar in the files' unit.
+    units : mapping of str to str
+        The files' units.
+    """
+    figure = Picture(figsize=(6.4, 0.7 + 1.5 * len(norms)), layout="constrained")
+    rows = figure.subplots(len(norms), 1, squeeze=False)[:, 0]
+    for axes, (name, norm) in zip(rows, norms.items(), strict=True):
+        shown = field.quantity(name)
+        colours = ScalarMappable(norm, FIELD_COLOURS)
+        bar = figure.colorbar(colours, cax=axes, orientation="horizontal").ax
+        bar.set_box_aspect(0.06)
+        bar.set_xlabel(f"{name} [{units[name]}] in files")
+        both = partial(np.multiply, shown.factor), partial(np.multiply, 1 / shown.factor)
+        above = bar.secondary_xaxis("top", functions=both)
+        above.set_xlabel(shown.axis)
+        label_plainly(bar.xaxis)
+        label_plainly(above.xaxis)
+    title = f"{field.grid.name or 'map'}; transparent: nothing is known\n{field.config.summary}"
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def _ends(norm: Normalize) -> tuple[float, float]:
+    assert norm.vmin is not None
+    assert norm.vmax is not None
+    return norm.vmin, norm.vmax

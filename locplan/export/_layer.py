@@ -52,7 +52,7 @@ def layer(folder: str | Path, field: CovarianceField, *, frame: str = "map") -> 
     LocplanError
         If the package mcap is missing, or the folder cannot be written.
     """
-    from locplan.export import _layer_figures as figures
+    from locplan.export import _figures as figures
     from locplan.plotting import save_figure
 
     needed("mcap", "ros", "a layer")
