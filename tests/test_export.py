@@ -18,7 +18,7 @@ from conftest import drawn, few_of, random_rooms, refused
 from scipy.sparse.csgraph import dijkstra
 
 from locplan import export, load_map, save_map
-from locplan._util.documented import field_docs
+from locplan._util.public import field_docs
 from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import LocplanError
 from locplan.export import _registry as registry

@@ -16,8 +16,8 @@ from typing import Any, ForwardRef, NamedTuple
 from unittest import mock
 
 import locplan
-from locplan._util import documented
-from locplan._util.documented import WithFields
+from locplan._util import public
+from locplan._util.public import WithFields
 
 SEE = re.compile(r"\b[Ss]ee ((?:`[\w.]+`(?:, | and | or )?)+)")
 BOUND = (classmethod, staticmethod)
@@ -240,7 +240,7 @@ def test_the_help_of_a_class_keeps_words_whole_and_its_sections_in_order():
     Told.__doc__ = WithFields(inspect.cleandoc(Told.__doc__))
     Told._fields, Told.__annotations__ = ("name",), {"name": ForwardRef("str")}
     docs = {"name": "look-alike place " * 20}
-    with mock.patch.object(documented, "field_docs", return_value=docs):
+    with mock.patch.object(public, "field_docs", return_value=docs):
         assert "look-\n" not in Told.__doc__
         sections = re.findall(r"^(\w[\w ]*)\n---", Told.__doc__, re.MULTILINE)
     assert sections == ["Parameters", "See Also"]

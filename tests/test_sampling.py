@@ -19,7 +19,7 @@ from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planners import Found, names, ompl as sampling, plan
-from locplan.planners._spaces import SPACES
+from locplan.planners._protocol import SPACES
 from locplan.planners.ompl._kinds import KINDS
 from locplan.planners.ompl._settings import logged
 from locplan.planners.ompl._stopping import Limits

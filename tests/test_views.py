@@ -13,8 +13,14 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.planners import Query, plan
 from locplan.plotting._cells import field_cells
 from locplan.plotting._maps import SOLID, limits_of, map_axes, shades
-from locplan.plotting._picture import Picture, weak_spots
-from locplan.plotting._ticks import MOST, RoundNumbers, make_logarithmic, round_numbers
+from locplan.plotting._picture import (
+    MOST,
+    Picture,
+    RoundNumbers,
+    make_logarithmic,
+    round_numbers,
+    weak_spots,
+)
 from locplan.plotting._views import cut, draw_inset, map_around, zoomed_to
 from locplan.robots import Lidar, Robot
 from locplan.simulation import Routes, queries_figure

@@ -1,13 +1,28 @@
-"""The public names of a package: imported when they are first used, with all of their help."""
+"""The public names of a package: imported when they are first used, with all of their help.
+
+Their help has what the docstrings below the fields of a class say: of a dataclass, or of a named
+tuple.
+"""
 
 from __future__ import annotations
 
+import ast
+import dataclasses
+import inspect
+import re
+import textwrap
 from collections.abc import Callable
 from typing import Any
 
 import lazy_loader
 
-from locplan._util.documented import tell_fields
+WRAPPED: dict[str, Any] = {
+    "width": 96,
+    "initial_indent": "    ",
+    "subsequent_indent": "    ",
+    "break_on_hyphens": False,
+}
+PARAMETERS = re.compile(r"^Parameters\n---", re.MULTILINE)
 
 
 def attach(
@@ -22,3 +37,66 @@ def attach(
         return thing
 
     return found, names, public
+
+
+def field_docs(kind: type) -> dict[str, str]:
+    """The docstring of each field in one line, those of base classes included.
+
+    A class that was not written in a file has none.
+    """
+    docs = dict.fromkeys(_types_of(kind), "")
+    for base in reversed(kind.__mro__[:-1]):
+        try:
+            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        except (OSError, TypeError):
+            continue
+        assert isinstance(tree, ast.ClassDef)
+        for one, after in zip(tree.body, tree.body[1:], strict=False):
+            match one, after:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(text))),
+                ):
+                    docs[name] = " ".join(text.split())
+    return docs
+
+
+class WithFields:
+    """The docstring of a class, with what stands below its fields, which Python does not show.
+
+    The source is read where the docstring is looked at.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __get__(self, _: object, kind: type) -> str:
+        if PARAMETERS.search(self.text):
+            return self.text
+        docs, lines = field_docs(kind), []
+        for name, type_ in _types_of(kind).items():
+            if docs[name]:
+                lines += [f"{name} : {type_}", *textwrap.wrap(docs[name], **WRAPPED)]
+        if not lines:
+            return self.text
+        about, *sections = re.split(r"\n\n(?=[A-Z][\w ]+\n---)", self.text, maxsplit=1)
+        return "\n\n".join([about, "\n".join(["Parameters", "-" * 10, *lines]), *sections])
+
+
+def tell_fields(thing: object) -> None:
+    """Let the help of a class tell its fields; nothing happens where there are none."""
+    if isinstance(thing, type) and _types_of(thing):
+        text = vars(thing)["__doc__"]
+        if isinstance(text, str):
+            told: Any = WithFields(inspect.cleandoc(text))
+            # help() asks no descriptor where the class has a metaclass of its own.
+            thing.__doc__ = told if type(thing) is type else told.__get__(None, thing)
+
+
+def _types_of(kind: type) -> dict[str, str]:
+    """The fields that a class is made with, and their types as they are written."""
+    if dataclasses.is_dataclass(kind):
+        return {each.name: str(each.type) for each in dataclasses.fields(kind) if each.init}
+    hints = getattr(kind, "__annotations__", {})
+    names = getattr(kind, "_fields", ())
+    return {name: getattr(hints.get(name), "__forward_arg__", "") for name in names}

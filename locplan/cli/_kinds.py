@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_type_hints
 
 from cyclopts import Group, Parameter
 
-from locplan._util.documented import field_docs
+from locplan._util.public import field_docs
 from locplan.errors import ConfigError
 
 

@@ -16,8 +16,7 @@ from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.planners._budget import rounded_up
 from locplan.planners._grid import bordered_index
-from locplan.planners._protocol import Found, Position, Wrapper
-from locplan.planners._spaces import CURVED
+from locplan.planners._protocol import CURVED, Found, Position, Wrapper
 from locplan.robots import Footprint
 
 

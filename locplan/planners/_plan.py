@@ -10,10 +10,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from locplan.costs import Costmap, check_costs
-from locplan.planners._protocol import Planner, Position
+from locplan.planners._protocol import Planner, Position, check_pose
 from locplan.planners._request import AnyPlanner, outline_of, planner_for, takes
 from locplan.planners._result import Plan, finished
-from locplan.planners._spaces import check_pose
 from locplan.robots import Footprint
 
 SHORTEST, AWARE = "shortest", "localizability-aware"

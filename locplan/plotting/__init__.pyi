@@ -23,7 +23,11 @@ from ._maps import (
     map_size as map_size,
     save_figure as save_figure,
 )
-from ._picture import Picture as Picture
+from ._picture import (
+    Picture as Picture,
+    label_plainly as label_plainly,
+    make_logarithmic as make_logarithmic,
+)
 from ._plans import (
     PATH_STYLES as PATH_STYLES,
     costmap_figure as costmap_figure,
@@ -32,5 +36,4 @@ from ._plans import (
     path_figure as path_figure,
     plan_figure as plan_figure,
 )
-from ._ticks import label_plainly as label_plainly, make_logarithmic as make_logarithmic
 from ._views import draw_inset as draw_inset, map_around as map_around, zoomed_to as zoomed_to

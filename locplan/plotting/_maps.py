@@ -21,8 +21,7 @@ from locplan._util.files import PICTURES, check_target, replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, OccupancyGrid
 from locplan.plotting._cells import draw_cells, field_cells, shrunk
-from locplan.plotting._picture import HARMLESS, Picture
-from locplan.plotting._ticks import label_plainly
+from locplan.plotting._picture import HARMLESS, Picture, label_plainly
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,8 +30,7 @@ from locplan.plotting._maps import (
     map_size,
     outline,
 )
-from locplan.plotting._picture import HARMLESS, Picture, request, weak_spots
-from locplan.plotting._ticks import make_logarithmic
+from locplan.plotting._picture import HARMLESS, Picture, make_logarithmic, request, weak_spots
 from locplan.plotting._views import cut, draw_inset, zoomed_to
 
 if TYPE_CHECKING:

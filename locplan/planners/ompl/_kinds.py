@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from locplan.planners._spaces import SPACES
+from locplan.planners._protocol import SPACES
 
 _NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
 """Spaces of planners that drive Dubins' curves backwards, or find none, as FMT within 25 s."""

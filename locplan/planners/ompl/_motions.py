@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.planners._spaces import CURVED, check_pose, check_space
+from locplan.planners._protocol import CURVED, check_pose, check_space
 
 MIN_RADIUS, MAX_RADIUS = 0.01, 10.0
 """Limits of the turning radius, in cells and in diagonals of the map; beyond, it is of no use."""

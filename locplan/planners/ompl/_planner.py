@@ -16,8 +16,7 @@ from locplan.costs import Costmap, Path, path_metrics
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners._any_angle import AnyAngle, straightened
 from locplan.planners._grid import blank_costs, cheapest_cells, connected_parts, through_centres
-from locplan.planners._protocol import MAX_SEED, Found, Position
-from locplan.planners._spaces import check_space
+from locplan.planners._protocol import MAX_SEED, Found, Position, check_space
 from locplan.planners.ompl._kinds import KINDS, able
 from locplan.planners.ompl._motions import Motions
 from locplan.planners.ompl._stopping import OPTIMAL, SEED, SETTLED_AFTER, TIME_LIMIT, Limits

@@ -19,9 +19,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from locplan._util.checks import shown, whole
 from locplan.errors import ConfigError
-from locplan.planners._protocol import Found, Position
+from locplan.planners._protocol import CURVED, Found, Position
 from locplan.planners._result import Plan, finished
-from locplan.planners._spaces import CURVED
 from locplan.planners.ompl._bindings import base, util
 from locplan.planners.ompl._motions import Motions
 from locplan.planners.ompl._settings import check_settings, logged, planner_of

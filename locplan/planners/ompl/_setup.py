@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from locplan.planners._protocol import Position
-from locplan.planners._spaces import wrapped
+from locplan.planners._protocol import Position, wrapped
 from locplan.planners.ompl._bindings import Cost, base
 from locplan.planners.ompl._motions import Motions
 from locplan.planners.ompl._stopping import OPTIMAL
