@@ -76,9 +76,9 @@ def run_all(
     weights = None if weights is None else list(weights)
     seeds = [whole("each seed", seed, 1, MAX_SEED) for seed in checked_seeds(seeds)]
     specs = specs_of(planners)
-    for name, values in (("weight", weights), ("seed", seeds)):
-        if values is not None and (not values or len(set(values)) < len(values)):
-            raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
+    if weights is not None:
+        _check_each_once("weight", weights)
+    _check_each_once("seed", seeds)
     with ExitStack() as stack:
         book = stack.enter_context(Journal(journal, resume=resume, anew=anew)) if journal else None
         folder = stack.enter_context(temporary_folder())
@@ -99,6 +99,12 @@ def run_all(
             if progress:
                 progress(len(runs), len(orders))
     return [runs[order.task] for order in orders]
+
+
+def _check_each_once(name: str, values: Sequence[float]) -> None:
+    """Raise a ConfigError if there are no values, or one of them twice."""
+    if not values or len(set(values)) < len(values):
+        raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
 
 
 def checked_seeds(seeds: Iterable[int]) -> list[int]:
