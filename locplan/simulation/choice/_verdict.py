@@ -153,34 +153,36 @@ def verdict(
     )
     if shortest is None or aware is None:
         return None
-    driven: dict[str, Drives] = {}
     if is_one_way(shortest, aware):
         metrics = plans[SHORTEST].metrics
         text = _of_one_way(metrics.integrated_u if metrics else math.nan)
-    else:
-        paths = {SHORTEST: shortest, AWARE: aware}
-        lines = [poses_along(path, costs.grid) for path in paths.values()]
-        errors = simulator.drive_together(lines, drives, progress=progress)
-        for label, line, each in zip(paths, lines, errors, strict=True):
-            driven[label] = Drives(line, each)
-        text = ""
-    worst = worst_error(costs.grid.shape, costs.grid.resolution)
+        return Verdict(SHORTEST, text, {}, {}, simulator.robot, seed)
+    lines = [poses_along(path, costs.grid) for path in (shortest, aware)]
+    errors = simulator.drive_together(lines, drives, progress=progress)
+    driven = {
+        label: Drives(line, each)
+        for label, line, each in zip((SHORTEST, AWARE), lines, errors, strict=True)
+    }
+    return _judged(
+        driven, worst_error(costs.grid.shape, costs.grid.resolution), simulator.robot, seed
+    )
+
+
+def _judged(driven: Mapping[str, Drives], worst: float, robot: Robot, seed: int) -> Verdict:
+    """Recommend one of two driven paths; `worst` is the error of a robot that is lost [m]."""
     scores = {
         label: float(log_errors(each.distance, each.errors, "rmse", worst).mean())
         for label, each in driven.items()
     }
-    recommended = SHORTEST
-    if driven:
-        gained = scores[AWARE] - scores[SHORTEST]
-        more_lost = driven[AWARE].lost.mean() - driven[SHORTEST].lost.mean() >= CLEARLY_FEWER
-        recommended = AWARE if gained <= CLEARLY and not more_lost else SHORTEST
-        worse = more_lost or gained >= -CLEARLY
-        text = _of_drives(recommended, worse, scores, driven, simulator.robot.filter)
-        before, after = (math.exp(scores[label]) for label in (SHORTEST, AWARE))
-        lost = int(driven[SHORTEST].lost.sum())
-        if recommended == AWARE and is_slight(before, after, lost):
-            text += SLIGHT
-    return Verdict(recommended, text, driven, scores, simulator.robot, seed)
+    gained = scores[AWARE] - scores[SHORTEST]
+    more_lost = driven[AWARE].lost.mean() - driven[SHORTEST].lost.mean() >= CLEARLY_FEWER
+    recommended = AWARE if gained <= CLEARLY and not more_lost else SHORTEST
+    worse = more_lost or gained >= -CLEARLY
+    text = _of_drives(recommended, worse, scores, driven, robot.filter)
+    before, after = (math.exp(scores[label]) for label in (SHORTEST, AWARE))
+    if recommended == AWARE and is_slight(before, after, int(driven[SHORTEST].lost.sum())):
+        text += SLIGHT
+    return Verdict(recommended, text, driven, scores, robot, seed)
 
 
 def is_one_way(path: Path, other: Path) -> bool:
