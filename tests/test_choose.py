@@ -560,7 +560,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
         "AMCL's alpha1 0.1, max_particles 100, min_particles 100, outliers 0.1; 2 drives each"
     )
     text = " ".join(out.split())
-    assert f"with lidar, 3 m, 360°; radius 0.2 m + 0.05 m; {settings}" in text
+    assert f"with lidar, 3 m, 360°; radius 0.2 m, margin 0.05 m; {settings}" in text
     assert max(map(len, lines)) <= 110
 
 

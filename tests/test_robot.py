@@ -78,10 +78,10 @@ def test_a_lidar_may_be_given_by_its_name():
 
 def test_the_title_names_the_lidar_the_size_and_what_differs():
     assert FULL.title == (
-        "on, 8 m, 360°; 4 corners + 0.1 m; AMCL's alpha1 0.05, laser_model_type"
+        "on, 8 m, 360°; 4 corners, margin 0.1 m; AMCL's alpha1 0.05, laser_model_type"
         " likelihood_field_prob, half_cell false, turn_bias 0.1, worlds 3"
     )
-    assert Robot().title == "no lidar named; radius 0.2 m + 0.05 m; Nav2's defaults"
+    assert Robot().title == "no lidar named; radius 0.2 m, margin 0.05 m; Nav2's defaults"
 
 
 @pytest.mark.parametrize(

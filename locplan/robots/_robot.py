@@ -205,7 +205,8 @@ class Robot(Settings):
         size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
         others = [*differing(self.odometry), *differing(self.disturbances)]
         changed = f", {', '.join(others)}" if others else ""
-        return f"{lidar}; {size} + {self.margin:g} m; {self.filter.title}{changed}"
+        margin = f", margin {self.margin:g} m" if self.margin else ""
+        return f"{lidar}; {size}{margin}; {self.filter.title}{changed}"
 
     @property
     def known_lidar(self) -> Lidar:
