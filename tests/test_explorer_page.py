@@ -756,9 +756,11 @@ def test_look_alikes_of_the_whole_map_are_a_layer_until_the_map_changes(visit):
     assert "twins" not in names
     seen.unfold("twins-group")
     seen.page.locator("#twins-everywhere").click()
-    seen.page.locator("#twins-layer-note", has_text="% of the places have a look-alike").wait_for()
+    found = seen.page.locator("#twins-layer-note", has_text="% of the places have a look-alike")
+    found.wait_for(timeout=90_000)  # its kernels may be compiled first
     seen.page.locator("#layer-note", has_text="How much worse the best other place").wait_for()
     assert seen.page.locator("#layer").input_value() == "twins"
+    seen.wait("#ramp-ticks span:nth-child(4)", "detached")  # those of the layer before
     ticks = seen.page.locator("#ramp-ticks span").all()
     ticks.sort(key=lambda tick: tick.bounding_box()["x"])
     assert [tick.inner_text() for tick in ticks] == ["10", "5", "0"]  # the worst on the right
