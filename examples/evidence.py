@@ -22,7 +22,6 @@ from locplan.simulation import (
     Drives,
     Evaluation,
     Simulator,
-    _reports as reports,
     evaluate,
     poses_along,
 )
@@ -66,9 +65,8 @@ def main(
     evaluations = {}
     for name, amcl in PLACES_FILTERS.items():
         evaluations[name] = evaluate(grids, robot=Robot(filter=amcl), places=places)
-        results = reports.EVALUATION.into(target / f"{name}, places")
-        reports.write_evaluation(results, evaluations[name])
-        print(f"{name}\n{reports.evaluation_table(evaluations[name])}", flush=True)
+        evaluations[name].save(target / f"{name}, places")
+        print(f"{name}\n{evaluations[name].report()}", flush=True)
     text += [predictors(evaluations), errors(evaluations)]
     (target / "evidence.md").write_text("\n\n".join(text) + "\n", encoding="utf-8")
     print(f"wrote {target / 'evidence.md'}")

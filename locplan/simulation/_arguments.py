@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,8 @@ BAND = 256
 """Number of rows of a map that are processed at once."""
 
 
-class DriveArguments(NamedTuple):
+@dataclass(frozen=True)
+class DriveArguments:
     """Arguments of the kernels of drives, in the order in which they take them."""
 
     scores: Any
@@ -30,6 +33,10 @@ class DriveArguments(NamedTuple):
     """`tracking.Start`: standard deviations of the filter's first pose."""
     filter: Any
     """`particles.Filter`: AMCL's parameters."""
+
+    def __iter__(self) -> Iterator[Any]:
+        """The arguments one by one, as the kernels take them."""
+        return (getattr(self, each.name) for each in fields(self))
 
 
 def drive_arguments(
