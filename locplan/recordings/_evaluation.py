@@ -28,8 +28,7 @@ from locplan.field import (
     scalar,
 )
 from locplan.maps import OccupancyGrid
-from locplan.recordings._agreement import Agreement, agreement
-from locplan.recordings._blocks import blocks_along
+from locplan.recordings._blocks import Agreement, agreement, blocks_along
 from locplan.recordings._matches import Matches, match_scans
 from locplan.recordings._recording import Recording
 from locplan.recordings._verdict import conclusions
