@@ -17,8 +17,8 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from locplan.comparison._convergence import Convergence
 from locplan.comparison._runs import MEASURES, Run
+from locplan.comparison._statistics import Convergence
 from locplan.comparison.report._data import Ends, Scene
 from locplan.costs import Path
 from locplan.plotting import Picture, draw_ends, draw_field, draw_path

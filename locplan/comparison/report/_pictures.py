@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from locplan.comparison._convergence import Convergence, convergence
 from locplan.comparison._runs import MEASURES
+from locplan.comparison._statistics import Convergence, convergence
 from locplan.comparison.report._data import Case, ReportData
 from locplan.comparison.report._figures import (
     MARKERS,
