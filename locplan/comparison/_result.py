@@ -17,10 +17,9 @@ from locplan._util.checks import file_path
 from locplan._util.results import ResultFolder, Results
 from locplan._util.tables import finite, table, wrapped
 from locplan.comparison._cases import Source
-from locplan.comparison._frames import to_frame, write_table
 from locplan.comparison._ompl_log import write_ompl_logs
 from locplan.comparison._pairs import Contrast, contrasts
-from locplan.comparison._runs import Run
+from locplan.comparison._runs import Run, to_frame, write_table
 from locplan.comparison._statistics import Setting, Summary, summaries
 from locplan.comparison.report import write_report
 from locplan.comparison.report._data import Case, ReportData, Row
