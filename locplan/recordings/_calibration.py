@@ -72,7 +72,7 @@ class DriveCalibration:
 
     def report(self) -> str:
         """Text for people: what was fitted, with units and intervals."""
-        return str(called("locplan.recordings._calibration_reports:drive_calibration_table", self))
+        return str(called("locplan.recordings._reports:drive_calibration_table", self))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
         """Write the settings as `locplan.field.save_config` does, with those of simulated robots.
@@ -96,7 +96,7 @@ class DriveCalibration:
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        write = "locplan.recordings._calibration_reports:write_drive_calibration"
+        write = "locplan.recordings._reports:write_drive_calibration"
         target = file_path("a calibration's file", path)
         written: list[Path] = called(write, target, self, force=force)
         return written

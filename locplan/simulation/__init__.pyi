@@ -1,6 +1,5 @@
 from ._arguments import DriveArguments as DriveArguments, drive_arguments as drive_arguments
 from ._calibration import Calibration as Calibration, calibrate as calibrate
-from ._calibration_reports import check_calibration as check_calibration
 from ._drives import (
     LOST as LOST,
     PROFILE_COLUMNS as PROFILE_COLUMNS,
@@ -27,6 +26,7 @@ from ._places import (
     measure as measure,
     measure_maps as measure_maps,
 )
+from ._reports import check_calibration as check_calibration
 from ._routes import (
     Routes as Routes,
     RoutesOnMaps as RoutesOnMaps,
