@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval
+from locplan._util.poses import Numbers
 from locplan._util.ranking import Rank, Resamples, rank
 from locplan.field import position_axes
 
@@ -20,7 +21,6 @@ ELONGATED = 3.0
 """Ratio of the measured deviations from which an ellipse has a direction."""
 ALIGNED = math.radians(15.0)
 """Greatest angle between a measured and a predicted axis that agree [rad]."""
-Numbers = NDArray[np.float64]
 LENGTH = 10.0
 """Length of way of a block [m]."""
 LEAST_BLOCKS = 5

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.checks import GREATEST
+from locplan._util.checks import GREATEST, MAX_RANGE
 from locplan._util.poses import Numbers, after_way, way_between, wrapped
 from locplan._util.reading import numbered_lines
 from locplan.errors import RecordingError
 from locplan.recordings._options import Options, Source
 from locplan.recordings._recording import Recording
-from locplan.recordings._scans import MAX_RANGE, ScanRows
+from locplan.recordings._scans import ScanRows
 
 Indices = NDArray[np.int64]
 SAME = 1e-5

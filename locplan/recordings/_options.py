@@ -8,9 +8,17 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from locplan._util.checks import Settings, keep, keep_checked, number, positive, shown, whole
+from locplan._util.checks import (
+    MAX_RANGE,
+    Settings,
+    keep,
+    keep_checked,
+    number,
+    positive,
+    shown,
+    whole,
+)
 from locplan.errors import ConfigError
-from locplan.recordings._scans import MAX_RANGE
 from locplan.robots import Lidar
 
 MAX_ARRAY_BYTES = 2**28

@@ -11,7 +11,7 @@ from locplan._util.files import replacing
 from locplan._util.formats import in_degrees, in_metres, in_percent, with_unit
 from locplan._util.intervals import Interval
 from locplan._util.results import ResultFolder, digest_of
-from locplan._util.tables import table, write_json, write_rows
+from locplan._util.tables import REPORT_WIDTH, table, write_json, write_rows
 from locplan.errors import LocplanError
 from locplan.field import position_axes, save_config
 from locplan.recordings._calibration import ALPHAS, DriveCalibration
@@ -32,8 +32,6 @@ ROWS = (
     ("recorded poses: noise of the position", "position_noise", "m"),
     ("recorded poses: noise of the heading", "heading_noise_deg", "deg"),
 )
-WIDTH = 100
-"""Width of running text [characters]."""
 COLUMNS = (
     *("scan", "time_s", "x_m", "y_m", "heading_rad", "judged", "outdated", "score"),
     *("returns", "offset_x_m", "offset_y_m", "offset_heading_rad"),
@@ -57,7 +55,7 @@ def drive_table(found: DriveEvaluation) -> str:
     ]
     columns = ["", "rank correlation", "AUC", "direction", "factor"]
     estimators = [[name, *agreement_texts(each)] for name, each in found.agreements.items()]
-    said = textwrap.fill(" ".join(found.verdict), WIDTH, break_on_hyphens=False)
+    said = textwrap.fill(" ".join(found.verdict), REPORT_WIDTH, break_on_hyphens=False)
     about = (
         "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
         "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
@@ -127,7 +125,7 @@ def replay_table(replay: Replay) -> str:
         "errors against the recorded positions [95 % intervals over runs, of the ellipse by"
         f" stretches of\n10 m]; with {replay.robot.title}"
     )
-    said = textwrap.fill(replay.verdict, WIDTH, break_on_hyphens=False)
+    said = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
     return "\n".join([table([], rows), about, said])
 
 

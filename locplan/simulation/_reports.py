@@ -10,7 +10,7 @@ from locplan._util.files import check_target, replacing
 from locplan._util.formats import digits_of, in_degrees, in_percent, plain, short, with_unit
 from locplan._util.reading import parsed_json, read_text
 from locplan._util.results import ResultFolder, digest_of
-from locplan._util.tables import table, write_json, write_rows
+from locplan._util.tables import REPORT_WIDTH, table, write_json, write_rows
 from locplan.errors import LocplanError
 from locplan.field import save_config
 from locplan.robots import Robot
@@ -19,9 +19,6 @@ from locplan.simulation._drives import PROFILE_COLUMNS, contrasts
 from locplan.simulation._evaluation import KIND_LABELS, KINDS, SIZES, Evaluation
 from locplan.simulation._routes import COLUMNS, Routes, RoutesOnMaps
 from locplan.simulation._simulate import Simulation
-
-WIDTH = 100
-"""Width of running text [characters]."""
 
 
 def simulation_table(simulation: Simulation) -> str:
@@ -100,7 +97,7 @@ def evaluation_table(evaluation: Evaluation) -> str:
         f" to each, {evaluation.scans} scans there;"
         f" with {evaluation.robot.title}",
         "",
-        textwrap.fill(" ".join(evaluation.conclusion), WIDTH),
+        textwrap.fill(" ".join(evaluation.conclusion), REPORT_WIDTH),
     ]
     return "\n".join(parts)
 
