@@ -56,9 +56,8 @@ def _undrawn(request, monkeypatch):
     """Pictures for files are made, but drawn only where a test is marked `draws`: it takes long."""
     if not request.node.get_closest_marker("draws"):
         monkeypatch.setattr("locplan.plotting._picture.Picture.savefig", save_undrawn)
-        for module in ("_figures", "_query_figures"):
-            drawn = f"locplan.comparison.report.{module}.svg_of"
-            monkeypatch.setattr(drawn, lambda *_: "<svg/>")
+        drawn = "locplan.comparison.report._figures.svg_of"
+        monkeypatch.setattr(drawn, lambda *_: "<svg/>")
 
 
 def save_undrawn(figure, target, **options) -> None:

@@ -30,8 +30,8 @@ import yaml
 from drive_bags import KINDS, write_drive
 from PIL import Image
 
+from locplan.comparison._cases import read_movingai_map, read_scenarios
 from locplan.comparison._journal import Journal
-from locplan.comparison._movingai import read_movingai_map, read_scenarios
 from locplan.comparison._specs import PlannerSpec
 from locplan.costs import Costmap, Path as Route, path_metrics
 from locplan.errors import LocplanError

@@ -33,7 +33,6 @@ from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import (
     Evaluation,
     Places,
-    _calibration_reports,
     _reports as reports,
     calibrate,
     evaluate,
@@ -369,7 +368,7 @@ def test_a_calibration_that_says_nothing_says_so(places, few_resamples):
     with pytest.raises(CalibrationError, match="it would be above 10000; calibrate on other maps"):
         calibrate([dataclasses.replace(places, tracking=1e9 * places.tracking)])
     poor = dataclasses.replace(calibrate([places]), r_squared=-0.1)
-    assert "NOT IN METRES" in _calibration_reports.calibration_table(poor)
+    assert "NOT IN METRES" in reports.calibration_table(poor)
     assert not poor.in_metres
     assert simulation.calibration_figure(poor).axes[0].get_title().startswith("NOT IN METRES: sad")
 
@@ -379,7 +378,7 @@ def test_settings_that_are_not_in_metres_warn_wherever_they_are_read(
 ):
     good = calibrate([places])
     for result in (good, dataclasses.replace(good, r_squared=0.0)):
-        _calibration_reports.write_calibration(tmp_path / "c.json", result, Robot())
+        reports.write_calibration(tmp_path / "c.json", result, Robot())
         about = json.loads((tmp_path / "c.json").read_text())
         assert about["in_metres"] is about["calibration"]["in_metres"] is result.in_metres
         if result.in_metres:

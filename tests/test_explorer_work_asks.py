@@ -11,7 +11,7 @@ from explorer_views import GOAL, LIDAR, MIDDLE, ROBOT, START, corridors, view
 from made_drives import recorded
 
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer import Opening, RecordedDrive, _drives, _twins, _twins_layer
+from locplan.explorer import Opening, RecordedDrive, _drives, _twins
 from locplan.explorer._asks import ASKS, Work
 from locplan.explorer._cancelling import Cancel, Cancelled
 from locplan.explorer._drives import drive_json
@@ -363,7 +363,7 @@ def test_a_place_in_a_wall_is_moved(session, monkeypatch):
 @pytest.fixture
 def coarse(monkeypatch):
     """Few places, so that the search is quick."""
-    monkeypatch.setattr(_twins_layer, "spacing_of", lambda database: 3.0)
+    monkeypatch.setattr(_twins, "spacing_of", lambda database: 3.0)
 
 
 @pytest.fixture
@@ -450,17 +450,17 @@ def test_look_alikes_that_are_out_of_date_are_not_sought_to_the_end(own, coarse,
 
 
 def test_places_are_thinned_where_all_would_take_too_long():
-    spacing = _twins_layer.affordable_spacing
+    spacing = _twins.affordable_spacing
     assert spacing(1000.0, 6000, 1) == PLACE_SPACING
     assert spacing(11_000.0, 70_000, 1) == pytest.approx(2.2)
     assert spacing(4 * 11_000.0, 70_000, 1) == pytest.approx(4.4, abs=0.1)
     assert spacing(11_000.0, 70_000, 8) == pytest.approx(2.2 * np.sqrt(8), abs=0.15)
     grid, _ = corridors()
     database = ScanDatabase(grid, Lidar(range=6.0), 0.2)
-    assert _twins_layer.spacing_of(database) == PLACE_SPACING
+    assert _twins.spacing_of(database) == PLACE_SPACING
     rooms = dataclasses.replace(grid, resolution=2.0)
     wide = ScanDatabase(rooms, Lidar(range=6.0, field_of_view_deg=90.0), 0.2)
-    assert _twins_layer.spacing_of(wide) > 2.0
+    assert _twins.spacing_of(wide) > 2.0
 
 
 # The page that is handed on

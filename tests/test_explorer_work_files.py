@@ -19,12 +19,11 @@ import locplan
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
 from locplan.explorer import RecordedDrive
-from locplan.explorer._bundling import json_in_html, one_page, one_script
 from locplan.explorer._drives import MOST_POSES, shown_drive
+from locplan.explorer._explore import frame_html, in_notebook
 from locplan.explorer._exporting import EXPORTS, exported, plain_name
-from locplan.explorer._notebook import frame_html, in_notebook
 from locplan.explorer._reproduce import Driven, field_options, reproduced, robot_options
-from locplan.explorer._sharing import shared_page
+from locplan.explorer._sharing import json_in_html, one_page, one_script, shared_page
 from locplan.explorer._simulating import PATH_SHOWN, simulated
 from locplan.explorer._view import View
 from locplan.export import formats, nav2_keepout

@@ -51,7 +51,7 @@ HOMES = {
     "mcap": ("export._bags",),
     "rosbags": ("recordings._bag_files",),
     "cloudpickle": ("comparison._workers",),
-    "pandas": ("comparison._frames", "_util.records"),
+    "pandas": ("comparison._runs", "_util.records"),
     "cyclopts": ("cli",),
     "zarr": ("field._zarr",),
     "fcntl": ("comparison._journal", "_util.leftovers"),

@@ -97,7 +97,7 @@ def test_bags_that_are_packed_are_read(tmp_path, kind, packed):
 )
 def test_what_a_bag_unpacks_to_is_bounded(tmp_path, monkeypatch, kind, packed, limit):
     path = write_drive(tmp_path, drive(), kind, packed)
-    monkeypatch.setattr(f"locplan.recordings._unpacking.{limit}", 1)
+    monkeypatch.setattr(f"locplan.recordings._bag_files.{limit}", 1)
     with pytest.raises(RecordingError, match="unpacks to over"):
         read_drive(path)
 

@@ -19,7 +19,7 @@ from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.recordings import Recording, replay, replay_figure
 from locplan.recordings._replay import ELLIPSE
-from locplan.recordings._replay_reports import replay_table
+from locplan.recordings._reports import replay_table
 from locplan.recordings._tracks import Tracks
 from locplan.robots import Amcl, Disturbances, Robot
 from locplan.simulation import Simulator, poses_along

@@ -20,8 +20,8 @@ import locplan
 from locplan.comparison._runs import MEASURES, Run, Task
 from locplan.comparison.report import ReportData, Row, Scene, write_report
 from locplan.comparison.report._figures import Look
-from locplan.comparison.report._script import SCRIPT
-from locplan.comparison.report._thumbnails import Backdrop, _line
+from locplan.comparison.report._pictures import Backdrop, _line
+from locplan.comparison.report._style import SCRIPT
 from locplan.maps import OCCUPIED, environments
 
 pytestmark = pytest.mark.draws
@@ -193,8 +193,8 @@ def test_every_query_is_shown_at_every_weight_with_the_j_of_each_planner(
 def test_pictures_beyond_the_limit_are_counted(
     tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("locplan.comparison.report._thumbnails.MAX_THUMBNAILS", 3)
-    monkeypatch.setattr("locplan.comparison.report._every_run.MAX_RUNS", 5)
+    monkeypatch.setattr("locplan.comparison.report._pictures.MAX_THUMBNAILS", 3)
+    monkeypatch.setattr("locplan.comparison.report._report.MAX_RUNS", 5)
     page = written(tmp_path, several(scene))
     assert page.count('aria-label="Paths of ') == 3
     assert "1 picture left out" in page

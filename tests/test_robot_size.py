@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from locplan.cli._exit_codes import NOT_IN_METRES
+from locplan.cli._application import NOT_IN_METRES
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.recordings import Recording

@@ -32,7 +32,7 @@ from locplan.field import (
 from locplan.field._store import field_path
 from locplan.maps import save_map
 from locplan.planners import _ahead as ahead
-from locplan.simulation import _compiling as compiling
+from locplan.simulation import _simulate as compiling
 
 CONFIG = FieldConfig(Sad(range=0.5))
 

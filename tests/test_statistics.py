@@ -11,12 +11,10 @@ from made_up import failed, made_up, solved
 from scipy import stats
 
 from locplan._util.intervals import of_geometric_mean, of_mean, of_rms, wilson
-from locplan.comparison._convergence import convergence
-from locplan.comparison._frames import to_frame, write_table
 from locplan.comparison._pairs import KINDS, contrasts
-from locplan.comparison._runs import MEASURES, Task
-from locplan.comparison._statistics import summaries
-from locplan.comparison._verdicts import comparison_table, contrast_json, rows_of
+from locplan.comparison._result import comparison_table, contrast_json, rows_of
+from locplan.comparison._runs import MEASURES, Task, to_frame, write_table
+from locplan.comparison._statistics import convergence, summaries
 from locplan.errors import LocplanError
 
 

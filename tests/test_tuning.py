@@ -17,7 +17,6 @@ from locplan.simulation.tuning import _bench
 from locplan.simulation.tuning._bench import LONGEST, Bench, random_paths, updates_along
 from locplan.simulation.tuning._files import check_written, tuned_file
 from locplan.simulation.tuning._reports import tuning_table, write_tuning
-from locplan.simulation.tuning._search import Search
 from locplan.simulation.tuning._space import (
     AXES,
     LEVELS,
@@ -26,6 +25,7 @@ from locplan.simulation.tuning._space import (
     changed_values,
     described,
 )
+from locplan.simulation.tuning._tune import Search
 
 FEW = {"min_particles": 30, "max_particles": 60}
 GOOD = Amcl(**FEW, alpha1=0.05, alpha2=0.05, alpha3=0.05, alpha4=0.05)

@@ -24,6 +24,8 @@ T = TypeVar("T")
 
 TEXT_WIDTH = 105
 """Greatest width of text beside tables [characters]."""
+REPORT_WIDTH = 100
+"""Width of running text in reports [characters]."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet takes for a formula, or that `csv_cell` has guarded."""
 

@@ -24,8 +24,7 @@ from cyclopts import (
 from locplan._util.checks import shown
 from locplan._util.files import inputs_are_kept
 from locplan._util.supervision import INTERRUPTED, end_if_supervised
-from locplan.cli._application import COMMANDS, application
-from locplan.cli._exit_codes import NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT
+from locplan.cli._application import COMMANDS, NOT_IN_METRES, SYSTEM_ERROR, WRONG_INPUT, application
 from locplan.cli._groups import OUTPUT
 from locplan.errors import CalibrationError, LocplanError, one_line
 

@@ -1,14 +1,19 @@
-"""The application, and the registry of its commands."""
+"""The application, the registry of its commands, and its exit codes."""
 
 from __future__ import annotations
 
 from cyclopts import App, Parameter
 
 from locplan import __version__
-from locplan.cli._exit_codes import EXPLAINED
-from locplan.cli._groups import GENERAL
-from locplan.cli._help import Filling
+from locplan._util.supervision import INTERRUPTED
+from locplan.cli._groups import GENERAL, Filling
 
+SYSTEM_ERROR, WRONG_INPUT, NOT_IN_METRES = 1, 2, 3
+EXPLAINED = (
+    f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT} for a"
+    f" wrong input, {NOT_IN_METRES} where calibrate finds that deviations cannot be in metres, and"
+    f" {INTERRUPTED} after Ctrl-C."
+)
 COMMANDS = (
     "cache",
     "calibrate",

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from locplan.cli._application import NOT_IN_METRES
 from locplan.cli._drive_options import DriveOptions
-from locplan.cli._exit_codes import NOT_IN_METRES
 from locplan.cli._groups import AtPlaces, DriveSeed, Force, Json, MapFiles, command, results
 from locplan.cli._kinds import given_of
 from locplan.cli._options import FieldOptions, Threads

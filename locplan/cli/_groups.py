@@ -1,18 +1,25 @@
-"""The headings of the help, the makers of commands and option groups, and common options."""
+"""The headings of the help and how it is written, the makers of commands, and common options."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform
 
 from cyclopts import App, Group, Parameter
+from cyclopts.help import DefaultFormatter
 from cyclopts.validators import Number
 
 from locplan._util.files import keep_input
-from locplan.cli._help import example
 
+if TYPE_CHECKING:
+    from cyclopts.help import HelpPanel
+    from rich.console import Console, ConsoleOptions
+
+EXAMPLE_WIDTH = 76
+"""Longest line of an example; a longer one goes on in the next line [characters]."""
 Options = TypeVar("Options")
 
 ROBOT = Group("Robot", sort_key=0)
@@ -103,3 +110,44 @@ class AtPlaces:
     """Number of drives of 10 m to each place; 16 by default."""
     scans: Count | None = None
     """Number of single scans matched at each place; 16 by default."""
+
+
+class Filling(DefaultFormatter):
+    """The usual help, without the line ends and indents that texts have in the source."""
+
+    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
+        """Write a group of options or commands."""
+        for entry in panel.entries:
+            _fill(entry.description)
+        super().__call__(console, options, panel)
+
+    def render_description(self, console: Console, options: ConsoleOptions, text: Any) -> None:
+        """Write what a command does."""
+        _fill(text)
+        super().render_description(console, options, text)
+
+
+def _fill(description: Any) -> None:
+    """Join the lines of each paragraph of a text of cyclopts', which adds choices behind it."""
+    text = getattr(description, "primary_renderable", None)
+    if text is not None:
+        paragraphs = text.plain.split("\n\n")
+        text.plain = "\n\n".join(" ".join(each.split()) for each in paragraphs)
+
+
+def example(words: str) -> str:
+    """A command as it is typed in a shell; a long one goes on behind a backslash.
+
+    >>> print(example("info lab.yaml"))
+      locplan info lab.yaml
+    """
+    width = EXAMPLE_WIDTH - len(" \\")
+    lines = textwrap.wrap(
+        f"locplan {words}",
+        width,
+        initial_indent="  ",
+        subsequent_indent="      ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return " \\\n".join(lines)

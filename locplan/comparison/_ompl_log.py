@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from locplan import __version__
-from locplan.comparison._convergence import baseline_costs, best_so_far
 from locplan.comparison._runs import MEASURES, Run
-from locplan.comparison._statistics import Array, query_of
+from locplan.comparison._statistics import Array, baseline_costs, best_so_far, query_of
 from locplan.errors import LocplanError
 
 STATUS_NUMBERS: Mapping[str, int] = {

@@ -1,5 +1,8 @@
-from ._about import about_costs as about_costs, costs_caption as costs_caption
-from ._check import check_costs as check_costs
+from ._about import (
+    about_costs as about_costs,
+    check_costs as check_costs,
+    costs_caption as costs_caption,
+)
 from ._costmap import ROBOT_RADIUS as ROBOT_RADIUS, Costmap as Costmap
 from ._degeneracy import (
     CostSettings as CostSettings,

@@ -1,8 +1,9 @@
-"""Descriptions of the input that results were made from."""
+"""Descriptions of the input that results were made from, and the check that it is a costmap."""
 
 from __future__ import annotations
 
 from locplan import __version__
+from locplan._util.checks import instance
 from locplan._util.tables import finite
 from locplan.costs._costmap import Costmap
 
@@ -39,3 +40,14 @@ def costs_caption(costs: Costmap) -> str:
     if costs.settings is None:
         return ""
     return f"\n{costs.settings.config.summary}, robot radius {costs.robot_radius:g} m"
+
+
+def check_costs(costs: object) -> None:
+    """Raise a ConfigError unless this is a costmap.
+
+    Parameters
+    ----------
+    costs : object
+        What a function was given for a costmap.
+    """
+    instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")

@@ -69,7 +69,7 @@ ASKS: dict[str, Entry] = {
     "simulate": Entry("locplan.explorer._simulating:simulate", "long"),
     "landmarks": Entry("locplan.explorer._landmarks:landmarks", "long"),
     "twins": Entry("locplan.explorer._twins:twins", "long"),
-    "twins_everywhere": Entry("locplan.explorer._twins_layer:twins_everywhere", "long"),
+    "twins_everywhere": Entry("locplan.explorer._twins:twins_everywhere", "long"),
     "export": Entry("locplan.explorer._exporting:export", "long"),
     "match": Entry("locplan.explorer._drives:match", "drive"),
     "share": Entry("locplan.explorer._sharing:share", "long"),

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap, Path
-from locplan.explorer._floor import FACTOR, Floor
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, index_of
 from locplan.explorer._session import Session
+from locplan.explorer._snap import FACTOR, Floor
 from locplan.planners import Bordered, Position, any_angle_path
 
 NEAR = 2

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import printable, shown
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import OccupancyGrid
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 MOST_POSES = 5000
 """Greatest number of poses that the page gets of a drive."""
-Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

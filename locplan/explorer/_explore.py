@@ -1,12 +1,14 @@
-"""Opening the explorer from Python."""
+"""Opening the explorer from Python, in a browser or in a notebook's frame."""
 
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import webbrowser
 from collections.abc import Sequence
 from contextlib import suppress
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +18,6 @@ from locplan._util.checks import file_path, instance, whole
 from locplan._util.extras import needed
 from locplan.costs import Costmap
 from locplan.errors import ConfigError, LocplanError
-from locplan.explorer._notebook import frame_html, in_notebook
 from locplan.field import CovarianceField, Estimator, FieldConfig, Fused, Sad, config_of
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from locplan.explorer._server import Server
     from locplan.explorer._session import Session
 
+HEIGHT = 720
+"""Height of the frame [px]."""
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Libraries of the extra "explore"."""
 
@@ -245,3 +248,29 @@ def _warm_up(session: Session) -> None:
         ends(session)
     AnyAngle().prepare()
     Flood.prepare()
+
+
+def in_notebook() -> bool:
+    """Whether the program runs in a notebook's kernel, which shows HTML."""
+    module = sys.modules.get("IPython")
+    shell = module.get_ipython() if module is not None else None
+    return getattr(shell, "kernel", None) is not None
+
+
+def frame_html(address: str, height: int = HEIGHT) -> str:
+    """HTML of a frame that shows a page of this machine, with a link to it below.
+
+    The frame stays empty where the notebook's browser runs on another machine, or where the
+    notebook forbids frames.
+
+    Examples
+    --------
+    >>> frame_html("http://127.0.0.1:8000/secret/", 400).count("http://127.0.0.1:8000/secret/")
+    2
+    """
+    link = escape(address, quote=True)
+    return (
+        f'<iframe src="{link}" title="locplan explorer" width="100%" height="{height:d}"'
+        ' style="border: 0" allow="clipboard-write; fullscreen"></iframe>'
+        f'<a href="{link}" target="_blank" rel="noopener">Open in a tab of its own</a>'
+    )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import positive
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
@@ -32,7 +33,6 @@ SHOWN = 60
 """Greatest number of points that are shown; a front can have thousands."""
 PAIRS = 4_000_000
 """Greatest number of pairs of points of two legs that are added up."""
-Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

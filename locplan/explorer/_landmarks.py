@@ -9,7 +9,7 @@ from locplan._util.checks import shown, whole
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
-from locplan.explorer._view import View, given
+from locplan.explorer._view import MOST_DRIVES, View, given
 from locplan.landmarks import (
     PAYING_SHARE,
     Box,
@@ -28,8 +28,6 @@ MOST = 20
 """Greatest number of landmarks that the page can ask for."""
 FEW_DRIVES = 16
 """Number of drives before and after by default; `locplan landmarks` makes 100."""
-MOST_DRIVES = 100
-"""Greatest number of drives that the page can ask for."""
 LONGEST_TEXT = 40
 """Greatest length of an object's text [characters]."""
 

@@ -12,12 +12,11 @@ from locplan._util.checks import RESOLUTIONS
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.explorer._drafts import Coarse, coarse_of, drafted
-from locplan.explorer._floor import FACTOR
 from locplan.explorer._profiles import PathAnswer, path_answer
 from locplan.explorer._scene import Scene
 from locplan.explorer._searches import Flood, Halved, index_of
 from locplan.explorer._session import KEPT_BYTES, Session
-from locplan.explorer._snap import snapped
+from locplan.explorer._snap import FACTOR, snapped
 from locplan.explorer._wire import Ask
 from locplan.maps import OccupancyGrid
 from locplan.planners import AnyAngle, Position, any_angle_path

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path
 from locplan.explorer._scene import Scene
+from locplan.explorer._view import STEPS
 from locplan.field import read_known_at
-
-STEPS = 400
-"""Greatest number of steps of a profile."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import printable
-from locplan.explorer._simulating import MOST_DRIVES, PATH_SHOWN
-from locplan.explorer._view import View
+from locplan.explorer._simulating import PATH_SHOWN
+from locplan.explorer._view import MOST_DRIVES, View
 from locplan.field import Estimator, FieldConfig, Sad, lidar_of
 from locplan.planners import AWARE, AnyAngle
 from locplan.robots import PRESETS, Lidar, Robot

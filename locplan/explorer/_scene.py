@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.costs import Costmap
-from locplan.explorer._floor import Floor
-from locplan.explorer._snap import Parts
+from locplan.explorer._snap import Floor, Parts
 from locplan.field import CovarianceField, FieldConfig
 from locplan.planners import Position
 from locplan.robots import Robot

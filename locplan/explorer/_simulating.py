@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.costs import Path
 from locplan.errors import ConfigError
-from locplan.explorer._view import STEPS, View, given, rounded
+from locplan.explorer._view import MOST_DRIVES, STEPS, View, given, rounded
 from locplan.planners import AWARE, SHORTEST
 from locplan.simulation import (
     Drives,
@@ -32,11 +32,8 @@ if TYPE_CHECKING:
 
 FEW_DRIVES = 8
 """Number of drives of a candidate by default, as `locplan.choose` has it."""
-MOST_DRIVES = 100
-"""Greatest number of drives of a candidate that the page can ask for."""
 PATH_SHOWN = "path shown"
 """Name of the path of the weight that the page shows."""
-Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

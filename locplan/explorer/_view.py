@@ -17,6 +17,8 @@ from locplan.planners import AWARE, SHORTEST, Plan, Position, plan_beside_shorte
 from locplan.robots import Robot
 
 T = TypeVar("T")
+MOST_DRIVES = 100
+"""Greatest number of drives of each path that the page can ask for."""
 STEPS = 400
 """Greatest number of steps of a profile along a path."""
 DECIMALS = 3

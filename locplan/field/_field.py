@@ -19,7 +19,7 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
 from locplan.field import _tiles as tiles, _zarr as field_files
 from locplan.field._config import FieldConfig
-from locplan.field._covariance import Quantity, scalar
+from locplan.field._covariance import Quantity, anchors_of, quantity_of, scalar
 from locplan.field._estimator import Values
 from locplan.field._lattice import (
     evaluated_points,
@@ -29,7 +29,6 @@ from locplan.field._lattice import (
     stride_cells,
 )
 from locplan.field._reading import interpolated, merged, weights_at
-from locplan.field._scales import anchors_of, quantity_of
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -275,7 +274,7 @@ class CovarianceField(Pictured):
         LocplanError
             If xarray is not installed.
         """
-        from locplan.field._dataset import dataset_of
+        from locplan.field._reading import dataset_of
 
         return dataset_of(self.values, self.e, self.e_unit, self.grid, self.config)
 

@@ -1,20 +1,26 @@
-"""Reading the covariances of a field: at a position, at many, and for all headings together."""
+"""Reading the covariances of a field: at positions, for all headings together, and as a Dataset."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from contextlib import closing
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.extras import needed
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import log_euclidean_mean, mean_information
+from locplan.field._estimator import Values
 from locplan.field._lattice import corners_of
+from locplan.field._zarr import coordinates
 from locplan.maps import OccupancyGrid
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 
 def weights_at(
@@ -168,3 +174,20 @@ def _computed_at(
         for _, some, computed in chunks:
             found[number[some]] = computed["covariance"]
     return np.asarray(found[number[tuple(points.T)]])
+
+
+def dataset_of(
+    values: Values, e: NDArray[np.float64], e_unit: str, grid: OccupancyGrid, config: FieldConfig
+) -> Dataset:
+    """A field's arrays and e with their coordinates; see `CovarianceField.to_xarray`."""
+    needed("xarray", "tables", "to_xarray")
+    from xarray import Dataset
+
+    along = coordinates(grid, config)
+    places = tuple(along)
+    arrays: dict[str, Any] = {name: (places, array) for name, array in values.items()}
+    arrays["covariance"] = (*places, "pose_row", "pose_col"), values["covariance"]
+    arrays["e"] = places, e, {"units": e_unit}
+    at = {name: (name, *described) for name, described in along.items()}
+    about = {"map": grid.name, "yaw": grid.origin[2], "estimator": config.estimator.summary}
+    return Dataset(arrays, at, about)

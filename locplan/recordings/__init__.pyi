@@ -1,20 +1,19 @@
-from ._agreement import Agreement as Agreement
+from ._blocks import Agreement as Agreement
 from ._calibration import DriveCalibration as DriveCalibration, calibrate_drive as calibrate_drive
-from ._contents import Source as Source
 from ._evaluation import (
     DriveEvaluation as DriveEvaluation,
     estimators_for as estimators_for,
     evaluate_drive as evaluate_drive,
 )
-from ._figures import drive_figure as drive_figure
+from ._figures import drive_figure as drive_figure, replay_figure as replay_figure
 from ._fit import MapFit as MapFit, fit_to_map as fit_to_map, scans_unlike as scans_unlike
 from ._matcher import Matcher as Matcher
 from ._matches import Matches as Matches, match_scans as match_scans
 from ._odometry_noise import OdometryNoise as OdometryNoise
+from ._options import Source as Source
 from ._read import read_drive as read_drive
 from ._recording import Recording as Recording
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
-from ._replay_figures import replay_figure as replay_figure
 from ._scan_noise import ScanNoise as ScanNoise
 from ._simulated import record_drive as record_drive
 from ._summary import DriveSummary as DriveSummary

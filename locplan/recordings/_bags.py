@@ -21,9 +21,8 @@ from locplan.recordings._bag_files import (
     Message,
     opened,
 )
-from locplan.recordings._contents import Source
 from locplan.recordings._frames import FrameTree, Track, Transform, frame_name
-from locplan.recordings._options import Options
+from locplan.recordings._options import Options, Source
 from locplan.recordings._places import Heard, leave_out_others, located
 from locplan.recordings._recording import Recording
 from locplan.recordings._scans import ScanRows

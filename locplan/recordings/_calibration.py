@@ -1,21 +1,30 @@
-"""A field, a filter and disturbances calibrated by a recorded drive."""
+"""A field, a filter and disturbances calibrated by a recorded drive.
+
+A field's noise level is the one at which it predicts the deviations measured along the drive.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from locplan._util.checks import file_path, instance
+from locplan._util.intervals import Interval
 from locplan._util.notebook import called
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.tables import finite
 from locplan.errors import CalibrationError
 from locplan.field import Estimator, FieldConfig, Fused, config_of, equipped
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.recordings._field_level import calibrated_field
+from locplan.recordings._blocks import blocks_along, intervals
+from locplan.recordings._evaluation import evaluate_drive
 from locplan.recordings._odometry_noise import (
     LEAST_UPDATES,
     OdometryNoise,
@@ -25,8 +34,9 @@ from locplan.recordings._odometry_noise import (
 from locplan.recordings._recording import Recording
 from locplan.recordings._scan_noise import ScanNoise, scan_noise
 from locplan.robots import Lidar, Robot
-from locplan.simulation import Calibration
+from locplan.simulation import Calibration, calibrate_moments
 
+RESAMPLES = 100
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 FILTER_NOTE = (
     "these alphas are the odometry's own, and not written as the filter's: one with so little"
@@ -62,7 +72,7 @@ class DriveCalibration:
 
     def report(self) -> str:
         """Text for people: what was fitted, with units and intervals."""
-        return str(called("locplan.recordings._calibration_reports:drive_calibration_table", self))
+        return str(called("locplan.recordings._reports:drive_calibration_table", self))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
         """Write the settings as `locplan.field.save_config` does, with those of simulated robots.
@@ -86,7 +96,7 @@ class DriveCalibration:
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        write = "locplan.recordings._calibration_reports:write_drive_calibration"
+        write = "locplan.recordings._reports:write_drive_calibration"
         target = file_path("a calibration's file", path)
         written: list[Path] = called(write, target, self, force=force)
         return written
@@ -220,3 +230,47 @@ def _with_noise(config: FieldConfig, sigma: float) -> FieldConfig:
         return config
     noisy = dataclasses.replace(lidar, range_sigma=max(LEAST_SIGMA, sigma))
     return dataclasses.replace(config, estimator=estimator.with_lidar(noisy))
+
+
+def calibrated_field(
+    recording: Recording,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    *,
+    threads: int | None,
+    progress: ProgressCallback | None,
+) -> Calibration:
+    """Fit the noise level of a field to the covariances of the posteriors of a drive's scans.
+
+    The fit is that of `locplan.simulation.calibrate`, between logarithms of rms deviations of the
+    position; the interval is over blocks of the drive.
+
+    Raises
+    ------
+    RecordingError
+        If too few scans were taken where the map is known and fits.
+    CalibrationError
+        If the covariances do not determine k.
+    """
+    estimator: Any = config.estimator
+    plain: Any = dataclasses.replace(estimator, noise_level=1.0)
+    name = estimator.name
+    found = evaluate_drive(
+        recording, grid, estimators={name: plain}, threads=threads, progress=progress
+    )
+    some = found.compared
+    added = estimator.q(estimator.lattice(grid.resolution))[:2, :2] * estimator.adds_q
+    blocks = blocks_along(recording.poses)[some]
+
+    def interval_of(level_of: Callable[[Numbers], float]) -> Interval:
+        (log_level,) = intervals(lambda weights: np.log([level_of(weights)]), blocks, RESAMPLES)
+        return Interval(*np.exp(log_level).tolist())
+
+    return calibrate_moments(
+        config,
+        found.predicted[name][some][:, :2, :2] - added,
+        added,
+        found.matches.covariance[some][:, :2, :2],
+        interval_of,
+        maps=[grid.name],
+    )

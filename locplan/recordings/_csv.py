@@ -24,10 +24,9 @@ from locplan._util.checks import shown
 from locplan._util.poses import Numbers
 from locplan._util.reading import numbered_lines
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings._contents import MAX_ARRAY_BYTES, Contents, Source
-from locplan.recordings._options import Options, with_options
-from locplan.recordings._scans import MAX_BEAMS, row_bytes
-from locplan.robots import Lidar
+from locplan.recordings._options import MAX_ARRAY_BYTES, Contents, Options, Source, with_options
+from locplan.recordings._scans import row_bytes
+from locplan.robots import MAX_BEAMS, Lidar
 
 POSE = ("x_m", "y_m", "heading_rad")
 ODOMETRY = ("odom_x_m", "odom_y_m", "odom_heading_rad")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import instance
 from locplan._util.notebook import Pictured
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Reported
 from locplan._util.results import Results
@@ -28,14 +29,12 @@ from locplan.field import (
     scalar,
 )
 from locplan.maps import OccupancyGrid
-from locplan.recordings._agreement import Agreement, agreement
-from locplan.recordings._blocks import blocks_along
+from locplan.recordings._blocks import Agreement, agreement, blocks_along
 from locplan.recordings._matches import Matches, match_scans
 from locplan.recordings._recording import Recording
 from locplan.recordings._verdict import conclusions
 from locplan.robots import Lidar
 
-Numbers = NDArray[np.float64]
 OUTDATED = -0.5
 """Log-likelihood a return below which a scan saw what is not on the map: a sixth of its returns
 ended away from all walls."""

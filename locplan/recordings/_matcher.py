@@ -7,14 +7,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from locplan._util.poses import ends_in_map
+from locplan._util.poses import Numbers, ends_in_map
 from locplan.field import Scan
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar
 
-Numbers = NDArray[np.float64]
 EFFECTIVE_BEAMS = 15.0
 """Number of independent beams that tell as much as a whole scan."""
 

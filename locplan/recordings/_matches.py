@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import instance
 from locplan._util.machine import check_threads
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.field import Scan, position_axes, scalar
@@ -22,7 +23,6 @@ from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._matcher import Matcher
 from locplan.recordings._recording import Recording
 
-Numbers = NDArray[np.float64]
 BATCH = 64
 """Number of scans that a thread matches at a time."""
 LEAST_RETURNS = 10

@@ -1,15 +1,28 @@
-"""What is read of a log: the options of `read_drive`."""
+"""What is read of a log, and what the drive in it holds before it is checked."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
-from locplan._util.checks import Settings, keep, keep_checked, number, positive, shown, whole
+from numpy.typing import NDArray
+
+from locplan._util.checks import (
+    MAX_RANGE,
+    Settings,
+    keep,
+    keep_checked,
+    number,
+    positive,
+    shown,
+    whole,
+)
 from locplan.errors import ConfigError
-from locplan.recordings._scans import MAX_RANGE
 from locplan.robots import Lidar
 
+MAX_ARRAY_BYTES = 2**28
+"""Greatest size of a file's arrays together, unpacked; reading takes some six times as much."""
 FOR_BAGS = ("pose_topic", "odom_topic", "base_frame")
 """Options that only a bag can follow."""
 FOR_LOGS = ("scan_topic", "map_frame")
@@ -103,3 +116,36 @@ def _move(move: object) -> tuple[float, float, float]:
             f"mount must be x, y [m] and yaw [rad] of the lidar, not {shown(move)}"
         ) from None
     return x, y, turn
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Source(Settings):
+    """Where a recording comes from: its file, and the topics and frames that were used."""
+
+    file: str = ""
+    """Name of the file or folder, without its path."""
+    scans: str = ""
+    """Topic of the scans, or the kind of lines."""
+    poses: str = ""
+    """Topic of the poses, or the frames that TF relates."""
+    odometry: str = ""
+    """Topic of the odometry, or the frames that TF relates; empty if there is none."""
+    map_frame: str = ""
+    """Frame that the poses are in."""
+    base_frame: str = ""
+    """Frame of the robot, whose poses these are."""
+    lidar_frame: str = ""
+    """Frame of the lidar."""
+    notes: tuple[str, ...] = ()
+    """What was assumed or left out, in sentences without a full stop."""
+
+
+class Contents(NamedTuple):
+    """The fields of a `Recording`."""
+
+    ranges: NDArray[Any]
+    lidar: Lidar
+    poses: NDArray[Any]
+    times: NDArray[Any] | None
+    odometry: NDArray[Any] | None
+    source: Source

@@ -18,7 +18,7 @@ from locplan._util.poses import (
     wrapped,
 )
 from locplan.errors import RecordingError
-from locplan.recordings._contents import Contents, Source
+from locplan.recordings._options import Contents, Source
 from locplan.recordings._summary import DriveSummary
 from locplan.recordings._tables import load, save
 from locplan.robots import Lidar

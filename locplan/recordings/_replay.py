@@ -93,11 +93,11 @@ class Consistency:
 class Replay(Pictured, Reported):
     """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
 
-    _reported_by: ClassVar[str] = "locplan.recordings._replay_reports:replay_table"
-    _written_by: ClassVar[str] = "locplan.recordings._replay_reports:write_replay"
+    _reported_by: ClassVar[str] = "locplan.recordings._reports:replay_table"
+    _written_by: ClassVar[str] = "locplan.recordings._reports:write_replay"
     files: ClassVar[Results] = Results("replay", ("replay.png", "replay.json", "errors.csv"))
 
-    _drawn_by: ClassVar[str] = "locplan.recordings._replay_figures:replay_figure"
+    _drawn_by: ClassVar[str] = "locplan.recordings._figures:replay_figure"
 
     recording: Recording
     """The drive."""

@@ -17,12 +17,12 @@ from locplan._util.progress import ProgressCallback
 from locplan.errors import RecordingError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.recordings._blocks import blocks_along, intervals
+from locplan.recordings._evaluation import LEAST_SCANS
 from locplan.recordings._recording import Recording
 from locplan.robots import FARTHEST_OBJECT, NEAREST_OBJECT, Lidar
 
 MOST_SCANS = 300
 """Number of scans, spread over the drive, that are compared with the map."""
-LEAST_SCANS = 10
 SETTLED_BEAMS = 61
 """Approximate number of beams by which a scan is settled on the map."""
 FAR = 0.3

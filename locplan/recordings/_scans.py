@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.checks import MAX_RANGE
 from locplan.errors import RecordingError
-from locplan.robots import Lidar
+from locplan.robots import MAX_BEAMS, Lidar
 
-MAX_BEAMS = 100_000
-MAX_RANGE = 10_000.0
 FIRST_ROWS = 256
 MAX_ROOM = 2**30
 """Greatest size of all ranges together [bytes]; room is made for no more, whatever a log says."""

@@ -8,7 +8,7 @@ from locplan._util.checks import instance, positive
 from locplan.costs import Path
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import OccupancyGrid
-from locplan.recordings._contents import Source
+from locplan.recordings._options import Source
 from locplan.recordings._recording import Recording
 from locplan.robots import Robot
 from locplan.simulation import POSE_SPACING, Simulator, poses_along

@@ -10,7 +10,7 @@ import numpy as np
 
 from locplan._util.poses import wrapped
 from locplan._util.tables import finite, table
-from locplan.recordings._contents import Contents
+from locplan.recordings._options import Contents
 
 
 @dataclass(frozen=True)

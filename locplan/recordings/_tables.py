@@ -19,9 +19,8 @@ from locplan._util.files import replacing
 from locplan._util.poses import Numbers
 from locplan._util.reading import opened, parsed_json
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings._contents import MAX_ARRAY_BYTES, Contents, Source
 from locplan.recordings._csv import read_csv, write_csv
-from locplan.recordings._options import Options, with_options
+from locplan.recordings._options import MAX_ARRAY_BYTES, Contents, Options, Source, with_options
 from locplan.robots import Lidar
 
 NONE_MM = 65535

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from locplan._util.formats import plain, short
 from locplan._util.ranking import Rank
-from locplan.recordings._agreement import Agreement
+from locplan.recordings._blocks import Agreement
 from locplan.recordings._matches import Matches
 
 Mask = NDArray[np.bool_]

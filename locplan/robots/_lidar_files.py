@@ -8,12 +8,11 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from locplan._util.checks import shown
-from locplan._util.reading import read_bytes
+from locplan._util.reading import MAX_BYTES, read_bytes
 from locplan.errors import ConfigError
 
 KINDS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
 """Types of the sensors that are lidars, in the words of all versions of Gazebo."""
-MAX_BYTES = 2**24
 MAX_TILT = 0.1
 """Greatest sine of a tilt at which a lidar counts as horizontal."""
 

@@ -1,7 +1,5 @@
 from ._arguments import DriveArguments as DriveArguments, drive_arguments as drive_arguments
 from ._calibration import Calibration as Calibration, calibrate as calibrate
-from ._calibration_reports import check_calibration as check_calibration
-from ._compiling import drives_prepared_beside as drives_prepared_beside
 from ._drives import (
     LOST as LOST,
     PROFILE_COLUMNS as PROFILE_COLUMNS,
@@ -28,12 +26,18 @@ from ._places import (
     measure as measure,
     measure_maps as measure_maps,
 )
+from ._reports import check_calibration as check_calibration
 from ._routes import (
     Routes as Routes,
     RoutesOnMaps as RoutesOnMaps,
     simulate_queries as simulate_queries,
 )
-from ._simulate import Simulation as Simulation, drive_paths as drive_paths, simulate as simulate
+from ._simulate import (
+    Simulation as Simulation,
+    drive_paths as drive_paths,
+    drives_prepared_beside as drives_prepared_beside,
+    simulate as simulate,
+)
 from ._simulator import Simulator as Simulator
 from .choice._choice import Candidate as Candidate, Choice as Choice
 from .choice._choices import Choices as Choices, MapChoice as MapChoice

@@ -112,7 +112,7 @@ class Calibration:
 
     def report(self) -> str:
         """Text for people: what was fitted, and how well it fits."""
-        return str(called("locplan.simulation._calibration_reports:calibration_table", self))
+        return str(called("locplan.simulation._reports:calibration_table", self))
 
     def save(
         self, path: str | os.PathLike[str], robot: Robot, *, force: bool = False
@@ -141,7 +141,7 @@ class Calibration:
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        write = "locplan.simulation._calibration_reports:write_calibration"
+        write = "locplan.simulation._reports:write_calibration"
         target = file_path("a calibration's file", path)
         written: list[FilePath] = called(write, target, self, robot, force=force)
         return written

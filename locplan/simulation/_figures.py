@@ -38,7 +38,7 @@ from locplan.simulation._routes import Routes
 from locplan.simulation._simulate import Simulation
 
 LETTERS = 11.5
-"""Number of letters of a legend that fit within an inch."""
+"""Number of letters of a legend or a title that fit within an inch."""
 ERROR_COLOURS = "viridis"
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""

@@ -1,8 +1,9 @@
-"""Simulated drives along some paths of one map."""
+"""Simulated drives along some paths of one map; another process can compile their kernels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,8 +16,9 @@ from locplan._util.results import Results
 from locplan._util.tables import finite
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import OccupancyGrid
-from locplan.robots import Robot
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planners import prepared_beside
+from locplan.robots import Lidar, Robot
 from locplan.simulation._drives import Drives, check_drives, contrasts
 from locplan.simulation._motion import poses_along
 from locplan.simulation._simulator import Simulator
@@ -176,3 +178,41 @@ def drive_paths(
         name: simulator.drive_along(poses, drives, stream=stream, progress=part)
         for (name, poses), part in zip(lines.items(), callbacks, strict=True)
     }
+
+
+@dataclass(frozen=True)
+class DriveKernels:
+    """The kernels of simulated drives, which another process can prepare."""
+
+    name: str = "simulating"
+
+    def prepare(self) -> None:
+        """Compile them by a short drive through an empty room."""
+        grid = OccupancyGrid(np.full((8, 8), FREE), 0.5)
+        line = np.array([[1.0, 2.0, 0.0], [2.0, 2.0, 0.0]])
+        Simulator(grid, Robot(Lidar(range=2.0, beams=8)), threads=1).drive([line])
+
+
+def drives_prepared_beside(*, needed: bool = True) -> AbstractContextManager[Callable[[], None]]:
+    """Let another process compile the kernels of drives meanwhile.
+
+    Parameters
+    ----------
+    needed : bool, default True
+        False compiles nothing, where there is nothing else to do meanwhile.
+
+    Returns
+    -------
+    context manager
+        It gives a function that waits until the kernels are compiled; see
+        `locplan.planners.prepared_beside`.
+    """
+    return prepared_beside(DriveKernels(), needed=needed, compiled=_compiled)
+
+
+def _compiled() -> bool:
+    """Whether numba's cache holds the kernels of drives."""
+    from locplan._kernels.compilation import are_cached
+    from locplan._kernels.drives import drive
+
+    return are_cached(drive)

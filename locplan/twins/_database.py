@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts, scaled
 from locplan.errors import ConfigError
 from locplan.maps import OCCUPIED, OccupancyGrid
 from locplan.twins._loss_tables import loss_tables
 from locplan.twins._matching import TURNS, Matching
 
-Numbers = NDArray[np.float64]
 SHARES = 20, 10, 30
 """Steps of progress of the losses, the places and the ranges, which take about that much time."""
 LATTICE = 0.4

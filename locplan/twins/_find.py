@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from locplan._util.checks import position, positive, shown
 from locplan._util.machine import check_threads
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap
 from locplan.errors import ConfigError
@@ -26,7 +27,6 @@ from locplan.twins._scan_database import ScanDatabase, checked_database
 from locplan.twins._symmetries import find_symmetries
 from locplan.twins._twins import Twins
 
-Numbers = NDArray[np.float64]
 PLACE_SPACING = 0.8
 """Default distance between neighbouring places [m]."""
 PLACE_HEADINGS = 8

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, number, shown, whole
+from locplan._util.poses import Numbers
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid, check_grid
@@ -27,7 +28,6 @@ from locplan.twins._modes import (
 )
 from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
 
-Numbers = NDArray[np.float64]
 WITHIN = 3.0
 """Default distance from a route within which a robot is looked for [m]."""
 LEAST_WITHIN = 0.5

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util.checks import instance, whole
 from locplan._util.machine import check_threads
-from locplan._util.poses import wrapped
+from locplan._util.poses import Numbers, wrapped
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
-from locplan._util.tables import finite, table
+from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.costs import Path
 from locplan.errors import RecordingError
 from locplan.maps import OccupancyGrid, check_grid
@@ -33,7 +33,6 @@ from locplan.twins._location import CERTAIN, DEVIATIONS, POSE, WEIGHT, Location
 from locplan.twins._modes import in_batches
 from locplan.twins._scan_database import CLEARANCE, ScanDatabase, checked_database
 
-Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 NEAR, TURNED = 0.3, float(np.radians(3.0))
 """Distance [m] and angle [rad] from the recorded pose up to which a scan is located rightly."""
@@ -42,8 +41,6 @@ AGREE = 0.5
 seem to be of another map."""
 
 
-WIDTH = 100
-"""Width of running text [characters]."""
 SCANS = (
     Column("scan", title="scan", digits=0),
     Column("time", "s"),
@@ -226,7 +223,7 @@ class LocatedDrive(Result):
 
 
 def _wrapped(text: str) -> str:
-    return textwrap.fill(text, WIDTH, break_on_hyphens=False)
+    return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
 
 
 def locate_drive(

@@ -9,16 +9,15 @@ from itertools import combinations_with_replacement
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.notebook import Pictured
+from locplan._util.poses import Numbers
 from locplan._util.records import Column, Table
 from locplan._util.tables import finite
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar
 
-Numbers = NDArray[np.float64]
 CERTAIN = 3.0
 """Excess of the second place from which on the best one is certain [nats]."""
 EXPLAINED = 0.6

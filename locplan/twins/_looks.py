@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from locplan._util.poses import Numbers
 from locplan.twins._database import Database, wrapped
 from locplan.twins._modes import (
     APART,
@@ -18,7 +18,6 @@ from locplan.twins._modes import (
     joined_to,
 )
 
-Numbers = NDArray[np.float64]
 THRESHOLD = 3.0
 """Excess up to which a pose counts as a twin: a match mistakes one in ten such [nats]."""
 OTHER_WAY = np.radians(60.0)

@@ -11,11 +11,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.twins._database import CAP, Database
 from locplan.twins._matching import STEP, TURNS
 
-Numbers = NDArray[np.float64]
 Result = TypeVar("Result")
 LEAST_RETURNS = 5
 """Number of returns below which a scan tells nothing."""

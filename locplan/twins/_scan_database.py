@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import instance, keep_checked, number
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.costs import Path
 from locplan.errors import ConfigError
@@ -18,7 +19,6 @@ from locplan.robots import Lidar
 from locplan.twins._database import Database, _of_lidar, make_database
 from locplan.twins._matching import TURNS, Matching
 
-Numbers = NDArray[np.float64]
 CLEARANCE = 0.1
 """Default distance from walls at which a pose is possible [m]; less than the radius of robots,
 since their recorded poses and maps err."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Numbers = NDArray[np.float64]
+from locplan._util.poses import Numbers
+
 NEXT = 1.6
 """Factor on the spacing of the places within which they are neighbours."""
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan.twins._database import Database, wrapped
 from locplan.twins._looks import THRESHOLD, Looks
 from locplan.twins._modes import in_batches, losses_at, moved_to_least
 
-Numbers = NDArray[np.float64]
 ALIKE = 1.0
 """Distance up to which two moves take the middle of the map to one place [m]."""
 ALIKE_TURN = 0.1

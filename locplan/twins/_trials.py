@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, wilson
 from locplan._util.machine import check_threads
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite
 from locplan.errors import ConfigError
@@ -21,7 +22,6 @@ from locplan.twins._database import make_database
 from locplan.twins._matching import Matching
 from locplan.twins._modes import AWAY, find_all_modes
 
-Numbers = NDArray[np.float64]
 NAMED = 1.5
 """Distance from a twin of the nearest place up to which a match lies on it [m]."""
 NEAREST, FARTHEST = 0.5, 2.0

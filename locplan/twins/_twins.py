@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import number, one_of, position, positive, whole
+from locplan._util.poses import Numbers
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Result, Table
 from locplan._util.results import Results
@@ -27,7 +28,6 @@ from locplan.twins._starts import Start, best_starts
 from locplan.twins._symmetries import Symmetry
 from locplan.twins._trials import GlobalMatches, global_matches
 
-Numbers = NDArray[np.float64]
 COUNT = 5
 """Default number of starts."""
 APART = 3.0

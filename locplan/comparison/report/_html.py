@@ -12,8 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from locplan.comparison.report._script import SCRIPT
-from locplan.comparison.report._style import STYLE
+from locplan.comparison.report._style import SCRIPT, STYLE
 
 
 class Html(str):

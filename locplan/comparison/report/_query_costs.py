@@ -9,11 +9,10 @@ import numpy as np
 from locplan.comparison._runs import Run
 from locplan.comparison._statistics import Query, query_of
 from locplan.comparison.report._data import Case, ReportData
-from locplan.comparison.report._figures import Look
+from locplan.comparison.report._figures import Look, query_costs_picture
 from locplan.comparison.report._filters import of_case
 from locplan.comparison.report._html import Html, counted, picture
 from locplan.comparison.report._marks import legend, line, swatch
-from locplan.comparison.report._query_figures import query_costs_picture
 
 MAX_QUERIES = 60
 """Greatest number of queries in a picture."""

@@ -26,14 +26,12 @@ from locplan.plotting import (
     map_size,
 )
 from locplan.simulation._drives import LOST
+from locplan.simulation._figures import ERROR_COLOURS, MIN_ERROR
 from locplan.simulation.choice._choice import Choice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ERROR_COLOURS = "viridis"
-MIN_ERROR = 0.02
-"""Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
 COLOURS = ("black", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "0.55")
 """Colours of the candidates in turn; their numbers tell apart those of one colour."""
 WIDTH = 8.6

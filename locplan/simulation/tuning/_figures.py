@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from locplan.plotting import Picture, make_logarithmic
+from locplan.simulation._figures import LETTERS
 from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._space import changed_axes
 
@@ -19,8 +20,6 @@ MARKERS = ("o", "s", "D", "^", "v")
 KEPT, BACK = "#0072b2", "0.7"
 WIDTH = 8.6
 """Width of the figure [inch]."""
-LETTERS = 11.5
-"""Number of letters of a title that fit within an inch."""
 LABEL = 46
 """Number of letters after which a line of a label ends."""
 
