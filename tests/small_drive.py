@@ -14,6 +14,7 @@ import numpy as np
 from locplan import Costmap, Lidar, OccupancyGrid, load_map, plan
 from locplan.costs import Path as Route
 from locplan.recordings import Recording, record_drive
+from locplan.robots import Robot
 
 HERE = Path(__file__).resolve().parent
 FILE = HERE / "small_drive.npz"
@@ -27,7 +28,7 @@ SEED = 11
 def made() -> Recording:
     """Drive along shortest paths in a world that differs from the map, and record it."""
     grid = load_map(MAP)
-    drive = record_drive(grid, route(grid), LIDAR, spacing=0.2, seed=SEED)
+    drive = record_drive(grid, route(grid), Robot(LIDAR), spacing=0.2, seed=SEED)
     return dataclasses.replace(drive, source=dataclasses.replace(drive.source, file="small_drive"))
 
 

@@ -205,7 +205,7 @@ class Reported:
     """What a command finds, with text for people and a folder of files."""
 
     files: ClassVar[Results]
-    """The files that `save` writes."""
+    """The files of a folder of results."""
     _reported_by: ClassVar[str]
     """Module and function that make the text for people, by name, as `_drawn_by` does."""
     _written_by: ClassVar[str]
