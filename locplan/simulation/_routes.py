@@ -196,7 +196,7 @@ class RoutesOnMaps(Reported):
 
     @staticmethod
     def pictures(maps: Sequence[str]) -> list[str]:
-        """Names of the pictures that `save` writes besides `files`.
+        """Names of the pictures that are written besides the usual ones.
 
         Parameters
         ----------
