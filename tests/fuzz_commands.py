@@ -515,6 +515,10 @@ def _answer(folder: Path, line: list[str], around: dict[str, Any]) -> dict[str, 
         pipes[0] = (os.open(os.devnull, os.O_RDONLY), 0)
     with ThreadPoolExecutor(3) as pool:
         texts = [each.decode(errors="replace") for each in pool.map(_all_of, [r for r, _ in pipes])]
+    # The system's fc-list, which matplotlib asks for fonts, says this of an unknown LC_ALL.
+    texts[1] = "".join(
+        line for line in texts[1].splitlines(keepends=True) if not line.startswith("Fontconfig")
+    )
     _, status, usage = os.wait4(process, 0)
     code = os.waitstatus_to_exitcode(status)
     seen = [None if odd else text for odd, text in zip(around["streams"][1:], texts, strict=False)]

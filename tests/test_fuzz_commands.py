@@ -62,6 +62,7 @@ def test_lines_run_in_their_surroundings():
             (["info", "in/room.yaml"], around(stdout="full"), "1", "No space left"),
             (["info", "in/absent"], around(LC_ALL="C", COLUMNS="7"), "2", "in/absent"),
             (["info", "in/absent"], around(stderr="full"), "2", ""),
+            (["maps"], around(stdin="closed", stderr="full"), "1", ""),
             (["maps"], around(file_size=0), "2", "File too large"),
             (field, around(out="in/empty"), "2", "out"),
         ):

@@ -43,7 +43,8 @@ def main() -> None:
         with _warnings_as_lines(), inputs_are_kept():
             _check_none_is_empty(sys.argv[1:])
             code = _launched(sys.argv[1:])
-        sys.stdout.flush()
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            stream.flush()
     except CalibrationError as error:
         code = _complain(f"error: {error}", NOT_IN_METRES)
     except LocplanError as error:
